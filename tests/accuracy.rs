@@ -42,8 +42,8 @@ fn meets_shared_reference(name: &str) {
     meets_reference(name, (&sphere, &surface), &reference[name], &[1, 100, 200, 400], &[10, 20, 60, 100]);
 }
 
-/// Compares msd to a relative 1e-6 and xsd to 1e-4 with every irf and sirf line of a reference: IRF for blocks of these
-/// granularities, and SIRF for these degrees.
+/// Compares fits with every irf and sirf line of a reference, msd to a relative 1e-6 and xsd to 1e-4: IRF for blocks
+/// of these granularities, and SIRF for these degrees.
 fn meets_reference(
     name: &str,
     (sphere, surface): (&Path, &Path),
@@ -125,7 +125,7 @@ fn least_squares_of_a_field_equals_published_coefficients() {
     assert_eq!((published.vertices, published.channels), (DEGREE * (DEGREE + 3) / 2, 4));
     for row in published.values.chunks(4) {
         let (n, m) = (row[0] as usize, row[1] as usize);
-        // Converts from the gradient of the potential at the reference radius, in Schmidt's semi-normalisation.
+        // Convert from the gradient of the potential at the reference radius, in Schmidt's semi-normalisation.
         let factor = (n + 1) as f64 * (4.0 * std::f64::consts::PI / (2 * n + 1) as f64).sqrt();
         for (value, order) in [(row[2], n + m), (row[3], n - m)].into_iter().take(1 + usize::from(m > 0)) {
             let ours = found.values()[[n * n + order, 0]] / factor;

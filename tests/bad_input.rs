@@ -89,7 +89,7 @@ fn surfaces_that_are_not_closed_spheres() {
     for (name, words) in [("bad_cow.obj", "vertices, but the sphere"), ("bad_suzanne.obj", "vertices, but the sphere")]
     {
         let Some(path) = shared(name) else { continue };
-        // Copied into the study's folder, so that `fit` gets a path in that folder.
+        // Copy the file into the study's folder, so that `fit` gets a path in that folder.
         std::fs::copy(path, study.path(name)).unwrap();
         let mut command = study.fit(&[name], &arguments);
         refuses(&study, &mut command, &[name, words]);
@@ -177,7 +177,7 @@ fn stores_that_do_not_have_what_is_asked_for() {
         &["degrees 0 to 12", "spharm basis-build", "--max-degree 20"],
     );
     let arguments = ["--max-degree", "6", "-o", output.to_str().unwrap()];
-    // A different sphere: the directions of another surface's vertices as seen from the origin.
+    // Use a different sphere: the directions of another surface's vertices as seen from the origin.
     let mut command = tool("fit");
     command.arg("--sphere").arg(study.path("s1.surf.gii")).arg("--store").arg(study.path("store"));
     command.arg("--surface").arg(study.path("s1.surf.gii")).args(arguments).arg("-q");

@@ -43,7 +43,7 @@ fn uneven() -> Mesh {
     let (mut mesh, _) = cortex(&Cortex { subdivisions: 4, variant: 2 });
     let flat = |p: &[f64; 3]| p[2] < 0.0;
     let coarse = icosphere(4);
-    // Moves all vertices below the equator towards the twelve corners of an icosahedron.
+    // Move all vertices below the equator towards the twelve corners of an icosahedron.
     let corners = icosphere(0).vertices;
     for (p, unit) in mesh.vertices.iter_mut().zip(&coarse.vertices).filter(|(p, _)| flat(p)) {
         let near = |c: &&[f64; 3]| c.iter().zip(unit).map(|(a, b)| a * b).sum::<f64>();

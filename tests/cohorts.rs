@@ -61,7 +61,7 @@ impl Study {
     }
 }
 
-/// Returns the models of a folder with their bytes.
+/// Returns the names and bytes of the models in a folder.
 fn models(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let entries =
         std::fs::read_dir(folder).map(|entries| entries.map(|entry| entry.expect("an entry").path()).collect());
@@ -99,7 +99,7 @@ fn shards_make_the_models_of_one_call_and_of_each_alone() {
     assert_eq!((&found["done"], &found["not_started"], &found["all"]), (&7.into(), &0.into(), &7.into()));
 }
 
-/// Writes a manifest with rows that can be fitted and one row for each reason of failure.
+/// Writes a manifest with rows that can be fitted, and one row for each reason for a failure.
 fn with_bad_rows(study: &Study) {
     study.write("cut.ply", "");
     let whole = std::fs::read(study.path("s0.ply")).expect("a surface");
@@ -195,7 +195,7 @@ fn a_killed_call_goes_on_where_it_was_and_makes_the_same_bytes() {
     let study = Study::new(6);
     // Mapping surfaces to spheres takes long enough to kill the process in between.
     study.write("bare.tsv", "id\tsurface\n0\ts0.ply\n1\ts1.ply\n2\ts2.ply\n3\ts3.ply\n4\ts4.ply\n5\ts5.ply\n");
-    // Models record the paths of their spheres, so every call writes into a folder of the same name.
+    // Models record the paths of their spheres, so every call writes into a folder of the same name, `out`.
     let out = "out";
     succeed(&mut study.fit("bare.tsv", out, &[]));
     std::fs::rename(study.path(out), study.path("whole")).expect("renamed");
@@ -353,7 +353,7 @@ fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
     assert_eq!((&found["done"], study.models("out").len()), (&40.into(), 40));
 }
 
-/// Row 40 of the problems of first-time users: after a line for each surface, a warning is out of sight.
+/// Row 40 of the problems of first-time users: warnings scroll out of sight, because each surface prints a line.
 #[test]
 fn warnings_of_long_runs_are_repeated_at_the_end() {
     for (count, times) in [(11, 2), (5, 1)] {

@@ -33,7 +33,7 @@ pub(crate) fn succeed(command: &mut Command) -> String {
     String::from_utf8(output.stdout).expect("stdout is UTF-8")
 }
 
-/// Runs a command that must fail with exit code 1 and one clear line, never by a signal, a panic or a hang. Returns the
+/// Runs a command that must fail with exit code 1 and one error line, without a signal, a panic or a hang. Returns the
 /// line.
 pub(crate) fn fail(command: &mut Command) -> String {
     error_line(&finish(command))
@@ -56,14 +56,15 @@ pub(crate) fn finish(command: &mut Command) -> Output {
 
 /// Waits for a process to end on its own.
 pub(crate) fn wait(child: Child) -> Output {
-    /// Longer than any test works on one command, however slow the machine.
+    /// Time after which a command is considered to hang: longer than any command of a test takes, however slow the
+    /// machine.
     const HANGS: Duration = Duration::from_secs(300);
     let pid = Pid::from_child(&child);
     let (ended, end) = std::sync::mpsc::channel::<()>();
     let watch = std::thread::spawn(move || {
         let hangs = end.recv_timeout(HANGS) == Err(RecvTimeoutError::Timeout);
         if hangs {
-            // Fails when it has just ended after all.
+            // The signal fails if the process has just ended, which is no error.
             let _ = kill_process(pid, Signal::KILL);
         }
         hangs

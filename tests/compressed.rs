@@ -180,7 +180,7 @@ fn it_refuses_what_is_damaged() {
     let folder = tempfile::tempdir().expect("a folder");
     let bytes = std::fs::read(root().join("tests/data/sphz-v1/surface.sphz")).expect("a file");
     let copy = folder.path().join("copy.sphz");
-    // Changes one byte of each part: the magic number, the version, the head, the stream.
+    // Change one byte of each part: the magic number, the version, the head, the stream.
     for (at, what) in [
         (1, "magic"),
         (4, "version 0, not 1"),

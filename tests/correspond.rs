@@ -54,7 +54,7 @@ impl Site {
         serde_json::from_slice(&fs::read(self.path(name)).expect("a file")).expect("JSON")
     }
 
-    /// Returns all files of a folder with their contents.
+    /// Returns the paths and contents of all files in a folder.
     fn contents(&self, folder: &str) -> Vec<(PathBuf, Vec<u8>)> {
         fn add(folder: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) {
             for entry in fs::read_dir(folder).expect("a folder") {
@@ -72,7 +72,7 @@ impl Site {
         files
     }
 
-    /// Returns the mean distance of carried landmarks from the true ones.
+    /// Returns the mean distance between carried landmarks and the true ones.
     fn apart(&self, carried: &str, truth: &str) -> f64 {
         let [carried, truth] = [carried, truth].map(|name| Landmarks::read(self.path(name)).expect("landmarks"));
         assert_eq!(carried.names, truth.names);
@@ -162,7 +162,8 @@ fn a_new_member_has_the_groups_sphere_and_changes_nothing() {
         "0",
         "--no-surfaces",
     ]));
-    // Refuses another file of a member's name, and a model that wasn't written by `shape correspond`.
+    // A surface of a member's name from another file is refused, and so is a model that wasn't written by `shape
+    // correspond`.
     fs::create_dir(site.path("b")).expect("a folder");
     fs::copy(site.path("in/s02.ply"), site.path("b/s03.ply")).expect("a copy");
     let error = fail(&mut site.shape(&["correspond", "b/s03.ply", "--to", "group", "-o", "added"]));
@@ -171,7 +172,8 @@ fn a_new_member_has_the_groups_sphere_and_changes_nothing() {
     let error = fail(&mut site.shape(&["correspond", "in/s02.ply", "--to", "group", "-o", "added"]));
     assert!(error.contains("s02.spharm.npz") && error.contains("exists"), "{error}");
     assert_eq!(fs::read(site.path("added/s02.spharm.npz")).expect("a file"), b"mine");
-    // A member without a record is the leftover of an ended run, because the record is written last; it is made again.
+    // A model without a member's record was left by an interrupted run, because the record is written last: it is made
+    // again.
     fs::remove_file(site.path("added/members/s03.json")).expect("removed");
     succeed(&mut site.shape(&["correspond", "in/s03.ply", "--to", "group", "-o", "added"]));
     assert_eq!(fs::read(site.path("added/s03.spharm.npz")).expect("a model"), first);

@@ -1,4 +1,4 @@
-//! Members of groups that are mirrored first, through the program.
+//! Mirrors members of groups before bringing them into correspondence, through the program.
 
 use std::fs;
 
@@ -9,7 +9,8 @@ use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use crate::common::{fail, succeed};
 use crate::correspond::Site;
 
-/// Members named by `--mirrored`, or in a table, end where the surfaces of which they are mirror images would.
+/// A member that is mirrored, by `--mirrored` or by a table, has the same model as the surface of which it is the
+/// mirror image.
 #[test]
 fn mirrored_members_end_where_their_originals_would() {
     let site = Site::new();
@@ -28,7 +29,7 @@ fn mirrored_members_end_where_their_originals_would() {
     let to_group: Similarity =
         serde_json::from_value(member("group", "s02")["to_group"].clone()).expect("a similarity");
     assert!(to_group.mirrors() && member("group", "s02")["mirrored"] == true);
-    // The same by a table.
+    // The column `mirrored` of a table has the same effect as `--mirrored`.
     let rows = ["s01", "s02", "s04", "s05"]
         .map(|id| format!("{id}\tin/{id}.ply\t{}\n", if id == "s02" { "yes" } else { "no" }));
     fs::write(site.path("t.tsv"), format!("id\tsurface\tmirrored\n{}", rows.concat())).expect("a table");
@@ -52,7 +53,8 @@ fn mirrored_members_end_where_their_originals_would() {
         fail(site.shape(&table).args(["-o", "none"]))
             .contains("column \"mirrored\": expected yes or no, found \"left\"")
     );
-    // New members, too; one that was added as it is isn't taken for its mirror image.
+    // New members can be mirrored, too. A member added with --mirrored isn't accepted as the member without
+    // --mirrored.
     reflect("in/s03.ply", "in/s03.ply");
     let add = |more: &[&str]| {
         let mut command = site.shape(&["correspond", "in/s03.ply", "--to", "group", "-o", "added"]);
@@ -65,7 +67,8 @@ fn mirrored_members_end_where_their_originals_would() {
     assert!(fail(&mut add(&["--mirrored", "in/s04.ply"])).contains("in/s04.ply: not among the given surfaces"));
 }
 
-/// A mirrored model is the model of the mirrored surface, and alignment brings it back.
+/// A mirrored model is the model of the mirrored surface. An alignment with --mirrored includes the reflection in the
+/// transform.
 #[test]
 fn mirrored_models_are_aligned() {
     let site = Site::with_group();
@@ -84,7 +87,7 @@ fn mirrored_models_are_aligned() {
     succeed(site.shape(&align).args(more));
     let first = site.json("t.json")[0].clone();
     assert_eq!((&first["antipodal"], &first["model"]), (&true.into(), &"m/s02.spharm.npz".into()));
-    // The transform maps the file's own frame to the aligned model's.
+    // The transform maps the frame of the model's file to the frame of the aligned model.
     let to_aligned = Similarity {
         orthogonal: serde_json::from_value(first["object"].clone()).expect("a matrix"),
         scale: first["scale"].as_f64().expect("a number"),

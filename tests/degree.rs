@@ -1,4 +1,5 @@
-//! Fits without `--max-degree`: the degree is the least that is accurate enough, or suits the labels.
+//! Fits without `--max-degree`: the program chooses the lowest degree that is accurate enough, or the degree that
+//! suits the size of labels.
 
 use std::path::Path;
 
@@ -38,7 +39,7 @@ fn a_surface_alone_gets_the_least_degree_that_is_accurate() {
     let wanted = 0.002 * bounding_box_scale(&surface.vertices).unwrap();
     let found = degree(&folder.path().join("a.spharm.npz"));
     assert!(rms(&surface, found) <= wanted && rms(&surface, found - 1) > wanted, "degree {found}");
-    // As an option, with a length in place of a percentage.
+    // The accuracy given as an option, and as a length instead of a percentage.
     let length = wanted.to_string();
     succeed(
         tool("fit")
@@ -73,7 +74,8 @@ fn an_accuracy_out_of_reach_is_a_warning() {
     let output = finish(fit.args(["a.ply", "--accuracy", "1e-6%"]).current_dir(folder.path()));
     let said = text(&output);
     assert!(output.status.success() && said.contains("warning: no degree up to 49 has an rms error of"), "{said}");
-    // 2,562 vertices: (2562 pi)^(1/2) / 3.
+    // If no degree is accurate enough, the degree resolves one and a half edges: (2562 pi)^(1/2) / 3 for 2,562
+    // vertices.
     assert_eq!(degree(&folder.path().join("a.spharm.npz")), 29);
 }
 
@@ -86,11 +88,11 @@ fn labels_get_the_degree_of_their_size() {
     });
     let run = |arguments: &[&str]| succeed(tool(arguments[0]).args(&arguments[1..]).current_dir(folder.path()));
     run(&["fit", "a.nii", "--label", "1", "-o", "models", "-q"]);
-    // 389 voxels: the ball of this volume has a radius of 4.5 voxels, and degree L resolves 4.5 pi / L.
+    // The ball of this volume, 389 voxels, has a radius of 4.5 voxels, and degree L resolves 4.5 pi / L voxels.
     assert_eq!(degree(&folder.path().join("models/a.1.spharm.npz")), 9);
     run(&["volumes", "a.nii", "--label", "1", "-o", "table", "-q"]);
     assert_eq!(degree(&folder.path().join("table/a.1.spharm.npz")), 9);
-    // A table is extended by models of its degree.
+    // Models that are added to a table have the degree of the table.
     run(&["volumes", "a.nii", "--label", "1", "2", "-o", "table", "-q", "--skip-existing"]);
     assert_eq!(degree(&folder.path().join("table/a.2.spharm.npz")), 9);
     let rows = std::fs::read_to_string(folder.path().join("table/volumes.tsv")).unwrap();
@@ -106,9 +108,9 @@ fn a_degree_is_one_that_all_surfaces_determine_and_that_of_existing_models() {
     let output = finish(tool("fit").args(["large.ply", "small.ply", "-o", "models"]).current_dir(folder.path()));
     let said = text(&output);
     assert!(output.status.success() && said.contains("warning: degree 11: of 2 surfaces, 2 would need"), "{said}");
-    // 162 vertices determine degree 11: 144 coefficients.
+    // 162 vertices determine at most degree 11, with 144 coefficients.
     assert_eq!(degree(&folder.path().join("models/large.spharm.npz")), 11);
-    // A surface that is added later has the degree of the others.
+    // A surface added later gets the degree of the existing models.
     folded(folder.path(), "new.ply", "1");
     let arguments = ["large.ply", "small.ply", "new.ply", "-o", "models", "--skip-existing"];
     let output = finish(tool("fit").args(arguments).current_dir(folder.path()));
@@ -144,7 +146,7 @@ fn labels_above_their_share_of_the_memory_are_fitted() {
         models.map(|model| model.unwrap().coefficients)
     };
     let whole = run("2GiB", "whole");
-    // The fit needs 40 MiB, the map less.
+    // The fit needs 40 MiB, and mapping to the sphere less.
     for memory in ["60MiB", "50MiB"] {
         assert!(run(memory, memory) == whole, "{memory}");
     }

@@ -81,8 +81,8 @@ fn channels_of_a_signal_are_denoised_apart() {
     for (removed, sigma) in found.report.denoise.iter().zip(sigmas) {
         assert!((removed.noise.sigma / sigma - 1.0).abs() < 0.04, "{} {sigma}", removed.noise.sigma);
     }
-    // Damped coefficients have a smaller standard error, that of the prior. The signal x y has degree 2 and isn't
-    // damped.
+    // Damped coefficients have the standard error of the prior, which is smaller. The signal x y has degree 2 and
+    // isn't damped.
     let errors = found.standard_errors.unwrap();
     assert!(errors[[160, 1]] < 0.5 * errors[[4, 1]], "{} {}", errors[[160, 1]], errors[[4, 1]]);
     let squares =

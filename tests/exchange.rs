@@ -133,7 +133,8 @@ fn what_a_format_cannot_hold_is_refused_with_the_reason() {
     );
 }
 
-/// SPHARM-PDM evaluated its coefficients on its icosphere, at the antipodes of the vertices, and wrote six decimals.
+/// A genuine file of SPHARM-PDM describes the surface that SPHARM-PDM wrote beside it, with six decimals: it evaluated
+/// the coefficients on its icosphere, at the antipodes of the vertices.
 #[test]
 fn a_genuine_file_of_spharm_pdm_is_its_surface() {
     let (Some(coef), Some(meta)) =
@@ -192,7 +193,7 @@ fn channels_of_a_model_are_of_one_format_and_degree() {
     }
     let two = finish(&mut site.run("import", &["a.x.sh", "a.y.sh", "-o", "y.npz"]));
     assert!(text(&two).contains("2 channels: imported as a signal; a surface has 3"), "{}", text(&two));
-    // A table without its third row, and a table cut off at the end.
+    // Test a table without its third row, and a table truncated at the end.
     let table = std::fs::read_to_string(site.path("c.csv")).expect("a table");
     let lines: Vec<&str> = table.lines().collect();
     for (kept, expected) in [

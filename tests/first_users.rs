@@ -111,7 +111,7 @@ fn a_model_with_other_settings_is_not_taken_for_the_one_asked_for() {
         (&["--tolerance", "1e-6"], "tolerance"),
     ] {
         let replaced = |flag: &str| !arguments.contains(&flag);
-        // Leave out the usual value of a flag that the case sets, because a flag can't be given twice.
+        // Omit the usual value of a flag that the case sets, because a flag can't be given twice.
         let mut command = tool("fit");
         command.arg("--sphere").arg(subjects.path("sphere.ply")).arg("--surface").arg(subjects.surface(1));
         command.args(["-q", "--skip-existing", "-o"]).arg(subjects.path("out"));

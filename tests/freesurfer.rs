@@ -93,7 +93,7 @@ fn every_subject_is_fitted_on_its_own_sphere_and_seen_on_a_common_one() {
 #[test]
 fn broken_subjects_are_named_and_stop_no_other() {
     let subjects = Subjects::new();
-    // A missing sphere, another subject's sphere, and a mirrored sphere.
+    // Create three faults: a missing sphere, another subject's sphere, and a mirrored sphere.
     std::fs::remove_file(subjects.path("bert/surf/rh.sphere.reg")).expect("it is there");
     let other = subjects.path("ernie b./surf/lh.sphere.reg");
     std::fs::copy(&other, subjects.path("bert/surf/lh.sphere.reg")).expect("copied");
@@ -117,14 +117,14 @@ fn broken_subjects_are_named_and_stop_no_other() {
     assert!(subjects.out("ernie b..lh.white.spharm.npz").exists());
 }
 
-/// Values of a hemisphere can't show whether the sphere is right, but the hemisphere's surfaces can: the white surface
-/// or, if it is missing, another one.
+/// Values of a hemisphere can't show whether the sphere belongs to the hemisphere, but the hemisphere's surfaces can:
+/// the white surface or, if it is missing, another one.
 #[test]
 fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     let subjects = Subjects::new();
     let bert = |name: &str| subjects.path(&format!("bert/surf/{name}"));
     let fit = ["--signal", "thickness", "--subject", "bert", "--hemi", "rh"];
-    // The other hemisphere's sphere, with the same number of vertices but different triangles.
+    // Use the other hemisphere's sphere, which has the same number of vertices but different triangles.
     let mut other = read_mesh(bert("lh.sphere.reg")).expect("a sphere");
     other.faces.iter_mut().for_each(|face| *face = face.map(|vertex| (vertex + 1) % 642));
     std::fs::rename(bert("rh.white"), bert("rh.pial")).expect("moved");
@@ -220,7 +220,7 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     assert!(text(&output).contains("region") && !output.status.success(), "{}", text(&output));
     succeed(&mut fit(&["--force", "--mask", "none"]));
     assert!(range() > 1.0, "the zeros are fitted where that is asked for: {}", range());
-    // Another label, given by its name.
+    // Another label can be given by its name.
     write_label(&bert("label/lh.small.label"), &sphere.vertices, |p| inside(p) && p[1] > 0.0);
     succeed(&mut fit(&["--force", "--mask", "small"]));
     let output = finish(&mut fit(&["--force", "--mask", "absent"]));
@@ -320,13 +320,13 @@ fn models_are_evaluated_on_the_spheres_of_a_subject() {
     let output = evaluated("subjects/fsaverage5/surf/rh.sphere.reg");
     assert!(output.status.success(), "{}", text(&output));
     assert_eq!(["lh", "rh"].map(|hemi| read(&format!("bert.{hemi}.white.fsaverage5.surf.gii"))), by_name);
-    // The same sphere, named from its subject's folder.
+    // The same sphere, given by its path in the folder of its subject.
     let mut within = tool("freesurfer");
     within.args(["..", "--subject", "bert", "--surface", "white", "--max-degree", "5", "--no-surface-distance", "-q"]);
     within.args(["--evaluate-on", "surf/rh.sphere.reg", "-o", "../../within"]).current_dir(subjects.path("fsaverage5"));
     succeed(&mut within);
     assert!(subjects.path("../within/bert.lh.white.fsaverage5.surf.gii").is_file());
-    // Names of BIDS have hemispheres, too.
+    // File names in BIDS also state the hemisphere.
     let copy = |hemi: &str, name: &str| {
         let from = subjects.path(&format!("fsaverage5/surf/{hemi}.sphere.reg"));
         std::fs::copy(from, subjects.path(&format!("../{name}"))).expect("a copy");

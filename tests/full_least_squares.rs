@@ -133,7 +133,7 @@ fn the_factor_in_the_store_is_used_where_it_belongs_and_passed_over_where_it_doe
         let off = difference(&model(&study, "m.npz"), &model(&study, "nlsf.npz"));
         assert!(off <= 1e-9, "{dtype}: {off:e}");
     }
-    // With many surfaces the stored factor is used without a flag, and each model equals that of a fit alone.
+    // With many surfaces the stored factor is used without a flag, and each model equals the model of a separate fit.
     let surfaces: Vec<String> = (0..5).map(|i| format!("copy{i}.surf.gii")).collect();
     for (i, name) in surfaces.iter().enumerate() {
         std::fs::copy(study.path(&format!("s{}.surf.gii", i % 4)), study.path(name)).unwrap();
@@ -204,7 +204,7 @@ fn smoothness_holds_the_high_degrees_down_and_auto_chooses_it() {
     let tried = batch["gcv"]["tried"].as_array().unwrap();
     let least = tried.iter().min_by(|a, b| a[1].as_f64().unwrap().total_cmp(&b[1].as_f64().unwrap())).unwrap();
     assert_eq!(least[0].as_f64(), Some(lambda));
-    // A fit with that smoothness given explicitly is the same.
+    // A fit with this smoothness given explicitly has the same coefficients.
     let automatic = model(&study, "m.npz");
     roughness(&format!("{lambda:e}"));
     assert!(difference(&model(&study, "m.npz"), &automatic) < 1e-9);
@@ -223,7 +223,7 @@ fn standard_errors_come_beside_the_model() {
     succeed(&mut lsq(&study, &["--max-degree", "12", "--stderr", "--force", "--smoothness", "0.01"]));
     let penalised = read();
     assert!(penalised.row(160).sum() < errors.row(160).sum());
-    // Standard errors with more coefficients than vertices are refused, unless there is a penalty.
+    // Without a penalty, standard errors with more coefficients than vertices are refused.
     std::fs::remove_file(&path).unwrap();
     std::fs::remove_file(study.path("m.npz")).unwrap();
     let before = names(&study.path(""));
@@ -289,7 +289,7 @@ fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
     let x = model(&study, "m.npz");
     let largest = x.columns().into_iter().map(|c| c.dot(&c).sqrt()).fold(0.0, f64::max);
     meets(norm, largest, 1e-12, "norm");
-    // The norm of the coefficients is of the order of the surface's scale.
+    // The norm of the coefficients is of the same order of magnitude as the surface's size.
     assert!(norm < 10.0 * report["surfaces"][0]["scale"].as_f64().unwrap(), "{norm}");
 }
 

@@ -19,7 +19,7 @@ fn write_distance(path: &Path, radius: f32, range: [f32; 2]) {
     Array3::from_shape_fn((16, 16, 16), inside).write_npy(fs::File::create(path).unwrap()).unwrap();
 }
 
-/// Writes the ball's share of each voxel, roughly.
+/// Writes the approximate fraction of each voxel that lies inside the ball.
 fn write_ball(path: &Path, radius: f32) {
     write_distance(path, radius, [0.0, 1.0]);
 }
@@ -27,8 +27,8 @@ fn write_ball(path: &Path, radius: f32) {
 fn volume(model: &Path) -> f64 {
     let coefficients = Model::read(model).unwrap().coefficients;
     let area = std::f64::consts::PI * 4.0;
-    // The functions of degree 1 are sqrt(3 / 4 pi) times x, y and z. A ball has no others, so its volume is that of the
-    // ellipsoid with these axes.
+    // The functions of degree 1 are sqrt(3 / 4 pi) times x, y and z. A ball contains no other functions, so its volume
+    // is that of the ellipsoid with these axes.
     let axes = (1..4).map(|row| coefficients.values().row(row).iter().map(|x| x * x).sum::<f64>().sqrt());
     area / 3.0 * axes.map(|axis| axis * (3.0 / area).sqrt()).product::<f64>()
 }
@@ -58,7 +58,7 @@ fn grey_values_and_probabilities_become_models() {
     assert_eq!((provenance.threshold, provenance.probability), (Some(0.9), false));
     assert!(Model::read(at("half.spharm.npz")).unwrap().provenance.probability);
 
-    // A model at another level isn't taken for the one requested.
+    // An existing model at another level is refused.
     let other =
         run(&["fit", "d.npy", "--threshold", "0.8", "--max-degree", "6", "-o", "high.spharm.npz", "--skip-existing"]);
     let other = fail(&mut { other });
@@ -122,7 +122,7 @@ fn a_study_of_probabilities_passes_them_to_all_stages() {
     for (k, id) in ids.into_iter().enumerate() {
         write_ball(&site.join(format!("{id}.npy")), 4.6 + 0.3 * k as f32);
     }
-    // A speck beside the last body, which --fix leaves out of the fit, and the group, too.
+    // Add a speck beside the last body. --fix removes the speck, both for the fit and for the group.
     let mut speck = Array3::<f32>::read_npy(fs::File::open(site.join("s4.npy")).unwrap()).unwrap();
     speck[[0, 0, 0]] = 0.9;
     speck.write_npy(fs::File::create(site.join("s4.npy")).unwrap()).unwrap();

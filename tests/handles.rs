@@ -21,8 +21,8 @@ fn written(folder: &Path, name: &str, surface: &Mesh) -> PathBuf {
     path
 }
 
-/// Fits a surface with handles, reconstructs the original, and checks the guarantees. The gap between the sides of the
-/// seam may be a thousandth of the bounding box; the test requires a fifth less.
+/// Fits a surface with handles, reconstructs the original, and checks the guaranteed bounds. The guaranteed gap
+/// between the sides of the seam is a thousandth of the bounding box; the test requires a fifth less.
 fn there_and_back(name: &str, surface: &Mesh, genus: i64) {
     let folder = tempfile::tempdir().expect("a folder");
     let input = written(folder.path(), "in.ply", surface);
@@ -43,7 +43,7 @@ fn there_and_back(name: &str, surface: &Mesh, genus: i64) {
     let read = Model::read(&model).expect("a model");
     let gap = read.reconstruct_original(60).expect("a surface").gap / distance.scale;
     let (rms, hausdorff) = (distance.rms / distance.scale, distance.hausdorff / distance.scale);
-    // Largest distance of the welded seam from the surface.
+    // Compute the largest distance of the welded seam from the surface.
     let tree = TriangleTree::new(surface);
     let seam = read.sphere.as_ref().and_then(|sphere| sphere.seam.clone()).expect("the model keeps the seam");
     let off = seam.copies.iter().filter_map(|&v| tree.nearest(found.vertices[v as usize]));
@@ -56,7 +56,7 @@ fn there_and_back(name: &str, surface: &Mesh, genus: i64) {
         surface.vertices.len()
     );
     assert!(rms < 2e-3, "{name}: {rms:e}");
-    // Vertices correspond to the original's, also on the seam.
+    // Vertices correspond to the vertices of the original, also on the seam.
     let largest = surface
         .vertices
         .iter()
@@ -152,7 +152,7 @@ fn handles_are_refused_unless_asked_for_and_spheres_are_left_as_they_are() {
     assert!(plain.provenance.handles.is_none() && !folder.path().join("ball.cut.surf.gii").exists());
 }
 
-/// The surface of a label with a handle is restored as triangles, with its handle.
+/// A fit of a label with a handle restores the triangles of the label's surface, including the handle.
 #[test]
 fn a_label_with_a_handle_comes_back_with_it() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -173,7 +173,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     );
     let named = |ending: &str| folder.path().join(format!("ring.1{ending}"));
     let files = || std::fs::read_dir(folder.path()).expect("a folder").count();
-    // The label's surface before and after the cut.
+    // Read the label's surface before and after the cut.
     let [whole, cut] = [".surf.gii", ".cut.surf.gii"].map(|ending| read_mesh(named(ending)).expect("a mesh"));
     assert_eq!((Topology::of(&whole).genus(), Topology::of(&cut).genus()), (Some(1), Some(0)));
     let out = folder.path().join("out.ply");

@@ -135,7 +135,7 @@ fn models_that_lie_are_refused() {
     let scalar = npy(&plain("<i8", "(1099511627776,)"), &[0; 8]);
     site.put("degree.npz", &npz(&[("coefficients", coefficients()), ("max_degree", scalar)], false));
     assert!(site.refused_model("degree.npz").contains("max_degree"));
-    // 85 MB of zeros in 85 KB of file; reading them would take 250 MB.
+    // The file has 85 KB and expands to 85 MB of zeros; reading them would take 250 MB.
     let zeros = npy(&plain("<f8", "(10600000, 1)"), &vec![0; 84_800_000]);
     let bomb = npz(&[("coefficients", zeros)], true);
     assert!(bomb.len() < 1 << 18);
@@ -148,7 +148,7 @@ fn models_that_lie_are_refused() {
 #[test]
 fn surfaces_that_expand_or_claim_too_much_are_refused() {
     let site = Site::new();
-    // Zlib data in base64, gzipped; the header claims `count` values, and `there` values exist.
+    // Returns gzipped GIfTI with zlib data in base64. The header claims `count` values, but only `there` values exist.
     let gifti = |count: u64, there: usize| {
         let mut zlib = ZlibEncoder::new(Vec::new(), Compression::fast());
         zlib.write_all(&vec![0; there]).expect("packed");
@@ -160,10 +160,10 @@ fn surfaces_that_expand_or_claim_too_much_are_refused() {
     };
     site.put("bomb.shape.gii.gz", &gzip([gifti(3 << 30, 1 << 20)]));
     assert!(site.refused_surface("bomb.shape.gii.gz").contains("3.0 GiB"));
-    // Within the permitted expansion, but more than the memory.
+    // The array is within the permitted expansion, but needs more memory than available.
     site.put("large.shape.gii", &gifti(60 << 20, 60 << 20));
     assert!(site.refused_surface("large.shape.gii").contains(" of memory, "));
-    // Beyond the permitted expansion of text; reported while the file is decoded.
+    // The text exceeds the permitted expansion, which is reported while the file is decoded.
     site.put("text.ply.gz", &gzip((0..96).map(|_| vec![b' '; 1 << 20])));
     assert!(site.refused_surface("text.ply.gz").contains("MiB"));
     File::create(site.path("sparse.ply")).expect("a file").set_len(1 << 40).expect("a sparse file");
@@ -202,16 +202,16 @@ fn volumes_that_expand_or_claim_too_much_are_refused() {
         header[344..348].copy_from_slice(b"n+1\0");
         header
     };
-    // A header that claims 4 GiB of voxels, in a file of 5 MB: a real volume may compress to that.
+    // A header claims 4 GiB of voxels in a file of 5 MB, the size to which a real volume may compress.
     site.put("bomb.nii.gz", &[gzip([nifti(1625)]), noise(5 << 20)].concat());
     assert!(site.refused_volume("bomb.nii.gz").contains("GiB of memory"));
     site.put("lie.nii.gz", &gzip([nifti(1625)]));
     site.refused_volume("lie.nii.gz");
-    // A volume of background only, for which no memory is kept.
+    // A volume contains only background, for which no memory is kept.
     let zeros = |n: usize| std::iter::repeat_n(vec![0; n * n], n);
     site.put("zeros.nii.gz", &gzip([nifti(256)].into_iter().chain(zeros(256))));
     assert!(site.refused_volume("zeros.nii.gz").contains("only 0"));
-    // A label in every other voxel, so that each voxel is a run of its own.
+    // A label in every other voxel is the worst case, because each voxel is a separate run.
     let checks = |n: usize| (0..n).map(move |z| (0..n * n).map(|i| ((i + i / n + z) % 2) as u8).collect());
     site.put("checks.nii.gz", &gzip([nifti(256)].into_iter().chain(checks(256))));
     assert!(site.refused_volume("checks.nii.gz").contains(" of memory, "));
@@ -231,7 +231,7 @@ fn volumes_that_expand_or_claim_too_much_are_refused() {
     assert!(site.refused_volume("sparse.nii").contains("GiB of memory"));
 }
 
-/// Returns a TIFF page of bytes with this claimed size, in one strip.
+/// Returns a TIFF page of bytes that claims this size, in one strip.
 fn tiff(width: u32, height: u32) -> Vec<u8> {
     let tags: [(u16, u32); 8] =
         [(256, width), (257, height), (258, 8), (259, 1), (262, 1), (273, 200), (278, height), (279, u32::MAX)];
@@ -259,9 +259,9 @@ fn tables_and_settings_that_lie_are_refused() {
     for name in ["claim.npy", "twice.npy", "claim.npz"] {
         samples(name);
     }
-    // An Arrow buffer that claims 8 TiB in 85 bytes, with as many rows. Parquet pages that claim 2 GiB in 20 bytes
-    // (with few rows and with as many rows), more values than the column, negative sizes, and columns missing from the
-    // file. Files of the corpus end with a byte that selects how they are read.
+    // Test an Arrow buffer of 85 bytes that claims 8 TiB and as many rows, and Parquet pages of 20 bytes that claim 2
+    // GiB (with few rows and with as many rows), more values than the column, negative sizes, and columns missing from
+    // the file. The last byte of a file of the corpus selects the way of reading it.
     for (file, expected) in [
         ("rows.arrow", "expands from 85 to 8796093022272 bytes"),
         ("pages-expands.parquet", "to 2147483647 bytes"),
@@ -308,7 +308,7 @@ fn what_a_terminal_obeys_is_shown() {
         }
         String::from_utf8_lossy(&[&output.stdout[..], &output.stderr[..]].concat()).into_owned()
     };
-    // In errors, in names from a list, and in arguments that clap refuses.
+    // Check errors, names from a list, and arguments that clap refuses.
     let said = quiet(&site.run(&["parametrize", "--surface", name, "-o", name]));
     assert!(said.contains(shown) && said.contains("an input"), "{said}");
     assert!(
@@ -329,7 +329,7 @@ fn what_a_terminal_obeys_is_shown() {
             assert!(value["surfaces"][0]["file"].as_str().is_none_or(|file| file == name), "{value}");
         }
     }
-    // In the table of outcomes.
+    // Check the table of outcomes.
     site.put("rows.tsv", "id\tsurface\tsphere\nq\u{1b}[5m\tnone\u{1b}[7m.ply\tsphere.ply\n".as_bytes());
     let rows = ["fit", "--manifest", "rows.tsv", "--max-degree", "2", "-o", "out", "--keep-going", "--status", "s.tsv"];
     quiet(&site.run(&rows));

@@ -27,7 +27,8 @@ fn fit(study: &Study, input: &str) {
     succeed(&mut study.fit(&[input], &["--max-degree", "6", "--force", "-o", output.to_str().unwrap()]));
 }
 
-/// Otherwise tools that add `c_ras` would show the reconstruction away from its input.
+/// A reconstruction keeps the volume geometry of its input; without it, tools that add `c_ras` would show the
+/// reconstruction away from the input.
 #[test]
 fn a_reconstruction_lies_in_the_volume_of_its_input() {
     let study = Study::new();

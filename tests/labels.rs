@@ -41,7 +41,7 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
     let mut smooth = tool("fit");
     smooth.args(["--surface", "a.nii", "b.nii", "--max-degree", "16", "-o", "smooth"]).current_dir(folder.path());
     assert_eq!(warnings(&mut smooth), Vec::<String>::new());
-    // A model of the other surface isn't taken for the one requested.
+    // An existing model of the other kind of surface is refused.
     let mut other = fit("16", "smooth");
     let error = fail(other.arg("--skip-existing"));
     assert!(error.contains("label-surface smooth, not voxels"), "{error}");

@@ -1,4 +1,4 @@
-//! Checks which parts of OpenBLAS are linked and which are left out (crates/link).
+//! Checks that no function is linked that needs one of the kernels of OpenBLAS that `crates/link` leaves out.
 
 use object::{Object, ObjectSymbol};
 

@@ -106,7 +106,7 @@ fn peak_anonymous(command: &mut Command) -> u64 {
     peak
 }
 
-/// A factor of 172 MB, computed out of core in the smallest budget that the program's message states.
+/// Computes a factor of 172 MB out of core, in the smallest budget, which the program's error states.
 #[test]
 fn a_factor_is_computed_in_less_memory_than_it_has() {
     let folder = tempfile::tempdir().unwrap();
@@ -232,7 +232,8 @@ impl Drop for Cgroup {
     }
 }
 
-/// Requests more memory than available: refused before any work, in one line that names a setting that fits.
+/// A verb that needs more memory than available is refused before any work, in one line that names a setting that
+/// fits.
 #[test]
 fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     let folder = tempfile::tempdir().unwrap();
@@ -284,7 +285,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     let mut parametrize = verb("parametrize", &["--resample-to", "icosphere:9"], "256MiB");
     parametrize.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("x.sphere.ply"));
     assert!(crate::common::fail(&mut parametrize).contains("mapping its 642 vertices"));
-    // Mapping a mesh without a sphere counts towards the fit's budget.
+    // The memory for mapping a mesh without a sphere is part of the fit's budget.
     let mut fit = verb("fit", &["--max-degree", "4"], "16MiB");
     let line = crate::common::fail(fit.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("bare.npz")));
     assert!(line.contains("the smallest that works is"), "{line}");

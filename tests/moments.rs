@@ -101,7 +101,8 @@ fn shards_give_the_model_of_the_whole() {
     }
 }
 
-/// Compares with the weighted least squares of the same samples by `fit --surface`, which uses transforms.
+/// Compares a model from moments with the weighted least squares of the same samples by `fit --surface`, which uses
+/// transforms.
 #[test]
 fn a_model_from_moments_is_that_of_the_samples() {
     let survey = Survey::new();
@@ -133,7 +134,7 @@ fn a_model_from_moments_is_that_of_the_samples() {
     assert!(report["fit"]["largest_gap"].as_f64().is_some_and(|gap| gap < 15.0), "{report}");
     let degree_1 = survey.model("m.spharm.npz").coefficients.values()[[2, 0]];
     assert!((degree_1 - (4.0 * std::f64::consts::PI / 3.0).sqrt()).abs() < 1e-3, "{degree_1}");
-    // Smoothness chosen by cross-validation, and no smoothness.
+    // Compare smoothness chosen by cross-validation, no smoothness, and smoothness 1.
     let report = json(&succeed(&mut survey.fit("m.moments", 12, &["--smoothness", "auto", "--force"])));
     assert!(report["fit"]["gcv"]["smoothness"].as_f64().is_some_and(|lambda| lambda > 0.0), "{report}");
     let rough = json(&succeed(&mut survey.fit("m.moments", 12, &["--force"])));
@@ -235,7 +236,7 @@ fn a_degree_that_the_samples_do_not_determine_is_said_with_the_gap() {
     let gap = report["fit"]["largest_gap"].as_f64().expect("a number");
     // The largest gap is determined to within three cells of 180 / 26 degrees.
     assert!((gap - 220.0).abs() < 21.0, "{gap}");
-    // With as many coefficients as samples, or more, there are no standard errors.
+    // With at least as many coefficients as samples, standard errors are refused.
     let few: String = table.lines().take(50).map(|row| format!("{row}\n")).collect();
     std::fs::write(survey.path("few.csv"), few).expect("a table");
     succeed(&mut survey.moments("few.csv", "few.moments", &[]));

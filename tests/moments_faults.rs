@@ -9,7 +9,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use crate::common::{fail, finish, succeed, text, times, tool, wait};
 use crate::store::{Random, namespace};
 
-/// Degree for which a file of moments has 1.7 MB, which takes a while to write.
+/// Degree for which a file of moments has 1.7 MB, so that writing it takes a while.
 const MAX_DEGREE: &str = "200";
 /// Number of samples; reading them and computing their moments takes a while.
 const SAMPLES: usize = 300_000;
@@ -81,7 +81,7 @@ fn a_disk_of_any_size_has_a_whole_file_or_none() {
     let output = disk.join("all.moments");
     let steps = times(6) as u64;
     for step in 0..steps {
-        // Disk space from almost nothing to one page less than the file needs.
+        // The disk space ranges from almost nothing to one page less than the file needs.
         let room = 4096 + (site.expected.len() as u64 - 8192) * step / (steps - 1);
         for there in [false, true] {
             namespace::mount(&disk, room);
@@ -167,7 +167,7 @@ fn a_program_that_is_asked_to_stop_says_so_and_leaves_nothing() {
                 assert_eq!(after, before, "nothing is left behind");
                 stopped += 1;
             }
-            // The process had finished before the signal.
+            // The process had finished before the signal arrived.
             code => {
                 assert_eq!(code, Some(0), "{}", text(&output));
                 assert!(std::fs::read(&whole).is_ok_and(|bytes| bytes == expected));

@@ -16,7 +16,7 @@ use crate::common::{fail, finish, succeed, text, tool, wait};
 /// Number of vertices of an icosphere of 4 subdivisions.
 const N: usize = 2_562;
 
-/// A folder with a sphere of radius 100, and values at its vertices: in a separate file, and in one with the positions.
+/// A folder with a sphere of radius 100, and values at its vertices, in two files: without and with the positions.
 struct Site(tempfile::TempDir);
 
 impl Site {
@@ -84,7 +84,7 @@ fn the_key_is_that_of_a_store_and_goes_from_the_table_to_the_model() {
     let anywhere = json(&succeed(&mut site.moments("beside.npy", "3", &vectors, "anywhere.moments")));
     assert!(anywhere["scheme_key"].is_null(), "{anywhere}");
     assert_same(&site.read("over.moments"), &site.read("anywhere.moments"));
-    // The same sphere read from a file, with another radius.
+    // Read the same sphere from a file, with another radius.
     let sphere = ["--sphere", "lh.sphere.obj"];
     let of_sphere = json(&succeed(&mut site.moments("thickness.npy", "0", &sphere, "sphere.moments")));
     assert_same(&site.read("over.moments"), &site.read("sphere.moments"));
@@ -124,7 +124,7 @@ fn shards_of_a_scheme_make_up_the_whole_and_keep_its_key() {
     let merged = site.merge(&parts, "all.moments");
     assert_eq!((&merged["scheme_key"], &merged["shards"]), (&whole["scheme_key"], &whole["shards"]));
     assert_same(&site.read("all.moments"), &site.read("whole.moments"));
-    // Moments over another scheme, and moments without a scheme.
+    // Test moments over another scheme, and moments without a scheme.
     let fewer = Array2::from_elem((642, 1), 1.0);
     ndarray_npy::write_npy(site.path("fewer.npy"), &fewer).expect("a table");
     succeed(&mut site.moments("fewer.npy", "0", &["--icosphere", "3"], "fewer.moments"));

@@ -43,8 +43,8 @@ impl Site {
     }
 }
 
-/// Pipes and devices are refused immediately where small files, which are read completely, are expected; the error is
-/// one line with their name.
+/// If a small file that is read completely is expected, pipes and devices are refused immediately. The error is one
+/// line with their name.
 #[test]
 fn pipes_and_devices_are_refused_at_once() {
     let site = Site::new();

@@ -84,7 +84,7 @@ fn a_fit_reconstructs_to_the_distances_that_it_reports() {
         assert!((found / expected - 1.0).abs() < 1e-9, "{measure}: {found}, reported {expected}");
     }
     assert!(last["msd"].as_f64() < report["surfaces"][0]["passes"][0]["msd"].as_f64());
-    // Writes the error as values and colours on a mesh.
+    // Write the error as values and colours on a mesh.
     let ply = study.path("error.ply");
     succeed(tool("compare").arg(study.path("s0.surf.gii")).arg(&output).arg("-o").arg(&ply));
     let header = String::from_utf8_lossy(&std::fs::read(&ply).unwrap()).into_owned();
@@ -137,7 +137,7 @@ fn a_batch_gives_what_each_gives_alone_and_lists_name_surfaces() {
         study.report(&[&format!("{name}.surf.gii")], &format!("{name}.npz"), &arguments);
         close(&study.model(&format!("models/{name}.spharm.npz")), &study.model(&format!("{name}.npz")), 1e-13);
     }
-    // More surfaces than one sweep holds: later sweeps use the factors of the first.
+    // One sweep can't hold this number of surfaces: later sweeps use the factors of the first.
     let names: Vec<String> = (0..130).map(|copy| format!("copy{copy}.surf.gii")).collect();
     for name in &names {
         std::fs::copy(study.path("s1.surf.gii"), study.path(name)).unwrap();

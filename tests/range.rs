@@ -1,4 +1,4 @@
-//! Tests values and weights whose squares leave the range of f64, and meshes with vertices of high valence.
+//! Tests values and weights whose squares exceed the range of f64, and meshes with vertices of high valence.
 
 use std::path::PathBuf;
 use std::process::Command;

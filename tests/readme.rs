@@ -59,7 +59,7 @@ fn shape(text: &str) -> String {
             _ if of_number && !number => shape.push('#'),
             _ if of_number => {}
             ' ' if shape.ends_with([' ', '\n']) || shape.is_empty() => {}
-            // A run of rule characters counts as one, because its length depends on the widths of columns.
+            // A run of rule characters is treated as one, because its length depends on the widths of columns.
             '-' | '─' if shape.ends_with(character) => {}
             _ => shape.push(character),
         }

@@ -112,7 +112,8 @@ fn what_was_fitted_is_compared_with_where_it_is_as_it_was() {
     let output = finish(&mut site.command(&["report", "s.spharm.npz", "-o", "changed.html"]));
     assert!(output.status.success() && String::from_utf8_lossy(&output.stderr).contains("the file has changed"));
     assert_eq!(info(&site.page("changed.html"))["items"][0]["reference"]["kind"], "model");
-    // A surface with other triangles; and more vertices than permitted, so that the page shows an icosphere instead.
+    // Test a surface with other triangles, and more vertices than permitted, so that the page shows an icosphere
+    // instead.
     site.run(&["generate", "--subdivisions", "4", "--surface", "fine.ply"]);
     site.run(&["report", "s.spharm.npz", "--surface", "fine.ply", "--max-vertices", "200", "-o", "few.html"]);
     let item = &info(&site.page("few.html"))["items"][0];

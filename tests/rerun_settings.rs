@@ -1,5 +1,5 @@
-//! The preparation of a surface before its fit counts as a setting of existing models; and dry runs on existing
-//! outputs.
+//! Checks that the preparation of a surface before its fit is compared with the settings of existing models. Also
+//! tests dry runs on existing outputs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -94,7 +94,7 @@ fn another_size_of_the_voxels_is_another_setting() {
     assert!((scale(site.model(name)) * 3.0 / large - 1.0).abs() < 0.05);
     nothing_to_do(site.fit("ball.nii", &["--update", "--objective", "vertices"]));
 
-    // A model written by an earlier version, without a record of the voxel size.
+    // An earlier version wrote models without a record of the voxel size.
     site.forget(name);
     succeed(&mut site.fit("ball.nii", &[skip, "--objective", "vertices"]));
     let error = text(&finish(site.fit("ball.nii", &[skip]).args(size)));

@@ -122,7 +122,7 @@ fn weights_and_the_settings_of_the_iteration_are_compared() {
     };
     weights("w.csv", |row| 1 + row % 2);
     succeed(&mut fit("w.csv", &[]));
-    // The same weights file, given by another path.
+    // The same weights file is given by another path.
     assert!(succeed(&mut fit("out/../w.csv", &[])).contains("nothing to do"));
     for (arguments, difference) in [
         (["--max-iterations", "7"], "max-iterations 3000, not 7"),

@@ -192,7 +192,7 @@ fn models_are_described_and_found_in_any_pose() {
     assert!(printed.starts_with("model,size,power_1,power_2\n"), "{printed}");
 }
 
-/// If half of a group is mirrored, no member is an outlier, but the group is reported.
+/// In a group of which half is mirrored no member is an outlier, but a warning reports the group.
 #[test]
 fn the_members_of_a_groups_smaller_side_are_named_by_their_files() {
     let site = Site::new();
@@ -323,7 +323,7 @@ fn models_are_grouped_by_their_shapes() {
     for (index, kind) in ["x", "y", "x", "x", "y"].into_iter().enumerate() {
         let mut values = if kind == "x" { bumpy() } else { Array2::zeros((81, 3)) };
         if kind == "y" {
-            // A ball.
+            // The second kind is a ball.
             [(1, 1), (2, 2), (3, 0)].into_iter().for_each(|(row, axis)| values[[row, axis]] = 2.0);
         }
         values *= 1.0 + 0.01 * index as f64;

@@ -7,7 +7,7 @@ use crate::common::{error_line, finish, succeed, text, tool};
 use crate::shape_inference::map;
 use crate::shape_means::{report, site, test};
 
-/// Subjects' groups (five of each), sex, age and stage.
+/// Group (five subjects in each), sex, age and stage of each subject.
 const GROUPS: [&str; 10] = ["a", "a", "a", "a", "a", "b", "b", "b", "b", "b"];
 const SEX: [&str; 10] = ["f", "m", "f", "m", "f", "m", "f", "m", "f", "m"];
 const AGES: [f64; 10] = [31.0, 42.0, 55.0, 61.0, 70.0, 33.0, 40.0, 52.0, 66.0, 71.0];
@@ -49,7 +49,7 @@ fn an_interaction_is_the_difference_of_slopes() {
     let cells = report(site, &["--table", "t.csv", "--effect", "group:sex"], "cells");
     assert_eq!(cells["meaning"], "(a - b at f) - (a - b at m)");
     assert_eq!(cells["levels"][0], serde_json::json!({ "level": "a:f", "subjects": 3 }));
-    // As a covariate, the interaction takes the groups' slopes out of their difference.
+    // As a covariate, the interaction removes the groups' slopes from the difference between the groups.
     let plain = report(site, &["--table", "t.csv", "--effect", "group", "--covariates", "age"], "plain");
     let apart = report(site, &["--table", "t.csv", "--effect", "group", "--covariates", "group:age"], "apart");
     assert_eq!((&plain["statistic"]["freedom"], &apart["statistic"]["freedom"]), (&7.0.into(), &6.0.into()));
@@ -118,7 +118,7 @@ fn a_study_takes_interactions_and_contrasts() {
     let groups = "[[test]]\nname = \"groups\"\neffect = \"group\"\ncontrast = \"b - a\"\ncovariates = [\"group:age\"]\npermutations = 20\n";
     let error = text(&finish(&mut study(&format!("{slopes}contrast = [\"c:age\"]\n"))));
     assert!(error.contains("\"c:age\"") && error.contains("a, b, a:age, b:age"), "{error}");
-    // What the test would refuse is refused before the fits.
+    // Contrasts that the test would refuse are refused before the fits.
     for (more, said) in [
         ("contrast = [\"a:age - b:age\", \"b:age - a:age\"]", "row 2"),
         ("contrast = [1, -1]", "such as \"patient - control\""),

@@ -65,7 +65,7 @@ fn regions_get_maps_and_a_table() {
     let numbers = map(site, "regions", "cluster");
     assert_eq!(first[1] as usize, numbers.iter().filter(|number| **number == 1.0).count());
     assert!((first[11] - statistic[first[4] as usize]).abs() < 1e-4 * first[11].abs(), "{clusters}");
-    // A later test without regions removes their results.
+    // A later test without clusters and TFCE removes the results of the earlier one.
     let again = [&table[..7], &["-o", "regions", "--force", "-q"]].concat();
     assert!(finish(&mut test(site, &again)).status.success());
     assert!(!site.join("regions/clusters.csv").exists() && !site.join("regions/tfce.shape.gii").exists());
@@ -81,7 +81,7 @@ fn regions_get_maps_and_a_table() {
     }
 }
 
-/// Measures are tested with the design of the vertices. The expected numbers of a two-sample t test are SciPy's
+/// Measures are tested with the same design as the vertices. The expected numbers of a two-sample t test are SciPy's
 /// (`ttest_ind([1, 2, 3, 5], [2, 4, 6, 9])` and its `confidence_interval`).
 #[test]
 fn measures_are_tested_like_vertices() {
@@ -111,10 +111,11 @@ fn measures_are_tested_like_vertices() {
     }
     let table = fs::read_to_string(site.join("found/summary.csv")).expect("a table");
     assert!(table.contains("\nsize,8,4,2.6186"), "{table}");
-    // A later test without measures doesn't leave the table.
+    // A later test without measures removes the earlier table of measures.
     report(site, &[&groups[..], &["--force"]].concat(), "found");
     assert!(!site.join("found/summary.csv").exists());
-    // Missing numbers matter for tested subjects only; a column of a table without any named is left out for them.
+    // Numbers may be missing for subjects that aren't tested. If no columns of a table are named, a column with a
+    // number missing for a tested subject is skipped.
     let with_age = rows.replacen("s0,1,", "s0,,", 1);
     fs::write(site.join("gaps.csv"), format!("model,gap,degree,kind\n{with_age}")).expect("a table");
     fs::write(site.join("more.csv"), format!("model,size,degree,kind\n{rows}other,n/a,7,x\n")).expect("a table");

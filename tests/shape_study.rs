@@ -57,7 +57,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
     };
     let (shares, cumulative) = (list("shares"), list("compactness"));
     assert!((shares[0] + shares[1] - cumulative[1]).abs() < 1e-12 && shares[1] < 0.9 * cumulative[1], "{modes}");
-    // The spread divides by the number of members, the variance by one less.
+    // The spread divides by the number of members, and the variance by one less than this number.
     let variance = modes["total_variance"].as_f64().expect("a number");
     assert!((variance * 11.0 / 12.0 / spread("spread_after").powi(2) - 1.0).abs() < 1e-6);
     succeed(&mut run(site.path(), &["shape", "sample", "g.shape-model.npz", "-o", "middle.spharm.npz"]));
@@ -110,7 +110,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
         }
     }
 
-    // A table with the levels in the other order, with positions as the signal.
+    // Test a table with the levels in the other order, and positions as the signal.
     let rows: String =
         a.iter().map(|path| format!("{path},first\n")).chain(b.iter().map(|path| format!("{path},second\n"))).collect();
     fs::write(at("study.csv"), format!("model,group\n{rows}")).expect("a table");

@@ -105,7 +105,7 @@ fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
         changed.iter().filter(|(_, state)| *state == "done").map(|(stage, _)| stage.as_str()).collect();
     assert_eq!(done, ["check", "fit", "modes", "report", "test.bump"]);
 
-    // One subject's surface changes, and another subject is removed from the table.
+    // Change one subject's surface, and remove another subject from the table.
     let table = site.path().join("meshes/study.csv");
     let without = fs::read_to_string(&table).expect("a table").replace("a03,a03.ply,a\n", "");
     fs::write(&table, without).expect("a table");

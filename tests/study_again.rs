@@ -72,7 +72,7 @@ fn a_study_is_the_same_from_another_folder() {
         assert_eq!(said.matches("up to date").count(), 12, "{said}");
     }
     assert_eq!(made(), before);
-    // From another folder, too, the outputs of a removed test are deleted.
+    // The outputs of a removed test are also deleted if the study is run from another folder.
     write(site.path(), "study.toml", &STUDY[..STUDY.find("[[test]]").expect("a test")]);
     succeed(&mut study(Path::new("/"), &[&whole]));
     assert!(!site.path().join("out/figures/bump.png").exists() && !site.path().join("out/tests/bump").exists());
@@ -107,7 +107,7 @@ fn a_dry_run_of_a_study_looks_at_its_subjects() {
     assert!(good.status.success() && text(&good).contains("6 models, of which 0 exist"), "{}", text(&good));
     let high = dry(&STUDY.replace("max_degree = 3", "max_degree = 5000"));
     assert!(error_line(&high).contains("degree 5000 is above 2000"), "{}", text(&high));
-    // With patterns the manifest isn't written yet, so the dry run makes it in memory.
+    // With patterns there is no manifest on disk yet, so the dry run makes it in memory.
     let patterns = "table = \"meshes/ids.tsv\"\nsurface = \"meshes/{id}.ply\"";
     let table = fs::read_to_string(site.path().join("meshes/study.csv")).expect("a table");
     let ids = table.lines().map(|line| line.split(',').step_by(2).collect::<Vec<_>>().join("\t") + "\n");
@@ -121,7 +121,7 @@ fn a_dry_run_of_a_study_looks_at_its_subjects() {
         assert!(text(&missing).contains("b02.ply: no such file"), "{}", text(&missing));
     }
     assert!(!site.path().join("out").exists(), "nothing is made");
-    // All surfaces are missing.
+    // All surfaces are missing, because their folder is renamed.
     fs::rename(site.path().join("meshes"), site.path().join("elsewhere")).expect("it is there");
     fs::create_dir(site.path().join("meshes")).expect("a folder");
     write(site.path(), "meshes/study.csv", &table);

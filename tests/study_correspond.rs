@@ -194,7 +194,7 @@ fn subjects_that_leave_or_change_make_the_group_anew_and_nothing_else_does() {
         row.contains("up to date")
     };
     assert!(!state(&[]) && state(&[]));
-    // A change in another column of the table doesn't make the group again.
+    // A change in another column of the table doesn't cause the group to be made again.
     site.write("in/study.csv", &site.text("in/truth.csv").replace(",a,", ",axis,"));
     assert!(state(&[]));
     // Another method removes the group, and returning to this method makes it again.

@@ -40,7 +40,7 @@ fn a_study_of_a_bids_dataset_runs_as_it_was_written() {
         succeed(generate.current_dir(site));
         table += &format!("{id}\t{}\t{}\n", 30 + number, ["a", "b"][number % 2]);
     }
-    // Few subjects have another surface, too.
+    // A few subjects also have another surface.
     write(site, "other/sub-3/lh.pial");
     fs::write(site.join("participants.tsv"), table).expect("a table");
     let said = init(site, "participants.tsv");
@@ -88,7 +88,7 @@ fn a_table_whose_subjects_have_no_files_says_what_to_fill_in() {
     assert!(error.contains("gone.tsv"), "{error}");
 }
 
-/// A header with voxels ten times too wide is named first.
+/// The subject whose header states voxels ten times too wide is the first in the table of the quality control.
 #[test]
 fn a_generated_study_of_labels_names_its_wrong_header() {
     let site = tempfile::tempdir().expect("a folder");
@@ -105,7 +105,7 @@ fn a_generated_study_of_labels_names_its_wrong_header() {
     let first = quality.lines().nth(1).expect("a row");
     assert!(first.starts_with("a04\t") && first.contains("as if lengths were 10 times"), "{quality}");
     assert!(quality.lines().skip(2).all(|row| !row.contains("as if lengths")), "{quality}");
-    // The voxels are those of the bodies.
+    // The numbers of voxels are those of the generated bodies.
     let at = quality.lines().next().and_then(|head| head.split('\t').position(|name| name == "voxels"));
     let voxels =
         |line: &str| line.split('\t').nth(at.expect("a column")).map(|cell| cell.parse::<f64>().expect("a number"));

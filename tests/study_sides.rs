@@ -34,7 +34,8 @@ fn study(site: &Path) -> std::process::Output {
     finish(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site))
 }
 
-/// Twelve subjects whose right bodies are mirror images with a bump: bodies of the same kind, half of which have it.
+/// Twelve subjects: the left body has no bump, and the right one is the mirror image of a body of the same kind with a
+/// bump.
 #[test]
 fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     let site = tempfile::tempdir().expect("a folder");
@@ -57,14 +58,14 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     fs::write(site.join("study.toml"), format!("{head}{TESTS}")).expect("a study");
     let output = study(site);
     assert!(output.status.success(), "{}", text(&output));
-    // Left minus right: the bump points outwards on the right.
+    // The effect is left minus right: the bump points outwards on the right.
     let of = |test: &str, name: &str| map(site, &format!("out/tests/{test}"), name);
     let (effect, p) = (of("sides", "effect"), of("sides", "p-fwe"));
     let peak = (0..effect.len()).max_by(|i, j| effect[*i].abs().total_cmp(&effect[*j].abs())).expect("vertices");
     assert!(effect[peak] < -0.6 && p[peak] < 0.01, "{} {}", effect[peak], p[peak]);
     assert!(of("groups", "p-fwe").iter().all(|p| *p > 0.01));
     let summary = |test: &str| fs::read_to_string(site.join(format!("out/tests/{test}/summary.csv"))).expect("a table");
-    // The eleven subjects that aren't excluded; the bump makes the right bodies larger.
+    // Eleven subjects are tested, because one is excluded. The bump makes the right bodies larger.
     let volume = summary("sides").lines().find(|line| line.starts_with("volume,")).map(str::to_owned).expect("a row");
     assert!(volume.starts_with("volume,11,-"), "{volume}");
     assert!(summary("right").contains("\nvolume,11,"));
@@ -111,8 +112,8 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     }
 }
 
-/// Mirrored models over mirrored spheres: right surfaces that are mirror images of the left ones have no asymmetry, and
-/// that of the thickness is where it was put.
+/// Right surfaces that are mirror images of the left ones, over mirrored spheres, have no asymmetry. The asymmetry of
+/// the thickness is found at the place where the test creates it.
 #[test]
 fn signals_of_both_hemispheres_are_compared() {
     let site = tempfile::tempdir().expect("a folder");
@@ -150,7 +151,7 @@ fn signals_of_both_hemispheres_are_compared() {
     fs::write(site.join("study.toml"), format!("{head}{test}")).expect("a study");
     let output = study(site);
     assert!(output.status.success(), "{}", text(&output));
-    // The transforms differ by rounding only.
+    // The transforms of both sides differ only by rounding.
     let model = |path: &str| Model::read(site.join(path)).expect("a model").coefficients;
     let apart = model("out/aligned/s2_lh.spharm.npz").values() - model("out/aligned/s2_rh.spharm.npz").values();
     assert!(apart.iter().all(|apart| apart.abs() < 1e-6), "{apart}");
@@ -165,7 +166,8 @@ fn signals_of_both_hemispheres_are_compared() {
     }
 }
 
-/// Volumes with a label on each side: `labels`, one side of a subject left out, sides that are swapped, and `label`.
+/// Studies of volumes with a label on each side: with `labels` and one side of a subject excluded, with exchanged
+/// sides, and with `label`.
 #[test]
 fn labels_of_both_sides_are_in_one_volume() {
     let site = tempfile::tempdir().expect("a folder");
@@ -173,7 +175,8 @@ fn labels_of_both_sides_are_in_one_volume() {
     let mut table = "id\tgroup\n".to_owned();
     for subject in 0..6_u8 {
         let longer = f64::from(subject % 3);
-        // 17 is to the left, at negative x, with a third axis that grows; 53 is its mirror image, but one size smaller.
+        // Label 17 is on the left, at negative x; its extent along y varies between subjects. Label 53 is its mirror
+        // image, but smaller along z.
         write_volume(&site.join(format!("s{subject}.nii")), |[x, y, z]| {
             let inside =
                 |x: f64, size: f64| (x / 2.6).powi(2) + (y / (4.2 + 0.4 * longer)).powi(2) + (z / size).powi(2) < 1.0;
@@ -209,7 +212,7 @@ fn labels_of_both_sides_are_in_one_volume() {
     fs::write(site.join("study.toml"), format!("{head}{test}").replace("[17, 53]", "[53, 17]")).expect("a study");
     let said = text(&study(site));
     assert!(said.contains("lh is on the other side of rh than its name says, in all of 5 subjects"), "{said}");
-    // One label, of which there are two in each volume.
+    // A study of only one of the two labels in each volume.
     let one = head.replace("sides = [\"lh\", \"rh\"]\nlabels = [17, 53]\nexclude = [\"s0_rh\"]", "label = 53");
     let test = test.replace("mean = true\nside = \"asymmetry\"", "effect = \"group\"");
     fs::write(site.join("study.toml"), format!("{one}{test}").replace("\"out\"", "\"one\"")).expect("a study");

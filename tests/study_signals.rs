@@ -13,7 +13,7 @@ use crate::first_users::OPTIONS;
 use crate::freesurfer::write_label;
 use crate::shape_inference;
 
-/// Directions with x above this are the medial wall.
+/// Value of x above which directions belong to the medial wall.
 const WALL: f64 = 0.8;
 
 const STUDY: &str = r#"
@@ -90,7 +90,7 @@ fn the_thickness_of_groups_is_tested_on_the_mean_surface() {
     assert!(text(&preview).contains(".study/signals.tsv") && preview.status.success(), "{}", text(&preview));
     let output = study(site, &[]);
     assert!(output.status.success(), "{}", text(&output));
-    // The zeros of the medial wall weren't read: the default mask is FreeSurfer's label of the cortex.
+    // The zeros of the medial wall weren't used, because the default mask is FreeSurfer's label of the cortex.
     let model = Model::read(site.join("out/signals/s0.spharm.npz")).expect("a model");
     assert!(model.provenance.region.is_some_and(|region| region.path.ends_with("lh.cortex.label")));
     let mean = read_mesh(site.join("out/tests/thickness/mean.surf.gii")).expect("the mean surface");
@@ -106,7 +106,7 @@ fn the_thickness_of_groups_is_tested_on_the_mean_surface() {
             })
             .collect::<Vec<_>>()
     };
-    // Groups differ by 1 at y = 1, minus the trend of 0.04, and by the trend at y = -1.
+    // The groups differ by 1, minus the trend of 0.04, at y = 1, and by the trend alone at y = -1.
     assert!(there(0.95).iter().all(|v| (effect[*v] - 0.91).abs() < 0.1 && p[*v] < 0.01));
     assert!(there(-0.95).iter().all(|v| (effect[*v] + 0.04).abs() < 0.1));
     let table = fs::read_to_string(site.join("out/tests/thickness/summary.csv")).expect("a table");
@@ -115,7 +115,8 @@ fn the_thickness_of_groups_is_tested_on_the_mean_surface() {
     for shown in ["thickness: measures", "exchangeable errors", "sphericity", "value"] {
         assert!(page.contains(shown), "{shown}");
     }
-    // Nothing is made again; after a change of a signal the tests of values are made again, but not the alignment.
+    // A second run makes nothing again. After a change of a signal, the tests of values are made again, but not the
+    // alignment.
     let state = |output: &str, stage: &str| {
         let line = output.lines().find(|line| line.split_whitespace().next() == Some(stage));
         line.is_some_and(|line| line.contains("up to date"))
@@ -185,7 +186,7 @@ fn tests_leave_out_the_medial_wall_of_a_given_sphere() {
     assert!(unit(&sphere.vertices[peak])[1] > 0.5 && about["peak"]["position"].is_array(), "{about}");
 }
 
-/// Returns the bytes of an annotation of two regions, where y is positive and where it isn't.
+/// Returns the bytes of an annotation with two regions: vertices with positive y, and all others.
 fn halves(vertices: &[[f64; 3]]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut put = |number: usize| bytes.extend((number as i32).to_be_bytes());

@@ -125,8 +125,8 @@ fn damaged_models_are_made_again_and_nothing_is_left_of_what_has_gone() {
     let measures = fs::read_to_string(at("measures.csv")).expect("a table");
     assert!(measures.lines().nth(1).is_some_and(|line| line.starts_with("a01,")), "{measures}");
 
-    // A damaged model; leftovers of a killed process; files of another program; a removed subject; a broken surface; a
-    // removed test.
+    // Create a damaged model, leftovers of a killed process, files of another program, a removed subject, a broken
+    // surface, and a removed test.
     fs::write(at("models/a03.spharm.npz"), &good[..100]).expect("a file");
     for name in ["models/.spharm.abcdef.tmp", ".study/.spharm.abcdef.tmp", "models/notes.txt", "tests/bump/notes.txt"] {
         fs::write(at(name), "x").expect("a file");
@@ -176,7 +176,8 @@ fn a_row_whose_model_was_deleted_is_not_done() {
     assert_eq!(rest, "id,surface,group\nb01,meshes/b01.ply,b\n".replace("meshes/", &rest_folder(&rest)));
 }
 
-/// Returns the folder of the paths in a table of remaining rows; they are absolute if the table is in another folder.
+/// Returns the folder of the paths in a table of remaining rows. The paths are absolute if the table is in another
+/// folder.
 fn rest_folder(rest: &str) -> String {
     let path = rest.lines().nth(1).and_then(|line| line.split(',').nth(1)).unwrap_or_default();
     path.trim_end_matches("b01.ply").to_owned()
@@ -194,7 +195,7 @@ fn a_study_prints_one_json_report() {
     assert!(report["page"].as_str().is_some_and(|page| site.path().join(page).is_file()));
     assert_eq!(report["tests"][0]["tested"], "a - b");
     assert!(report["tests"][0]["summary"]["p"]["least"].is_f64() && report["tests"][0]["peak"]["vertex"].is_u64());
-    // A failure is in the report, and in the exit status.
+    // A failure is shown in the report and in the exit status.
     write(site.path(), "meshes/a03.ply", "nothing");
     let output = finish(study(site.path()).args(["--json", "-q"]));
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");

@@ -107,7 +107,7 @@ fn a_wrong_unit_and_a_file_under_two_ids_are_named_at_the_end_and_on_the_page() 
         let (.., why) = found.iter().find(|(of, ..)| of == id).expect("it is listed");
         assert_eq!(*why, format!("same input as {other}"));
     }
-    // The same is on the terminal and on the page, in the same order.
+    // The terminal and the page show the same flags in the same order.
     let page = fs::read_to_string(site.path().join("out/report.html")).expect("a page");
     for (id, _, why) in found.iter().take(3) {
         assert!(terminal.contains(&format!("{id}: {why}")), "{id}: {why}: {terminal:?}");
@@ -128,7 +128,7 @@ fn a_strict_study_stops_at_a_flag_and_excluded_subjects_are_left_out() {
     let error = fail(tool("study").args(["study.toml", "--strict"]).current_dir(site.path()));
     assert!(error.contains("quality.tsv: 3 subjects flagged") && error.contains("`exclude`"), "{error}");
     assert!(!site.path().join("out/tests").exists() && !site.path().join("out/report.html").exists());
-    // Results of a run that went on are removed when a strict one stops.
+    // Results of a run without --strict are removed when a strict run stops.
     run(site.path());
     assert!(site.path().join("out/tests/bump/test.csv").exists() && site.path().join("out/report.html").exists());
     fail(tool("study").args(["study.toml", "--strict"]).current_dir(site.path()));
@@ -148,7 +148,7 @@ fn a_strict_study_stops_at_a_flag_and_excluded_subjects_are_left_out() {
     assert!(page.contains("2 excluded.") && page.contains("in tenths of mm"));
     assert!(page.contains("1 accepted") && page.contains("accepted: looked at"));
 
-    // The results are those of a table without the two.
+    // The results equal those of a table without the two excluded subjects.
     let results = fs::read(site.path().join("out/tests/bump/test.csv")).expect("a result");
     let table = fs::read_to_string(site.path().join("meshes/study.csv")).expect("a table");
     let table: Vec<&str> = table.lines().filter(|line| !line.starts_with("a02") && !line.starts_with("a03")).collect();

@@ -55,7 +55,8 @@ fn by_midpoints(surface: &Mesh, sphere: &Sphere, max_degree: usize) -> Array2<f6
     let inner = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
         (0..weights.len()).map(|i| weights[i] * a(i) * b(i)).sum::<f64>()
     };
-    // Solves by elimination on the augmented matrix, without pivoting, because the matrix is nearly the identity.
+    // Solve the normal equations by elimination on the augmented matrix, without pivoting, because the matrix is
+    // nearly the identity.
     let mut rows = Array2::zeros((columns, columns + 3));
     for k in 0..columns {
         for other in 0..columns {
@@ -88,12 +89,13 @@ fn a_fit_minimises_the_integral_over_the_sphere() {
     let off = (found.coefficients.values() - &expected).iter().fold(0.0f64, |most, x| most.max(x.abs()));
     // The remaining difference is the midpoint rule's error, of second order in a 24th of an edge.
     assert!(off < 2e-4 * largest, "{off:e} of {largest:e}");
-    // The least squares at the vertices is a different model.
+    // The least squares at the vertices gives a different model.
     let vertices = fit(&sphere, &surface, &FitParams::lsq(6).with_objective(Objective::Vertices)).unwrap();
     assert!((vertices.coefficients.values() - &expected).iter().any(|x| x.abs() > 1e-2 * largest));
 }
 
-/// If the vertices don't determine the model of a degree, a fit of the surface still stays near the surface everywhere.
+/// If the vertices don't determine a model of this degree, a fit of the surface still stays near the surface
+/// everywhere.
 #[test]
 fn more_functions_than_vertices_are_no_difficulty() {
     let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
@@ -178,8 +180,8 @@ fn standard_errors_of_surfaces_are_the_spread_of_repeated_fits() {
     let spread = (squares - sum.map(|x| x * x) / count) / (count - 1.0);
     let with = params.with_standard_errors(true);
     let errors = fit(&sphere, &noisy(&sphere, &clean, SIGMA, 99), &with).unwrap().standard_errors.unwrap();
-    // Compared by blocks of degrees. The mean of some hundred variances of 59 degrees of freedom has an error of 2 %,
-    // and so has the mean of as many estimates from 256 fits; sigma has an error of 2 %.
+    // Compare standard errors and spread by blocks of degrees. The mean of some hundred variances of 59 degrees of
+    // freedom has an error of 2 %, and so has the mean of as many estimates from 256 fits; sigma has an error of 2 %.
     for rows in [0..9, 9..36, 36..81] {
         let mean = |all: &Array2<f64>| all.slice(s![rows.clone(), ..]).mean().unwrap();
         let ratio = (mean(&errors.map(|x| x * x)) / mean(&spread)).sqrt();
@@ -297,6 +299,7 @@ fn a_sphere_is_its_own_model() {
     let mesh = icosphere(5);
     let sphere = Sphere::from_mesh(&mesh).unwrap();
     let distance = fit(&sphere, &mesh, &FitParams::lsq(20)).unwrap().report.surface_distance.unwrap();
-    // Sagitta of the triangles: half the square of their circumradius, which is an edge of 0.039 divided by sqrt 3.
+    // The distance is the sagitta of the triangles: half the square of their circumradius, which is an edge of 0.039
+    // divided by sqrt 3.
     assert!(distance.hausdorff_raw < 2.6e-4, "{distance:?}");
 }

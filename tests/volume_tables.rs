@@ -123,7 +123,7 @@ fn a_table_without_a_model_is_no_obstacle_and_a_label_is_one_row() {
     succeed(&mut site.run(&["in/torus.nii", "--label", "4", "4", "--cut-handles"]));
     let [row] = &site.table()[..] else { panic!("one row: {:?}", site.table()) };
     assert_eq!((row["state"].as_str(), row["repair"].as_str()), ("fitted", "1 handle cut"));
-    // The repair is read from the model's record.
+    // The table reads the repair from the model's provenance.
     succeed(&mut site.run(&["in/torus.nii", "--cut-handles", "--skip-existing"]));
     assert_eq!((site.table()[0]["state"].as_str(), site.table()[0]["repair"].as_str()), ("kept", "1 handle cut"));
     succeed(&mut site.run(&["in/torus.nii", "--fix", "--force"]));
@@ -168,7 +168,7 @@ fn succeed_with_warnings(command: &mut Command) -> String {
 fn small_labels_and_those_at_the_border_are_skipped() {
     let site = Site::new();
     let arguments = ["in/a.nii", "in/b.nii", "--label", "17", "53", "--min-voxels", "500", "--skip-border"];
-    // Of 17, a has about 690 voxels and b 370; 53 is at the border; b doesn't have it.
+    // Label 17 has about 690 voxels in a and 370 in b. Label 53 touches the border in a, and doesn't exist in b.
     let output = finish(&mut site.run(&arguments));
     assert!(text(&output).contains("1 model, 2 skipped, 1 failed"), "{}", text(&output));
     let rows = site.table();
@@ -177,13 +177,13 @@ fn small_labels_and_those_at_the_border_are_skipped() {
     assert_eq!(rows[1]["error"], "at the border of the volume");
     assert!(rows[2]["error"].ends_with("voxels, fewer than --min-voxels 500"), "{:?}", rows[2]);
     assert!(!site.path("out/b.17.spharm.npz").exists());
-    // Without the options, the models made are kept, and the others added; in a table of commas.
+    // Without the options, existing models are kept and the missing ones are added, in a table with commas.
     succeed(&mut site.run(&["in/a.nii", "--label", "17", "--table", "t.csv", "--skip-existing"]));
     succeed(&mut site.run(&["in/b.nii", "--table", "t.csv", "--skip-existing"]));
     let rows = site.rows("t.csv", ',');
     let found: Vec<[&str; 2]> = rows.iter().map(|row| ["file", "state"].map(|name| row[name].as_str())).collect();
     assert_eq!(found, [["in/b.nii", "fitted"], ["in/a.nii", "kept"]]);
-    // A model that is there although its label is skipped is named.
+    // A warning names an existing model whose label is skipped.
     let output = succeed_with_warnings(&mut site.run(&["in/b.nii", "--min-voxels", "500", "--table", "u.tsv"]));
     assert!(output.contains("out/b.17.spharm.npz exists; delete it"), "{output}");
 }
@@ -207,7 +207,7 @@ fn models_are_drawn_in_the_colour_of_a_column() {
     succeed(&mut picture(&["--fit-each", "--columns", "2", "--colour-by", "out/volumes.tsv:sphericity"]));
     let [width, height] = size();
     assert!(width == 128 && height > 128, "a colour bar beneath two rows: {width} x {height}");
-    // Colours are those of the numbers in the range.
+    // Another range of numbers gives other colours.
     let pixels = |range: &str| {
         succeed(&mut picture(&["--centre", "--colour-by", "out/volumes.tsv:voxels", "--range", range]));
         std::fs::read(site.path("p.png")).expect("a picture")

@@ -54,7 +54,7 @@ fn run(input: &Path, arguments: &[&str]) -> (Value, Mesh, Mesh) {
 fn a_volume_becomes_a_surface_and_its_sphere() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("label.nii");
-    // A ball with a tunnel through it, and a second label beside it.
+    // The volume has a ball with a tunnel through it, and a second label beside the ball.
     write_volume(&path, |at| if at[2] < -7.0 { 9 } else { u8::from(ball(at) && !(at[0] == 0.5 && at[1] == 0.5)) });
     let refused = |arguments: &[&str]| {
         let sphere = folder.path().join("refused.obj");
@@ -75,7 +75,7 @@ fn a_volume_becomes_a_surface_and_its_sphere() {
     assert_eq!((report["method"].as_str(), report["quality"]["flipped"].as_u64()), (Some("equal-area"), Some(0)));
     let repair = &report["volume"]["repair"];
     assert!(repair["way"] == "filled" && repair["voxels_changed"].as_u64().unwrap() <= 3, "{repair}");
-    // Maps the surface of label 9 by a method for meshes.
+    // Map the surface of label 9 by a method for meshes.
     let (report, ..) = run(&path, &["--label", "9", "--method", "cald"]);
     assert_eq!((report["method"].as_str(), report["volume"]["label"].as_i64()), (Some("cald"), Some(9)));
 }
@@ -85,7 +85,7 @@ fn a_volume_becomes_a_surface_and_its_sphere() {
 fn each_label_of_a_volume_is_a_surface_to_fit() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    // A ball, a plate below it, and a plate of two pieces above it.
+    // The volume has a ball, a plate below the ball, and a plate of two pieces above it.
     write_volume(&path("cells.nii"), |at| match at {
         _ if ball(at) => 1,
         [_, _, z] if z < -6.0 => 5,
@@ -178,7 +178,7 @@ fn a_mesh_is_put_on_a_shared_sampling() {
         tool("fit").arg("--surface").arg(&path).args(["--max-degree", "4", "--label", "3", "-o"]).arg(folder.path()),
     );
     assert!(fit.contains("for volumes"), "{fit}");
-    // A sphere file as the sampling; and conflicting arguments.
+    // Test a sphere file as the sampling, and conflicting arguments.
     let shared = folder.path().join("shared.ply");
     write_mesh(&shared, &icosphere(2), &WriteOptions::default()).unwrap();
     assert_eq!(run(&path, &["--resample-to", shared.to_str().unwrap()]).1.vertices.len(), 162);

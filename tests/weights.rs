@@ -78,7 +78,7 @@ fn values_of_weight_zero_are_never_read() {
             }
         }
     }
-    // With weight 1 the values are refused, and the error names the vertex.
+    // With weight 1, bad values are refused, and the error names the vertex.
     let params = lsq.with_weights(Weights::Uniform);
     let error = fit(&sphere, &spoilt(&surface, &sphere, f64::NAN), &params).unwrap_err();
     assert!(error.to_string().contains("the surface") && error.to_string().contains("NaN at vertex"), "{error}");
@@ -130,7 +130,7 @@ fn without_store(study: &Study, surface: &str, arguments: &[&str]) -> std::proce
     fit
 }
 
-/// A warning is given for standard errors that assume more than the sampling provides.
+/// A warning is given for standard errors with area weights, but not with uniform weights.
 #[test]
 fn standard_errors_by_areas_are_warned_of() {
     let (surface, sphere) = ellipsoid();

@@ -120,7 +120,7 @@ fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows:
     }
 }
 
-/// Converts an error of clap about a command's arguments to one line.
+/// Converts clap's error about the arguments of a command to a single line.
 fn told(error: clap::Error) -> anyhow::Error {
     let text = error.to_string().replace("\n\n  tip: ", "; ");
     let said: Vec<&str> = text.split("\n\nUsage:").next().unwrap_or_default().split_whitespace().collect();
@@ -159,15 +159,15 @@ impl Parsed {
         Ok(Self { spharm: Spharm::from_arg_matches(&matches)?, command, matches })
     }
 
-    /// Checks the files given, then runs the verb.
+    /// Checks the roles of the files in the arguments, then runs the verb.
     fn run(&self) -> anyhow::Result<()> {
         roles::check_arguments(&self.command, &self.matches)?;
         self.spharm.verb.run()
     }
 }
 
-/// Runs the program with these arguments, of which the first is the program's name. Returns its exit code, also after
-/// wrong arguments or a request for help.
+/// Runs the program with these arguments, of which the first is the program's name. Returns its exit code, also for
+/// wrong arguments and requests for help.
 pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     ask_for_free_memory(available_memory);
     let given = arguments(given);
@@ -180,7 +180,7 @@ pub fn main(given: impl IntoIterator<Item = OsString>) -> u8 {
     exit::run(|| parsed.run(), || exit::command_of(command(), verb))
 }
 
-/// Returns the arguments. If the program was called by a verb's name, through a link, the verb is inserted.
+/// Returns the arguments. If the program was called through a link with the name of a verb, inserts this verb.
 fn arguments(given: impl IntoIterator<Item = OsString>) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = given.into_iter().collect();
     let name = arguments.first().and_then(|name| Path::new(name).file_stem()).unwrap_or_default().to_owned();

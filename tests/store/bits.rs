@@ -90,7 +90,7 @@ fn every_truncation_and_every_tail_is_found() {
         for len in (0..bytes.len() as u64).rev() {
             file.set_len(len).expect("a truncation");
             assert_helpful(&open_and_verify(path).expect_err("a truncated file"), path);
-            // Restores the file's length, with zeros in place of the lost bytes.
+            // Restore the file's length, with zeros in place of the lost bytes.
             if len % 64 == 0 {
                 file.set_len(bytes.len() as u64).expect("an extension");
                 assert_helpful(&open_and_verify(path).expect_err("a file with a hole"), path);

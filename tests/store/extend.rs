@@ -10,7 +10,7 @@ use crate::common::{fail, succeed, tool};
 
 const N: usize = 400;
 
-/// Returns what changes if a file is written to: inode, size, time of the last change.
+/// Returns the inode, the size and the time of the last change of each file; these change if the file is written to.
 fn stamps(folder: &Path, degrees: std::ops::RangeInclusive<usize>) -> Vec<(u64, u64, i64, i64)> {
     let stamp = |degree: usize| {
         let metadata = std::fs::metadata(folder.join(format!("A_{degree}"))).expect("a file");

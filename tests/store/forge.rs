@@ -1,12 +1,12 @@
-//! Forges files with false contents: any bytes are changed, and then all hashes are computed again.
+//! Forges files with false contents: changes any bytes, and then computes all hashes again.
 
 use std::path::Path;
 
-/// The parts of a basis file; offsets are those of `store-format.md`.
+/// Parts of a basis file. Offsets are those of `store-format.md`.
 #[derive(Clone)]
 pub(super) struct Forged {
     pub(super) header: Vec<u8>,
-    /// Chunks and padding.
+    /// Chunks and padding between the header and the table.
     pub(super) body: Vec<u8>,
     pub(super) table: Vec<u8>,
     pub(super) footer: Vec<u8>,

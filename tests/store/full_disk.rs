@@ -33,7 +33,7 @@ fn a_build_on_a_disk_of_any_size_fails_cleanly_and_completes_later() {
         build_here(&reference, N, &BuildParams { max_degree: MAX_DEGREE, codec, ..BuildParams::default() });
         let expected = verified(&reference);
         let steps = expected.values().map(|bytes| bytes.len() as u64).sum::<u64>() / STEP;
-        // In the soak test all disk sizes; otherwise every tenth size, from a different start for each codec.
+        // The soak test uses all disk sizes. Other runs use every tenth size, from a different start for each codec.
         let stride = (steps as usize / times(steps as usize)).max(1);
         for step in (1..=steps).skip(3 * name.len() % stride.max(1)).step_by(stride.max(1)) {
             namespace::mount(&disk, step * STEP);

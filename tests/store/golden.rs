@@ -11,7 +11,7 @@ use crate::common::root;
 
 const MAX_DEGREE: usize = 4;
 const ROWS: usize = 18;
-/// Keys of the golden sphere, which are the folders' names.
+/// Keys of the golden sphere's schemes, which are also the names of their folders.
 const KEYS: [(Scalar, Codec, &str); 2] = [
     (Scalar::F64, Codec::Raw, "48706de2f3a23acf2cb176a0643736d11eb525b2070ce93aa4f5c51203b73c20"),
     (Scalar::F32, Codec::Zstd, "b966bb6f3b26c41a496f8b585584cf36ae11503dbe66097244a4e05100398282"),

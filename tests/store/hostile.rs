@@ -1,5 +1,5 @@
-//! Files with false contents but correct hashes give a typed error: no panic, and no allocation by a number in the
-//! file.
+//! Files with false contents but correct hashes give a typed error. There is no panic, and no memory is allocated for
+//! sizes that the file only claims.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -44,7 +44,8 @@ impl Victim {
     }
 }
 
-/// A false entry in a file of 18 rows in chunks of 8, and the words of the error for it.
+/// A test case: words of the expected error, and a function that falsifies an entry of a file with 18 rows in chunks
+/// of 8.
 type Lie = (&'static str, fn(&mut Forged));
 
 const LIES: &[Lie] = &[
@@ -79,7 +80,7 @@ const LIES: &[Lie] = &[
     ("rows a chunk", |f| put64(&mut f.header, 72, !7)),
     ("number of chunks", |f| put64(&mut f.header, 72, 16)),
     ("number of chunks", |f| put64(&mut f.header, 72, 1 << 20)),
-    // 2^20 rows of degree 2,000 would be 33 GB.
+    // A chunk of 2^20 rows of degree 2,000 would have 33 GB.
     ("chunk size", |f| {
         put64(&mut f.header, 72, 1 << 20);
         put32(&mut f.header, 56, 2000);
@@ -118,7 +119,8 @@ const LIES: &[Lie] = &[
     ("length of the file", |f| put64(&mut f.footer, 24, u64::MAX)),
     ("reserved bytes of the footer", |f| f.footer[64] = 1),
     ("reserved bytes of the footer", |f| f.footer[95] = 1),
-    // Chunks before the file's start, overlapping, with a gap, out of order, past the end, and with sums that overflow.
+    // Offsets of chunks before the file's start, overlapping, with a gap, out of order, past the end, and with sums
+    // that overflow.
     ("offset of a chunk", |f| put64(&mut f.table, 0, 0)),
     ("offset of a chunk", |f| put64(&mut f.table, 0, 4160)),
     ("offset of a chunk", |f| put64(&mut f.table, 64, 4096)),
@@ -138,7 +140,7 @@ const LIES: &[Lie] = &[
     ("codec of a chunk", |f| put32(&mut f.table, 28, u32::MAX)),
     // A chunk marked as compressed in a file whose header states that no chunk is.
     ("codec of a chunk", |f| put32(&mut f.table, 28, 1)),
-    // Compressed chunks of no bytes, and of as many bytes as uncompressed.
+    // Compressed chunks of no bytes, and of as many bytes as the uncompressed chunk has.
     ("stored length of a chunk", |f| {
         put32(&mut f.header, 68, 1);
         put32(&mut f.table, 28, 1);
@@ -213,7 +215,7 @@ fn in_little_memory(command: &Command) -> Command {
 
 #[test]
 fn a_frame_that_lies_is_refused_when_it_is_read() {
-    // One chunk of 4,096 rows has 98,304 bytes in A_1.
+    // A chunk of 4,096 rows has 98,304 bytes in the file A_1.
     let victim = Victim::new(4096, 4096, Codec::Zstd);
     let compress = |len: usize, level: i32| zstd::bulk::compress(&vec![0; len], level).expect("a frame");
     let right = compress(98_304, 1);
@@ -358,7 +360,7 @@ fn chunks_that_the_format_has_no_room_for_are_refused() {
     refuse(10, &BuildParams { chunk_rows: (1 << 20) + 8, ..params });
 }
 
-/// A file that claims 2^22 chunks, and has them as a hole: no more memory is allocated than the bound for tables
+/// A file claims 2^22 chunks, and has a hole in their place: no more memory is allocated than the bound for tables
 /// allows.
 #[test]
 fn a_file_of_holes_is_refused() {

@@ -1,5 +1,5 @@
-//! If a file is truncated or overwritten while it is read, an error names the file; there is no signal and no wrong
-//! number.
+//! If a file is truncated or overwritten while it is read, an error names the file; the process isn't killed by a
+//! signal, and no wrong number is returned.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -80,7 +80,7 @@ fn a_file_that_is_removed_stays_readable_for_those_who_have_it() {
     window.check().expect("an unchanged file");
 }
 
-/// A change of a file in the middle of a fit.
+/// Function that damages a file in the middle of a fit.
 type Harm = fn(&Path);
 
 fn truncate(path: &Path) {
@@ -137,8 +137,8 @@ fn least_memory(store: &Path, sphere: &Path, signal: &Path) -> String {
     format!("{}MiB", after.split(' ').next().expect("a number"))
 }
 
-/// Waits until the process has mapped the file, and so is within a pass; waits for a fixed time if that can't be
-/// determined.
+/// Waits until the process has mapped the file, which shows that it is within a pass. Waits for a fixed time if that
+/// can't be determined.
 fn wait_until_it_reads(child: &mut Child, path: &Path) {
     let maps = PathBuf::from(format!("/proc/{}/maps", child.id()));
     let name = path.to_str().expect("UTF-8");

@@ -63,7 +63,7 @@ fn threads_memory_and_interruptions_do_not_show_in_the_bytes() {
         let mut random = Random(4);
         for round in 0..times(40) {
             let store = folder.path().join(format!("store{round}"));
-            // Several runs, each with other settings, to another degree, and stopped at another chunk.
+            // Several runs have different settings and degrees, and each is stopped at another chunk.
             for _ in 0..3 {
                 let stop_after = random.below(200) as usize;
                 let params = BuildParams {
@@ -79,7 +79,7 @@ fn threads_memory_and_interruptions_do_not_show_in_the_bytes() {
                     Err(error) => panic!("{error}"),
                 }
                 assert_eq!(leftovers(&store), [""; 0]);
-                // A file of a degree in the middle is deleted.
+                // Delete the file of a degree in the middle.
                 let lost = store.join(key.to_string()).join(format!("A_{}", random.below(MAX_DEGREE as u64)));
                 let _ = std::fs::remove_file(lost);
             }

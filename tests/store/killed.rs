@@ -76,7 +76,7 @@ fn a_killed_build_leaves_nothing_half_written_and_a_rerun_completes_it() {
     for round in 1..=times(200) {
         let store = site.store(round);
         let mut child = site.start(&store);
-        // A random moment in the build; the second half, in which files are published, is chosen more often.
+        // Choose a random moment in the build, more often in its second half, in which files are published.
         let part = random.below(1 << 20) as f64 / (1u64 << 20) as f64;
         let part = if round % 2 == 0 { part } else { 0.5 + 0.5 * part };
         std::thread::sleep(site.duration.mul_f64(part));
@@ -120,7 +120,7 @@ fn a_build_that_is_asked_to_stop_stops_cleanly_and_a_rerun_completes_it() {
                     assert_eq!(leftovers(&store), [""; 0], "it has cleared up after itself");
                 }
             }
-            // The build had finished before the signal.
+            // The build had finished before the signal arrived.
             code => assert_eq!(code, Some(0), "{}", text(&output)),
         }
         site.assert_nothing_half_written(&store);

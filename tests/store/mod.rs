@@ -36,7 +36,7 @@ fn directions(n: usize) -> Directions {
     Directions::from_angles(&spiral(n)).expect("directions")
 }
 
-/// Writes the same sampling scheme to a file for the tools.
+/// Writes the sphere of [`spiral`] to a file for the tools.
 fn write_sphere(folder: &Path, n: usize) -> PathBuf {
     let mut text = "theta,phi\n".to_owned();
     spiral(n).iter().for_each(|[theta, phi]| writeln!(text, "{theta:?},{phi:?}").expect("a string"));

@@ -1,5 +1,4 @@
-//! If something other than a regular file is in place of a basis file, there is an error, and the program never waits
-//! for it.
+//! If something other than a regular file is in place of a basis file, the program reports an error and never waits.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -112,7 +111,7 @@ fn the_lock_and_the_folders_may_be_anything() {
         build.arg("--store").arg(&store).arg("--sphere").arg(&sphere).args(["--max-degree", &degree.to_string()]);
         build
     };
-    // The lock only avoids duplicate work, so a build continues without it.
+    // A build continues without a lock, because the lock only avoids duplicate work.
     for (at, (_, replace)) in THINGS.iter().enumerate() {
         match lock.symlink_metadata() {
             Ok(metadata) if metadata.is_dir() => std::fs::remove_dir_all(&lock).expect("a removal"),
@@ -124,7 +123,7 @@ fn the_lock_and_the_folders_may_be_anything() {
         assert!(output.status.success(), "{}", crate::common::text(&output));
     }
     assert_eq!(super::verified(&store).len(), THINGS.len() + 2);
-    // A file in place of a scheme's folder, and in place of the store.
+    // Test a file in place of a scheme's folder, and a file in place of the store.
     let file = folder.path().join("file");
     std::fs::create_dir(&file).expect("a folder");
     std::fs::write(file.join(key.to_string()), "").expect("a file");

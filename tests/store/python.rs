@@ -1,4 +1,5 @@
-//! An independent reader, `tests/read_store.py`, written from `store-format.md` alone, reads the same bits as ours.
+//! An independent reader, `tests/read_store.py`, was written from `store-format.md` alone, and reads the same bits as
+//! the library.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -42,7 +43,7 @@ fn npy(path: &Path, scalar: Scalar, rows: usize, columns: usize) -> Vec<u8> {
     bytes[start..].to_vec()
 }
 
-/// Returns the values that our reader reads, as the bytes of a row-major array.
+/// Returns the values that the library reads, as the bytes of a row-major array.
 fn ours(file: &DegreeFile, scalar: Scalar) -> Vec<u8> {
     let header = file.header();
     let window = file.window(0..header.chunk_count()).expect("a window");
@@ -165,7 +166,7 @@ fn it_refuses_what_is_damaged() {
         let copy = folder.path().join(name);
         std::fs::create_dir(copy.parent().expect("a folder")).expect("a folder");
         let footer = bytes.len() - 128;
-        // Changes the version, a reserved byte, the first chunk, the table's last codec, and the file's length.
+        // Change the version, a reserved byte, the first chunk, the table's last codec, and the file's length.
         for (at, what) in [
             (8, "version 0, not 1"),
             (100, "header_len or reserved bytes"),

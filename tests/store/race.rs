@@ -76,7 +76,7 @@ fn sixteen_builders_without_a_lock_leave_one_store() {
 fn clearing_away_spares_what_is_being_written() {
     const ROWS: usize = 8;
     const FILES: usize = 200;
-    // Use memory: the test needs many files rather than a disk.
+    // Use a file system in memory, because the test needs many files rather than a disk.
     let memory = Path::new("/dev/shm");
     let folder = if memory.is_dir() { tempfile::tempdir_in(memory) } else { tempfile::tempdir() }.expect("a folder");
     let store = folder.path();
@@ -89,7 +89,7 @@ fn clearing_away_spares_what_is_being_written() {
         for _ in 0..2 {
             scope.spawn(|| {
                 while !done.load(Ordering::Relaxed) {
-                    // Changes between listing and removing must cause neither an error nor harm.
+                    // Files that change between listing and removing must cause neither an error nor harm.
                     catalog::remove_leftovers(store, key).expect("a folder");
                 }
             });

@@ -40,7 +40,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         allow_large: cli.yes,
     };
     let pool = cli.threads.pool()?;
-    // The memory and disk space that the factor needs are reported and checked before the basis is built.
+    // Report and check the memory and disk space that the factor needs before the basis is built.
     let factor = cli.factor.map(|degree| plan_factor(cli, &sphere, params.scalar, degree, &console)).transpose()?;
     let basis = (!cli.factor_only).then(|| pool.install(|| basis(cli, &sphere, &params, &console))).transpose()?;
     let factor = factor.map(|planned| pool.install(|| factor_row(&planned, &console))).transpose()?;

@@ -20,7 +20,7 @@ pub(super) struct Report {
     pub(super) folder: PathBuf,
     pub(super) directions: usize,
     pub(super) dtype: &'static str,
-    /// Absent with --factor-only.
+    /// Summary of the basis; absent with --factor-only.
     #[serde(flatten)]
     pub(super) basis: Option<Basis>,
     pub(super) factor: Option<FactorRow>,
@@ -29,7 +29,7 @@ pub(super) struct Report {
     pub(super) seconds: f64,
 }
 
-/// The basis, sizes in bytes.
+/// Summary of a basis. Sizes are in bytes.
 #[derive(Debug, Serialize)]
 pub(super) struct Basis {
     max_degree: usize,
@@ -81,7 +81,7 @@ impl Basis {
     }
 }
 
-/// The factor, sizes in bytes.
+/// Summary of a factor. Sizes are in bytes.
 #[derive(Debug, Serialize)]
 pub(super) struct FactorRow {
     #[serde(serialize_with = "spharm_cli::paths::serialize_shown")]

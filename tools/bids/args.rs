@@ -90,7 +90,7 @@ pub(super) enum Surface {
 }
 
 impl Surface {
-    /// Returns the BIDS suffix. It is also FreeSurfer's name of the surface, except for the middle surface.
+    /// Returns the BIDS suffix. FreeSurfer uses the same names, except for the middle surface.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Pial => "pial",

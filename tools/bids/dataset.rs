@@ -10,7 +10,7 @@ use spharm_surface::io::write_new;
 
 /// Version of BIDS that the names follow.
 const VERSION: &str = "1.10.0";
-/// Patterns of file names that aren't part of BIDS; fMRIPrep and sMRIPrep list theirs in the same way.
+/// Patterns of output file names that aren't part of BIDS, for `.bidsignore`; fMRIPrep and sMRIPrep list theirs too.
 const IGNORED: &str = "*.surf.gii\n*.shape.gii\n*.npz\n*_spectrum.tsv\n*_pial.json\n*_white.json\n*_midthickness.json\n*.html\nlogs/\ngroup_*\n";
 const DESCRIPTION: &str = "dataset_description.json";
 
@@ -68,7 +68,7 @@ fn is_ours(text: &str) -> bool {
 ///
 /// # Errors
 ///
-/// If it can't be written.
+/// If the file can't be written.
 pub(super) fn text(path: &Path, text: &str) -> Result<()> {
     if spharm_files::read(path, text.len() as u64).is_ok_and(|found| found == text.as_bytes()) {
         return Ok(());

@@ -23,11 +23,11 @@ pub(super) struct Found {
 #[derive(Debug, Default)]
 pub(super) struct Dataset {
     pub(super) found: Vec<Found>,
-    /// Each missing surface's id in the status files, and the reason why it is missing.
+    /// Ids of the missing surfaces in the status files, with the reasons why they are missing.
     pub(super) missing: Vec<(String, String)>,
 }
 
-/// Format of the folder from which surfaces are read.
+/// Folder from which surfaces are read, by its format.
 enum Source {
     /// GIfTI files with BIDS names, in `anat` folders.
     Derivative(PathBuf),
@@ -102,7 +102,7 @@ fn source(cli: &Cli) -> Result<Source> {
     }
 }
 
-/// Returns whether a derivative has surfaces of any subject.
+/// Returns whether a derivative dataset contains a surface of any subject.
 fn has_surfaces(folder: &Path) -> bool {
     let is_surface = |path: &PathBuf| path.to_string_lossy().ends_with(".surf.gii");
     let subjects = names(folder).unwrap_or_default();

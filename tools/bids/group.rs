@@ -93,8 +93,8 @@ fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     Ok(models)
 }
 
-/// Writes the coefficients, shape (subjects, (L + 1)^2, 3) with L the lowest degree of the models, and the models'
-/// names, one per line.
+/// Writes the coefficients, an array of shape (subjects, (L + 1)^2, 3) with L the lowest degree of the models, and the
+/// models' names, one per line.
 fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<()> {
     let models = group.iter().map(Model::read).collect::<Result<Vec<_>, _>>()?;
     let degree = models.iter().map(|model| model.coefficients.max_degree()).min().unwrap_or(0);

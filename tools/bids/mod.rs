@@ -16,7 +16,7 @@ use self::args::Level;
 
 /// Runs the verb `bids`; `spharm` is called to run other verbs.
 pub(crate) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
-    // The other verbs get their arguments as text, so the paths must be UTF-8.
+    // The paths must be UTF-8, because the other verbs get their arguments as text.
     [&cli.dataset, &cli.output].into_iter().try_for_each(|path| utf8(path).map(drop))?;
     match cli.level {
         Level::Participant => participant::run(cli, spharm),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::discover::Found;
 
 impl Found {
-    /// Returns the start of all names: `sub-01`, or `sub-01_ses-a`.
+    /// Returns the start of all file names of a subject: `sub-01`, or `sub-01_ses-a` with a session.
     fn stem(&self) -> String {
         match &self.session {
             Some(session) => format!("sub-{}_ses-{session}", self.subject),

@@ -27,18 +27,18 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 pub(crate) struct Cli {
     /// The original surface
     pub(super) original: PathBuf,
-    /// Its reconstruction
+    /// The reconstruction of the original
     ///
-    /// It must have the surface's triangles, unless --surface-distance is given.
+    /// It must have the original's triangles, unless --surface-distance is given.
     pub(super) reconstruction: PathBuf,
     /// Also measure the distance between the surfaces
     ///
     /// Mean, root mean square, 95th percentile and Hausdorff distance, from points all over both surfaces.
     #[arg(long, help_heading = METHOD)]
     pub(super) surface_distance: bool,
-    /// Points on each surface, with --surface-distance
+    /// Number of points on each surface, with --surface-distance
     ///
-    /// The approximate number of points in addition to the vertices; they are spread evenly.
+    /// The approximate number in addition to the vertices; the points are spread evenly.
     #[arg(long, value_name = "COUNT", default_value_t = SurfaceDistanceParams::default().samples, help_heading = METHOD)]
     pub(super) samples: usize,
     /// Write the reconstruction coloured by distance

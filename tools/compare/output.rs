@@ -9,7 +9,7 @@ use spharm_surface::metrics::{Directed, Distances, SurfaceDistance};
 pub(super) struct Report {
     /// Number of vertices of the original.
     vertices: usize,
-    /// Present if the meshes share their triangles.
+    /// Distances at the vertices; present if the meshes share their triangles.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     vertexwise: Option<Vertexwise>,
     /// Cube root of the volume of the original's bounding box, in the input's unit.
@@ -29,14 +29,15 @@ struct Vertexwise {
     worst_vertex: usize,
 }
 
-/// Distances in the input's unit.
+/// Distances between the surfaces, in the input's unit.
 #[derive(Debug, Serialize)]
 struct Surfaces {
     mean: f64,
     rms: f64,
     percentile95: f64,
     hausdorff: f64,
-    /// Upper bound of the error of the computed Hausdorff distance: the true one may be larger by at most this.
+    /// Upper bound of the error of the computed Hausdorff distance: the true distance may be larger by at most this
+    /// bound.
     bound: f64,
     forward: OneWay,
     backward: OneWay,

@@ -41,13 +41,13 @@ pub(crate) struct Cli {
     /// Format: pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, aics, afni, csv, json
     #[arg(long, value_name = "FORMAT", help_heading = METHOD)]
     pub(super) to: Format,
-    /// Scale of pyshtools' harmonics: ortho, or 4pi, its default
+    /// Scale of pyshtools' harmonics: ortho, or 4pi, the default of pyshtools
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
     /// File to write; for several models a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Print a report as JSON in place of the lines
+    /// Print a report as JSON instead of text
     #[arg(long, help_heading = OUTPUT)]
     pub(super) json: bool,
     /// Replace existing outputs
@@ -59,7 +59,7 @@ pub(crate) struct Cli {
     pub(super) common: Common,
 }
 
-/// Reads `--normalization`.
+/// Parses the value of `--normalization`.
 pub(crate) fn normalization(text: &str) -> Result<Normalization, String> {
     match text {
         "ortho" => Ok(Normalization::Orthonormal),

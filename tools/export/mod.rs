@@ -31,7 +31,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         false => with_ending(&cli.output.join(model_file_name(model)), cli.to.ending()),
     };
     let targets: Vec<PathBuf> = models.iter().map(target).collect();
-    // All models are checked before the first one is written.
+    // Check all models before writing the first one.
     let budget = cli.memory.budget(1);
     let mut outputs = Vec::new();
     for (path, target) in models.iter().zip(&targets) {

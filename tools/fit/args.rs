@@ -75,7 +75,7 @@ pub(super) struct Input {
         conflicts_with_all = ["files", "surface", "sphere", "label", "fix", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing", "update", "shard", "keep_going", "status", "dry_run", "log"]
     )]
     pub(super) moments: Option<PathBuf>,
-    /// Sphere of the surfaces [default: each gets one of its own]
+    /// Sphere of the surfaces [default: one for each surface]
     ///
     /// A mesh around the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see
     /// parametrize); the sphere is written next to the model.
@@ -109,15 +109,15 @@ pub(super) struct Input {
     pub(super) store: Option<PathBuf>,
     /// Weights of the vertices
     ///
-    /// uniform, area (each vertex's share of the sphere), or a file with one value per vertex. Vertices of weight 0 are
-    /// left out.
+    /// uniform, area (each vertex's share of the sphere), or a file with one value per vertex. Vertices of weight 0
+    /// are ignored.
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     pub(super) weights: String,
-    /// Vertices to leave unread: those with 0 in this file
+    /// File in which 0 marks the vertices to ignore
     ///
-    /// A value for each vertex, or a FreeSurfer label. A surface is fitted on the triangles whose corners are all read.
-    /// Least squares without --store also leaves vertices of signals without a value (NaN) unread. The model still
-    /// covers the entire sphere.
+    /// A value for each vertex, or a FreeSurfer label. A surface is fitted on the triangles without ignored corners.
+    /// Least squares without --store also ignores vertices of signals without a value (NaN). The model still covers
+    /// the entire sphere.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
@@ -129,7 +129,7 @@ pub(super) struct Input {
 }
 
 impl Input {
-    /// Returns the surfaces or signals, however they were given.
+    /// Returns the paths given as positional arguments and by --surface.
     pub(super) fn paths(&self) -> Vec<PathBuf> {
         [&self.files[..], &self.surface].concat()
     }
@@ -141,7 +141,7 @@ pub(super) struct MethodArgs {
     /// Highest degree, inclusive [default: chosen, see --accuracy]
     #[arg(long, value_name = "L", conflicts_with = "accuracy", required_if_eq_any = [("dry_run", "true")])]
     pub(super) max_degree: Option<usize>,
-    /// Lowest degree with at most this error [default: 0.2%]
+    /// Use the lowest degree with at most this error [default: 0.2%]
     ///
     /// The error is the root mean square distance between model and surface: a length in the unit of the input, or a
     /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have
@@ -153,7 +153,7 @@ pub(super) struct MethodArgs {
     /// Method of the fit [default: irf with --store, else lsq]
     #[arg(long, value_enum)]
     pub(super) method: Option<MethodName>,
-    /// What is fitted (lsq) [default: a mesh's surface]
+    /// Objective of the fit (lsq) [default: a mesh's surface]
     ///
     /// surface: all triangles, by samples as dense as the degree needs, each weighted by its share of the sphere.
     /// vertices: only the vertices, as in the paper; the default for signals, and the only choice with --store.
@@ -161,7 +161,7 @@ pub(super) struct MethodArgs {
     pub(super) objective: Option<Objective>,
     /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]
     ///
-    /// For meshes without a sphere: as --area of parametrize, but distortion is used only as far as it improves this
+    /// For meshes without a sphere: like --area of parametrize, but distortion is only used as far as it improves this
     /// model. Use 0 for groups: their maps then differ by no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
@@ -202,7 +202,7 @@ pub(super) struct MethodArgs {
     /// takes about a second for each surface.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
-    /// Fraction of the vertices to hold out and assess
+    /// Fraction of the vertices to hold out of the fit and to assess
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,
 }
@@ -225,7 +225,7 @@ pub(super) struct Solver {
     /// computes a factor from the start.
     #[arg(long, value_name = "auto|none|density|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
-    /// Scalar type of the basis [default: the store's, f64 first]
+    /// Scalar type of the basis [default: the store's, preferably f64]
     #[arg(long, value_enum, hide_short_help = true)]
     pub(super) dtype: Option<Dtype>,
     /// First check every byte of the basis against its hash
@@ -236,7 +236,7 @@ pub(super) struct Solver {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::OUTPUT)]
 pub(super) struct Output {
-    /// Folder for the models [default: here, or the manifest's]
+    /// Folder for the models [default: current, or the manifest's]
     ///
     /// Each model is NAME.spharm.npz. For one surface, OUT may also be a file whose name ends in .npz.
     #[arg(short, long, value_name = "OUT")]
@@ -268,7 +268,7 @@ pub(super) struct Output {
     /// its model, it is reused if it was made of the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
-    /// As --skip-existing, but refit surfaces that have changed
+    /// Like --skip-existing, but refit surfaces that have changed
     ///
     /// A model of another input, or with other settings, is replaced instead of refused.
     #[arg(long, conflicts_with_all = ["force", "skip_existing"])]

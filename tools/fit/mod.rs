@@ -35,7 +35,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         return moments::run(cli, path, &params, &monitor);
     }
     let mut options = options(cli, params)?;
-    // The reader keeps the last volume until the run, which has a reader of its own.
+    // This reader keeps the last volume in memory until the run starts, which creates another reader.
     let reader = SurfaceReader::new(options.run.preparation);
     let cohort = match &cli.input.manifest {
         Some(path) => of_manifest(cli, Manifest::read(path)?),
@@ -111,7 +111,7 @@ fn preparation(input: &Input) -> Result<Preparation> {
     Ok(Preparation { reading, label_surface, fix: input.fix, cut_handles: input.cut_handles })
 }
 
-/// Returns the rows of a manifest's shard. `--sphere` is the sphere of rows that have none of their own.
+/// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`.
 fn of_manifest(cli: &Cli, manifest: Manifest) -> Cohort {
     let shard = cli.cohort.shard.unwrap_or_default();
     Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone())
@@ -130,8 +130,8 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
             let paths = std::slice::from_ref(&path);
             match named(reader, paths, &input.label, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
-                // Keep the surface without its label: its row fails for the same reason, without stopping the other
-                // rows.
+                // Keep the path as a row without a label: the row fails for the same reason, without stopping the
+                // other rows.
                 Err(_) if is_volume(&path) || path.is_dir() => surfaces.push((path, None)),
                 Err(error) => return Err(error),
             }

@@ -59,7 +59,7 @@ pub(crate) struct Cli {
     /// Smoothness penalty [default: 0]
     #[arg(long, value_name = "LAMBDA|auto", help_heading = help::METHOD)]
     pub(super) smoothness: Option<Smoothness>,
-    /// Don't measure the distance between model and surface, which takes about a second for each
+    /// Don't measure the distance between model and surface, which takes about a second for each surface
     #[arg(long, help_heading = help::METHOD)]
     pub(super) no_surface_distance: bool,
     /// Folder for the models, SUBJECT.HEMI.NAME.spharm.npz
@@ -67,8 +67,8 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Also write each model's values at the vertices of one sphere
     ///
-    /// icosphere:6 has 40,962 vertices; a name such as fsaverage5 stands for the spheres of this subject, in
-    /// SUBJECTS_DIR or in FREESURFER_HOME/subjects; otherwise a sphere's file, with that of the other hemisphere beside
+    /// icosphere:6 has 40,962 vertices. A name such as fsaverage5 selects the spheres of this subject, in SUBJECTS_DIR
+    /// or in FREESURFER_HOME/subjects. Or give the file of a sphere, with the sphere of the other hemisphere beside
     /// it. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii. Each vertex is the same place in every
     /// subject.
     #[arg(long, value_name = "icosphere:N|NAME|SPHERE", help_heading = help::OUTPUT)]
@@ -110,7 +110,7 @@ impl Hemi {
         }
     }
 
-    /// Returns the name in the file names of BIDS.
+    /// Returns the hemisphere's label in file names of BIDS.
     pub(super) fn of_bids(self) -> &'static str {
         match self {
             Self::Lh => "hemi-L",

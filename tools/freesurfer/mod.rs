@@ -60,8 +60,8 @@ fn options(cli: &Cli, left_out: &[String], console: &Console) -> Result<Options>
     })
 }
 
-/// Returns the subjects, and the folders left out. Subjects are the given names or, without names, the folders that
-/// contain a folder `surf`, sorted by name. All other folders are left out; FreeSurfer's own averages are in neither
+/// Returns the subjects, and the skipped folders. Subjects are the given names or, without names, the folders that
+/// contain a folder `surf`, sorted by name. All other folders are skipped; FreeSurfer's own averages are in neither
 /// list.
 fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> {
     let folder = &cli.subjects_dir;
@@ -133,7 +133,8 @@ fn label_file(subject: &Path, hemi: Hemi, name: &str) -> PathBuf {
     subject.join("label").join(format!("{}.{name}.label", hemi.name()))
 }
 
-/// Returns the label of the cortex that belongs to a file of values `surf/lh.NAME` in a subject's folder, if it exists.
+/// Returns the path of the cortex label for a file of values `surf/lh.NAME` in a subject's folder, if the label
+/// exists.
 pub(crate) fn cortex_label(values: &Path) -> Option<PathBuf> {
     let surf = values.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf"))?;
     let (hemi, _) = other_hemisphere(values)?;

@@ -36,17 +36,18 @@ pub(super) fn evaluate(cli: &Cli, on: &On, console: &Console) -> Result<Evaluate
     Ok(Evaluate { sphere: read(&sphere)?, right: right.as_ref().map(read).transpose()?, name })
 }
 
-/// The spheres' files.
+/// Files of the spheres at whose vertices models are evaluated.
 struct Files {
     sphere: PathBuf,
-    /// The right hemisphere's sphere, if it has another.
+    /// Sphere of the right hemisphere; `None` if `sphere` is used for both hemispheres or only one is fitted.
     right: Option<PathBuf>,
     /// Name of the sampling in the names of outputs.
     name: String,
 }
 
-/// Finds the spheres of both hemispheres: a sphere's file and, beside it, that of the other hemisphere; or those of a
-/// subject in SUBJECTS_DIR or among FreeSurfer's own, such as fsaverage5.
+/// Finds the spheres of both hemispheres, given the file of a sphere or the name of a subject. The other hemisphere's
+/// sphere is expected beside the file. The subject, such as fsaverage5, is in SUBJECTS_DIR or among FreeSurfer's own
+/// subjects.
 fn files(cli: &Cli, named: &Path) -> Result<Files> {
     if named.is_file() {
         let Some((hemi, other)) = other_hemisphere(named) else {
@@ -90,7 +91,7 @@ fn of_both(name: &str, hemi: Hemi) -> String {
     rest.map_or_else(|| name.replacen(&format!("{}_", hemi.of_bids()), "", 1), str::to_owned)
 }
 
-/// Returns the files for the fitted hemispheres, each of which has a sphere.
+/// Returns the sphere files of the fitted hemispheres. `sphere` gives the file of each hemisphere.
 fn of_hemispheres(cli: &Cli, name: String, sphere: impl Fn(Hemi) -> PathBuf) -> Files {
     let has = |hemi| cli.hemi.contains(&hemi);
     let first = if has(Hemi::Lh) { Hemi::Lh } else { Hemi::Rh };

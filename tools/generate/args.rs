@@ -33,7 +33,7 @@ pub(crate) struct Cli {
         help_heading = METHOD
     )]
     pub(super) subdivisions: Option<u32>,
-    /// Number of the surface in the family; seed of a study or a group
+    /// Number of the surface in the family, or seed of a study or a group
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     pub(super) variant: u64,
     /// Surface to write
@@ -62,7 +62,7 @@ pub(crate) struct Cli {
     /// Family of a group to write, with known correspondence
     ///
     /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori, with one or two parameters each. Every member
-    /// has a mesh of its own and a random pose.
+    /// has its own mesh and a random pose.
     #[arg(
         long,
         value_name = "FAMILY",
@@ -81,7 +81,7 @@ pub(crate) struct Cli {
     /// Folder for a group: meshes, their landmarks, and truth.csv with parameters and poses
     #[arg(long, value_name = "DIR", requires = "group", help_heading = OUTPUT)]
     pub(super) output_dir: Option<PathBuf>,
-    /// Write 64-bit positions if the format has a choice
+    /// Write 64-bit positions if the format supports them
     #[arg(long, help_heading = OUTPUT)]
     pub(super) double: bool,
     /// Replace existing outputs

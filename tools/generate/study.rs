@@ -11,11 +11,11 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 use super::{Cli, WRITING};
 
-/// Memory of a subject's voxels, and of writing them, at bumps of up to [`HIGHEST`].
+/// Memory in bytes for the voxels of a subject, and for writing them, at bumps of up to [`HIGHEST`].
 const VOXELS: u64 = 64 << 20;
-/// Highest bump of label volumes, in mm; their size grows with it.
+/// Highest bump of label volumes, in mm; the volumes grow with it.
 const HIGHEST: f64 = 100.0;
-/// The size of a voxel that the wrong header states, in mm; the true size is 1 mm.
+/// Voxel size in mm that the wrong header states; the true size is 1 mm.
 const WRONG: f64 = 10.0;
 
 /// A subject of a generated study.
@@ -63,7 +63,7 @@ fn nifti(voxels: &Voxels, size: f64) -> Result<Vec<u8>> {
     let step = size as f32;
     let header = NiftiHeader {
         pixdim: [1.0, step, step, step, 1.0, 1.0, 1.0, 1.0],
-        // Millimetres; the matrix leads to the scanner's coordinates.
+        // The unit is millimetres, and the matrix maps voxels to the scanner's coordinates.
         xyzt_units: 2,
         sform_code: 1,
         srow_x: row(0),
@@ -86,7 +86,7 @@ struct Generated {
 }
 
 impl Generated {
-    /// Checks the arguments, the memory and the outputs. `more` is memory needed in addition to a mesh.
+    /// Checks the arguments, the memory and the outputs. `more` is the memory in bytes needed in addition to a mesh.
     fn new(cli: &Cli, folder: &Path, (flag, ending): (&'static str, &str), more: u64) -> Result<Self> {
         if !cli.bump.is_finite() {
             bail!("--bump is {}; it must be finite", cli.bump);
@@ -98,7 +98,7 @@ impl Generated {
             let (group, index) = if number >= half { ("b", number - half) } else { ("a", number) };
             Subject { name: format!("{group}{:0digits$}", index + 1), group, index }
         };
-        // Only one mesh is in memory at a time.
+        // Memory for a single mesh, since meshes are generated and written one after another.
         let needed = cortex_bytes(study.subdivisions) + WRITING * icosphere_counts(study.subdivisions)[0] + more;
         cli.memory.budget(1).check(format!("generate {flag}"), needed)?;
         let subjects: Vec<Subject> = (0..cli.subjects).map(subject).collect();

@@ -13,8 +13,8 @@ use crate::export::{FORMATS, normalization};
 /// Make a model from coefficients of another package
 ///
 /// The format is detected from the contents. Name the format with --from for arrays of ktch and FlowShape and for
-/// matrices of weighted SPHARM, which look like other formats. The model has a sphere of its own only with --sphere, or
-/// if it comes from SPHARM-MAT; evaluate other models with `spharm reconstruct --icosphere N`.
+/// matrices of weighted SPHARM, which look like other formats. The model has its own sphere only with --sphere, or if
+/// it comes from SPHARM-MAT; evaluate other models with `spharm reconstruct --icosphere N`.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -32,10 +32,10 @@ pub(crate) struct Cli {
     /// Format [default: detected from the contents]
     #[arg(long, value_name = "FORMAT", help_heading = INPUT)]
     pub(super) from: Option<Format>,
-    /// Sphere of the model: a mesh at whose vertices it is evaluated
+    /// Sphere of the model: a mesh at whose vertices the model is evaluated
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
-    /// Scale of pyshtools' harmonics: ortho, or 4pi, its default
+    /// Scale of pyshtools' harmonics: ortho, or 4pi, the default of pyshtools
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
     /// Treat three channels as values, not as x, y and z

@@ -50,7 +50,7 @@ pub(super) enum Command {
     /// Add the moments of parts
     ///
     /// Parts must have the same degree and the same channels, and no samples in common. All shards of the same tables
-    /// must be present. Parts over different spheres can be added, to moments without the key of a sampling scheme.
+    /// must be present. Parts over different spheres can be added; their sum has no key of a sampling scheme.
     Merge(Merge),
 }
 
@@ -98,7 +98,7 @@ pub(super) struct Form {
     pub(super) threads: Threads,
 }
 
-/// Positions of the samples.
+/// Arguments for the positions of the samples.
 #[derive(Debug, Args)]
 pub(super) struct PositionArgs {
     /// Columns of colatitude and azimuth, in radians
@@ -150,7 +150,7 @@ pub(super) struct OutputArgs {
     /// Write a report to a JSON file
     #[arg(long, value_name = "FILE")]
     pub(super) report: Option<PathBuf>,
-    /// Print the report as JSON in place of a line
+    /// Print the report as JSON instead of a line
     #[arg(long)]
     pub(super) json: bool,
     /// Replace existing outputs
@@ -159,10 +159,11 @@ pub(super) struct OutputArgs {
 }
 
 impl Form {
-    /// Returns the requested columns. `vertices` are those of the sphere, if the samples are at its vertices.
+    /// Returns the requested columns. `vertices` are the directions of the sphere's vertices if the samples are given
+    /// at them.
     pub(super) fn columns(&self, vertices: Option<Directions>) -> Columns {
         let PositionArgs { angles, lonlat, vectors, centre, .. } = &self.positions;
-        // clap has checked the numbers of values.
+        // clap has checked the number of values of each option.
         let positions = match (angles.as_deref(), lonlat.as_deref(), vectors.as_deref()) {
             (Some([theta, phi]), ..) => Some(Positions::Angles([theta.clone(), phi.clone()])),
             (_, Some([lon, lat]), _) => Some(Positions::LonLat([lon.clone(), lat.clone()])),

@@ -1,4 +1,4 @@
-//! `moments`: sums over samples, computed in parts that can be added, for later fits.
+//! `moments`: sums samples for later fits, in parts that can be added.
 
 mod args;
 
@@ -78,7 +78,7 @@ fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Opt
 fn add(cli: &Merge) -> Result<()> {
     let started = Instant::now();
     let output = Output::new(&cli.output)?;
-    // Memory of the sum, and of the part that is being added.
+    // Memory of the sum, and of the part being added to it.
     let largest = cli.parts.iter().map(|path| bytes_to_read(path)).max().unwrap_or(0);
     cli.memory.budget(1).check("moments merge", largest.saturating_mul(2))?;
     let names = cli.parts.iter().map(|path| path.display().to_string()).collect();
@@ -118,7 +118,7 @@ struct Output<'a> {
 }
 
 impl<'a> Output<'a> {
-    /// Refuses outputs that couldn't be written at the end.
+    /// Refuses, before any work, outputs that couldn't be written at the end.
     fn new(args: &'a OutputArgs) -> Result<Self> {
         let path = args.output.as_deref().ok_or_else(|| Usage::missing("--output is required"))?;
         let moments = OutputFile::with_ending(path, "--output", &[".moments"]);

@@ -12,7 +12,7 @@ use spharm_cli::threads::Threads;
 use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 use spharm_parametrize::Sampling;
 
-/// Map closed surfaces onto the sphere, one to one, as a fit needs it
+/// Map closed surfaces onto the sphere, one to one, for fits
 ///
 /// The sphere has the surface's vertices and triangles, and radius 1. With every method, an exact predicate checks that
 /// no triangle of the sphere is flipped or degenerate; otherwise the verb fails without writing a file.
@@ -59,21 +59,21 @@ pub(crate) struct Cli {
     /// Method of parameterisation
     #[arg(long, value_enum, default_value_t = MethodName::Auto, help_heading = METHOD)]
     pub(super) method: MethodName,
-    /// Allowed area distortion, from 0 to 1, by cald [default: 0.1]
+    /// Allowed area distortion, from 0 to 1 (cald) [default: 0.1]
     ///
     /// The root mean square of the log area ratio by which areas may deviate, to preserve shape and to adapt to the
     /// residual of a model: 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
     #[arg(long, value_name = "RMS", help_heading = METHOD)]
     pub(super) area: Option<f64>,
-    /// Degree of the model to whose residual areas adapt, by cald
+    /// Degree of the model to whose residual the areas adapt (cald)
     ///
-    /// At most the degree that two thirds of the vertices determine; below 2 areas don't adapt [default: the degree
-    /// with half as many functions as vertices, at most 100].
+    /// At most the degree that two thirds of the vertices determine. Below degree 2 the areas don't adapt. [default:
+    /// the degree with half as many functions as vertices, at most 100]
     #[arg(long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Resample the surface on another sphere
     ///
-    /// That sphere, icosphere:N or a file, is then written to --output.
+    /// The other sphere, icosphere:N or a file, is then written to --output.
     #[arg(long, value_name = "icosphere:N|SPHERE", conflicts_with = "subdivisions", help_heading = METHOD)]
     pub(super) resample_to: Option<Sampling>,
     /// Subdivisions of the icosphere from which deform starts
@@ -121,7 +121,7 @@ pub(crate) struct Cli {
 }
 
 impl Cli {
-    /// Returns the surfaces, however they were given.
+    /// Returns the paths given as positional arguments and by --surface.
     pub(super) fn paths(&self) -> Vec<PathBuf> {
         [&self.files[..], &self.surface].concat()
     }

@@ -15,7 +15,7 @@ use super::args::{Cli, MethodName};
 /// A surface to map, and the output of its sphere.
 pub(super) struct Item {
     pub(super) input: PathBuf,
-    /// Label in a volume.
+    /// Label in a volume; `None` for a mesh.
     pub(super) label: Option<i64>,
     pub(super) sphere: PathBuf,
     pub(super) surface: Option<PathBuf>,
@@ -37,7 +37,8 @@ impl Item {
     }
 }
 
-/// Returns the surfaces with their files. Refuses arguments that conflict, and outputs that would be overwritten.
+/// Returns the surfaces with their output files. Refuses arguments that conflict, and outputs that would be
+/// overwritten.
 pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Monitor) -> Result<Vec<Item>> {
     let report = cli.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(report, cli.force)?;
@@ -46,7 +47,7 @@ pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Mon
     if let [input] = &paths[..] {
         check(cli, input)?;
         if file {
-            // Check before reading the volume, which takes a while.
+            // Check the arguments before reading the volume, which takes a while.
             single(cli, input, None)?;
         }
     }
@@ -89,7 +90,7 @@ fn check(cli: &Cli, input: &Path) -> Result<()> {
     }
 }
 
-/// Returns the reason why the mapped surface differs from the input, or `None` if it is the input.
+/// Returns the reason why the mapped surface differs from the input, or `None` if the input itself is mapped.
 fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
     match (cli.method, &cli.resample_to) {
         (MethodName::Deform, _) => Some("deform makes"),
@@ -113,7 +114,7 @@ fn single(cli: &Cli, input: &Path, label: Option<i64>) -> Result<Item> {
     Ok(Item { input: input.to_owned(), label, sphere: cli.output.clone(), surface })
 }
 
-/// Returns the default path of the surface beside a sphere: `x.ply` for `x.sphere.ply`.
+/// Returns the default path of the surface beside a sphere, such as `x.ply` for `x.sphere.ply`.
 fn beside(sphere: &Path) -> Option<PathBuf> {
     let name = sphere.file_name()?.to_string_lossy().into_owned();
     let (stem, ending) = name.split_once(".sphere.")?;

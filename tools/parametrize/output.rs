@@ -105,7 +105,7 @@ impl From<Resampling> for Distance {
     }
 }
 
-/// Describes the input.
+/// Describes an input mesh or volume in a few words.
 pub(super) fn described(input: &Input) -> String {
     match input {
         Input::Mesh(mesh) | Input::Fixed(mesh, _) => {

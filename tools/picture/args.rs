@@ -10,7 +10,7 @@ use spharm_render::View;
 
 /// Draw surfaces side by side, and their distance in colour
 ///
-/// All panels show the same region at the same scale; --centre and --fit-each move the surfaces there.
+/// All panels show the same region at the same scale; --centre and --fit-each move the surfaces into this region.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -29,22 +29,22 @@ pub(crate) struct Cli {
     pub(super) surfaces: Vec<PathBuf>,
     /// Add a panel with the sphere of the first surface
     ///
-    /// It comes after the first surface, coloured by the logarithm of the area that the map to the sphere assigns to
-    /// each part of the surface.
+    /// The panel follows the first surface. It is coloured by the logarithm of the area that the map to the sphere
+    /// assigns to each part of the surface.
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Add a panel with the last surface coloured by its distance from the first
     ///
-    /// The distance of each vertex from the corresponding vertex of the first surface or, if the triangles differ, from
-    /// its nearest point. The label of the colour scale says which.
+    /// The distance of each vertex from the corresponding vertex of the first surface or, if the triangles differ,
+    /// from the nearest point. The label of the colour scale states which.
     #[arg(long, help_heading = OUTPUT)]
     pub(super) error: bool,
     /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
-    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If values have both signs,
-    /// colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the last colours,
-    /// as the scale says. Otherwise colours range from the minimum to the maximum. --range overrides this. For p
-    /// values, in files called p, q or p-NAME, -log10 is shown: significant values have the last colours.
+    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If values have both
+    /// signs, colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the last
+    /// colours, as the scale states. Otherwise colours range from the minimum to the maximum. --range overrides this.
+    /// For p values, in files called p, q or p-NAME, -log10 is shown: significant values have the last colours.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
     /// Draw the line on the first surface, and on its maps, along which this map has the value of --contour-level
@@ -73,11 +73,12 @@ pub(crate) struct Cli {
     pub(super) caption: Vec<String>,
     /// Sides from which to look; with several, each panel becomes a row of views
     ///
-    /// Sides are those of the coordinates: left is -x, front +y, top +z, as in RAS.
+    /// The sides are axes of the coordinates: left is -x, front +y, top +z, as in RAS.
     #[arg(long, value_enum, num_args = 1.., default_values_t = [Side::Left], help_heading = OUTPUT)]
     pub(super) view: Vec<Side>,
-    /// Number of panels in a row; 0 for all or, with several sides, for these [default: 0 for up to 6 panels, otherwise
-    /// a square]
+    /// Number of panels in a row [default: 0 for up to 6 panels, otherwise a square]
+    ///
+    /// 0 puts all panels in one row or, with several sides, the views of each surface. The latter is then the default.
     #[arg(long, value_name = "N", help_heading = OUTPUT)]
     pub(super) columns: Option<usize>,
     /// Width and height of a panel in pixels
@@ -91,7 +92,7 @@ pub(crate) struct Cli {
     pub(super) size: u16,
     /// Resolution in dots per inch, which gives the picture its size on paper
     ///
-    /// At 300 dpi, 1063 pixels are 90 mm. The number of pixels is that of --size times the panels in a row.
+    /// At 300 dpi, 1063 pixels are 90 mm. The picture's width in pixels is --size times the number of panels in a row.
     #[arg(long, value_name = "DPI", value_parser = clap::value_parser!(u16).range(30..=2400), help_heading = OUTPUT)]
     pub(super) dpi: Option<u16>,
     /// Picture to write
@@ -136,7 +137,8 @@ pub(super) enum Side {
 }
 
 impl Side {
-    /// Returns the name of the side as an axis of the coordinates, which after an alignment are no longer anatomical.
+    /// Returns the name of the side as an axis of the coordinates, because after an alignment sides have no anatomical
+    /// meaning.
     pub(super) fn axis(self) -> &'static str {
         match self {
             Self::Left => "from -x",

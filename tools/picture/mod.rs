@@ -82,7 +82,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     let maps = cli.map.iter().map(|path| read_map(path, &meshes[0])).collect::<Result<Vec<_>>>()?;
     let names: Vec<String> = cli.map.iter().map(|path| stem(path)).collect();
-    // p values are shown as -log10 p, so the smallest get the last colours, as in a page.
+    // Show p values as -log10 p, so that the smallest values get the last colours, as on a page.
     let maps: Vec<(Vec<f64>, (f64, f64), String)> = maps
         .into_iter()
         .zip(&names)
@@ -159,7 +159,7 @@ struct ContourMap {
     values: Vec<f64>,
     level: f64,
     name: String,
-    /// The value as it was given, and the range of the map's values in the same unit.
+    /// Level as given by the user, and the range of the map's values in the same unit.
     stated: f64,
     range: (f64, f64),
 }
@@ -200,7 +200,7 @@ fn read_contour(cli: &Cli, path: &Path, surface: &Mesh) -> Result<ContourMap> {
     Ok(ContourMap { values, level, name, stated, range })
 }
 
-/// Returns the text beneath a panel that is shown from several sides.
+/// Returns the text beneath a panel of a surface that is shown from several sides.
 fn caption(name: &str, view: Side) -> String {
     if name.is_empty() { view.axis().to_owned() } else { format!("{name}, {}", view.axis()) }
 }
@@ -231,12 +231,12 @@ fn settings(cli: &Cli, panels: usize, size: u16) -> Settings {
     }
 }
 
-/// Refuses pictures that don't fit into memory. `surfaces` is empty when this is called before the surfaces are read.
+/// Refuses pictures that don't fit into memory. `surfaces` is empty in the check before the surfaces are read.
 fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) -> Result<()> {
     let [vertices, faces] = surfaces.iter().map(Surface::counts).max().unwrap_or_default().map(|count| count as usize);
     let held = surfaces.iter().map(Surface::counts).map(|[vertices, faces]| 24 * vertices + 12 * faces).sum::<u64>();
     let evaluating = surfaces.iter().map(Surface::bytes_to_evaluate).max().unwrap_or_default();
-    // Memory of the sphere, as read and as scaled, and of the values of each panel.
+    // Memory of the sphere, as read and as scaled, and of the values of each panel, in bytes.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
     let values = 8 * vertices * (panels.saturating_sub(surfaces.len()) + 2 * usize::from(cli.contour.is_some()));
     let painting = match surfaces {
@@ -274,7 +274,7 @@ fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     }
 }
 
-/// Returns the range of the colours of surfaces: that of their numbers, widened if these are equal.
+/// Returns the range of the colours for the numbers of surfaces: the range of the numbers, widened if all are equal.
 fn colours_of(numbers: &[f64]) -> (f64, f64) {
     match numbers.first() {
         Some(&one) if numbers.iter().all(|number| *number == one) => {

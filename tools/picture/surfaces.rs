@@ -15,7 +15,7 @@ use spharm_surface::io::read_mesh;
 
 use crate::shape::table::{Table, finite, rows_of};
 
-/// Vertices of a model's mesh for each function of its degree.
+/// Number of vertices of a model's mesh for each basis function up to the model's degree.
 const VERTICES: u64 = 4;
 
 /// Returns the files of surfaces, with folders replaced by the models in them.
@@ -53,7 +53,7 @@ impl Surface {
         }
     }
 
-    /// Returns the bytes that [`meshes`] takes for this surface beside its mesh.
+    /// Returns the memory in bytes that [`meshes`] takes for this surface, besides the surface's mesh.
     pub(super) fn bytes_to_evaluate(&self) -> u64 {
         match self {
             Self::Mesh(_) => 0,
@@ -83,7 +83,7 @@ pub(super) fn name(path: &Path) -> String {
     if is_model(path) { model_name(path) } else { spharm_cli::inputs::stem(path) }
 }
 
-/// Moves the meshes so that the centres of their bounding boxes are that of the first.
+/// Moves the meshes so that the centres of all bounding boxes coincide with that of the first mesh.
 pub(super) fn centre(meshes: &mut [Mesh]) {
     let middle = |mesh: &Mesh| {
         let (low, high) = bounds(mesh.vertices.iter().copied());
@@ -96,14 +96,15 @@ pub(super) fn centre(meshes: &mut [Mesh]) {
     }
 }
 
-/// Moves and scales the meshes so that their bounding boxes have the centre and the largest extent of the first.
+/// Moves and scales the meshes so that their bounding boxes have the centre and the largest extent of the first
+/// mesh's.
 pub(super) fn fit_each(meshes: &mut [Mesh]) {
     let Some((first, others)) = meshes.split_first_mut() else { return };
     others.iter_mut().for_each(|mesh| *mesh = fit_into(mesh, first));
 }
 
-/// Returns a number for each surface, from a column of a table whose column `model` or, without one, whose first column
-/// has the surfaces' paths or names.
+/// Returns a number for each surface from a column of a table. The surfaces' paths or names are in the table's column
+/// `model` or, without one, in its first column.
 ///
 /// # Errors
 ///

@@ -43,10 +43,10 @@ pub(crate) struct Cli {
     /// Format of the files in a folder [default: surf.gii, for signals func.gii]
     #[arg(long, value_name = "ENDING", help_heading = OUTPUT)]
     pub(super) format: Option<String>,
-    /// Write 64-bit positions if the format has a choice
+    /// Write 64-bit positions if the format supports them
     #[arg(long, help_heading = OUTPUT)]
     pub(super) double: bool,
-    /// Print a report as JSON in place of the lines
+    /// Print a report as JSON instead of text
     #[arg(long, help_heading = OUTPUT)]
     pub(super) json: bool,
     /// Replace existing outputs
@@ -74,7 +74,7 @@ pub(super) struct Sampling {
     pub(super) icosphere: Option<u32>,
     /// Evaluate at the fitted vertices; the default
     ///
-    /// If the surface's handles were cut (--cut-handles), the fillings are left out and the seams welded, which
+    /// If the surface's handles were cut (--cut-handles), the fillings are omitted and the seams welded, which
     /// restores the handles. With --sphere and the sphere of the cut surface, the result is the cut surface.
     #[arg(long, help_heading = METHOD)]
     pub(super) original: bool,

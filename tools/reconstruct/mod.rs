@@ -42,7 +42,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
 }
 
-/// Returns the sphere on which all models are evaluated, or `None` if each has its own.
+/// Returns the sphere on which all models are evaluated, or `None` if each model is evaluated on its own sphere.
 fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<Sphere>> {
     match (&cli.sampling.sphere, cli.sampling.icosphere) {
         (Some(path), _) => {
@@ -50,7 +50,7 @@ fn shared_sphere(cli: &Cli, budget: Budget, console: &Console) -> Result<Option<
             Ok(Some(read_sphere(path, false, console)?))
         }
         (None, Some(subdivisions)) => {
-            // A lower bound, since the models haven't been read yet.
+            // Use a lower bound of the memory, since the models haven't been read yet.
             let smallest = |subdivisions| on_icosphere(subdivisions, 1, 0);
             let fewer = (0..subdivisions).rev().map(|fewer| (format!("--icosphere {fewer}"), smallest(fewer)));
             let vertices = icosphere_counts(subdivisions)[0];
@@ -94,7 +94,7 @@ fn check_memory(
     Ok(())
 }
 
-/// Evaluates a model and writes it; returns the report.
+/// Evaluates a model and writes the result; returns the report.
 fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console: &Console) -> Result<Value> {
     let started = Instant::now();
     budget.check_inputs("reconstruct", [item.model.as_path()])?;

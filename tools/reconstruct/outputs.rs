@@ -13,7 +13,7 @@ use super::args::Cli;
 const SURFACE: &str = "surf.gii";
 const SIGNAL: &str = "func.gii";
 
-/// A model and the output of its values.
+/// A model, and the file for its values.
 pub(super) struct Item {
     pub(super) model: PathBuf,
     target: Target,
@@ -26,7 +26,7 @@ enum Target {
 }
 
 impl Item {
-    /// Returns the file to write.
+    /// Returns the path of the output file for a surface or a signal.
     pub(super) fn output(&self, surface: bool) -> PathBuf {
         match &self.target {
             Target::File(path) => path.clone(),

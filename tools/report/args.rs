@@ -28,10 +28,10 @@ pub(crate) struct Cli {
     /// Files, folders (all their .npz files), or @LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
-    /// Surfaces to compare with the models, in the same order [default: those that were fitted]
+    /// Surfaces to compare with the models, in the same order [default: the fitted surfaces]
     #[arg(long, value_name = "SURFACE", num_args = 1.., requires = "models", help_heading = INPUT)]
     pub(super) surface: Vec<PathBuf>,
-    /// Reports of `spharm fit --report`, which show how the fits converged
+    /// Reports of `spharm fit --report`, which show the convergence of the fits
     #[arg(long, value_name = "FILE.json", num_args = 1.., requires = "models", help_heading = INPUT)]
     pub(super) fit_report: Vec<PathBuf>,
     /// Modes of groups, as `spharm shape pca` writes them
@@ -42,12 +42,12 @@ pub(crate) struct Cli {
     pub(super) test: Vec<PathBuf>,
     /// Quality of a group's alignments to show side by side, as `spharm shape quality -o` writes it
     ///
-    /// Each is named after its file.
+    /// Each alignment is named after its file.
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) quality: Vec<PathBuf>,
     /// Correspondence of a group, as `spharm shape correspond --report` writes it
     ///
-    /// Shows how well each member is covered. The distances of its landmarks are shown with the first --quality.
+    /// Shows the coverage of each member. The distances of the group's landmarks are shown with the first --quality.
     #[arg(long, value_name = "FILE.json", help_heading = INPUT)]
     pub(super) correspondence: Option<PathBuf>,
     /// Quality control of a group's subjects, as `spharm shape check --report` writes it
@@ -73,7 +73,7 @@ pub(crate) struct Cli {
     /// Page to write
     #[arg(short, long, value_name = "OUT.html", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// The page's heading [default: the model's name, or the kind of contents]
+    /// Heading of the page [default: the model's name, or the kind of contents]
     #[arg(long, value_name = "TEXT", help_heading = OUTPUT)]
     pub(super) title: Option<String>,
     /// Maximum number of vertices of a mesh in the page

@@ -30,7 +30,7 @@ const COLUMNS: [(&str, &str, &str, f64); 12] = [
 /// Maximum size of a picture in bytes, far above that of any thumbnail.
 const LARGEST_PICTURE: u64 = 1 << 20;
 
-/// Reads the subjects, each with its picture if there is one. Columns without any value are left out.
+/// Reads the subjects, each with its picture if the picture exists. Columns without any value are omitted.
 pub(super) fn read(path: &Path, pictures: Option<&Path>) -> Result<Check> {
     let found = measured::read(path, "shape check", "spharm shape check --report")?;
     let subjects = found["subjects"].as_array().map_or(&[][..], Vec::as_slice);

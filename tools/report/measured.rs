@@ -44,7 +44,7 @@ fn curve(value: &Value) -> Option<Curve> {
 
 /// Correspondence of a group, from the report of `shape correspond`.
 pub(super) struct Correspondence {
-    /// The table of members with their coverage, and the table of landmarks if there are any.
+    /// Table of members with their coverage, and the table of landmarks if the group has landmarks.
     pub(super) tables: Vec<Table>,
     /// Mean and median distance of carried landmarks.
     pub(super) landmarks: Option<[f64; 2]>,

@@ -76,7 +76,7 @@ fn check_inputs(cli: &Cli, budget: Budget) -> Result<()> {
     budget.check_inputs("report", files.map(PathBuf::as_path))
 }
 
-/// Refuses a page that doesn't fit into memory together with its contents.
+/// Refuses a page that, together with its contents, doesn't fit into memory.
 fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
     let fewer = [100_000, 50_000, 20_000, 10_000, 5000, 2000, 1000, 500, 100].into_iter();
     let fewer = fewer.filter(|n| *n < cli.max_vertices as usize);
@@ -86,7 +86,7 @@ fn check_page(cli: &Cli, contents: &Contents, budget: Budget) -> Result<()> {
     budget.check_or(what, needed(cli.max_vertices as usize), fewer)
 }
 
-/// Adds the option that avoids the error, if there is one.
+/// Adds the option that avoids an error to the error's text, if such an option exists.
 fn advise(error: ReportError) -> anyhow::Error {
     match error {
         ReportError::TooLarge { .. } => anyhow!("{error}; raise --max-vertices"),

@@ -18,7 +18,7 @@ use spharm_surface::io::{read_mesh, read_signal};
 
 use super::args::Cli;
 
-/// Maps in the order in which the page lists their names; `spharm shape test` writes some of them.
+/// Names of maps, in the order of the page's list; `spharm shape test` writes only some of them.
 const MAPS: [&str; 16] = [
     "effect",
     "effect-x",
@@ -93,8 +93,8 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
     read.map_err(left_out).ok()
 }
 
-/// Returns the file of the surface to which a model was fitted, or the reason why there is none: it is missing, or has
-/// changed since.
+/// Returns the file of the surface to which a model was fitted, or the reason why it can't be used: it is missing, or
+/// has changed since the fit.
 pub(crate) fn surface_file(model: &Model, path: &Path) -> Result<PathBuf, String> {
     let file = surface_path(model, path)?;
     let record = model.provenance.input.as_ref().filter(|record| Path::new(&record.path) == file);
@@ -105,8 +105,8 @@ pub(crate) fn surface_file(model: &Model, path: &Path) -> Result<PathBuf, String
     }
 }
 
-/// Returns the file of the surface to which a model was fitted, which may have changed since, or the reason why there
-/// is none.
+/// Returns the path of the surface to which a model was fitted, or the reason why no such file exists. The file may
+/// have changed since the fit.
 pub(crate) fn surface_path(model: &Model, path: &Path) -> Result<PathBuf, String> {
     let record = model.provenance.input.as_ref().ok_or("the model doesn't record its input")?;
     let input = Path::new(&record.path);
@@ -184,8 +184,8 @@ pub(super) fn summaries(folders: &[PathBuf]) -> Result<Vec<Table>> {
     files.map(|(folder, file)| Ok(Table { title: format!("{}: measures", stem(folder)), ..table(&file)? })).collect()
 }
 
-/// Reads the description of a test in `test.json` for the page's table; empty for folders of earlier versions, which
-/// have no such file.
+/// Reads the description of a test in `test.json` as rows of the page's table; empty for folders of earlier versions,
+/// which have no such file.
 fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     let path = folder.join(ABOUT);
     if !path.is_file() {

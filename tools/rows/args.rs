@@ -10,8 +10,8 @@ use spharm_cohort::Shard;
 pub(crate) struct CohortArgs {
     /// Part of the rows, such as 0/10 for the first of ten; or slurm
     ///
-    /// Part i of n has the rows whose number, from 0, is i modulo n. slurm takes both from the
-    /// environment of a job array.
+    /// Part i of n has the rows whose number, from 0, is i modulo n. slurm takes both from the environment of a job
+    /// array.
     #[arg(long, value_name = "I/N|slurm")]
     pub(crate) shard: Option<Shard>,
     /// Continue if a surface can't be fitted; list the failures at the end
@@ -26,7 +26,7 @@ pub(crate) struct CohortArgs {
     /// file; `spharm status` combines the files.
     #[arg(long, value_name = "FILE.tsv")]
     pub(crate) status: Option<PathBuf>,
-    /// Report what would be done, and do nothing
+    /// Report the work to be done, without doing it
     ///
     /// Checks all existing models, reads the first surfaces and spheres, and checks that the others exist. The exit
     /// status is 1 if rows would fail.

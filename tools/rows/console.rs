@@ -25,7 +25,7 @@ use super::options::Options;
 pub(super) const LISTED: usize = 200;
 /// Largest number of failures that the report lists.
 const NAMED: usize = 100;
-/// Largest number of failures, and of row warnings, that are printed.
+/// Maximum number of failures, and of warnings about rows, that are printed.
 const PRINTED: usize = 20;
 /// Number of rows above which the warnings are repeated at the end.
 const LONG: usize = 10;
@@ -37,7 +37,7 @@ pub(crate) struct Rows<'a> {
     console: &'a Console,
     /// Number of rows.
     rows: usize,
-    /// Whether failures are not printed one by one, because the first failure becomes the error of the call.
+    /// Whether the first failure becomes the error of the call, so that failures aren't printed one by one.
     alone: bool,
     /// Whether a later step aligns models that don't correspond.
     aligned_later: bool,
@@ -60,7 +60,7 @@ pub(super) struct Summary {
     pub(super) seconds: Seconds,
     /// Wall time of mapping surfaces to spheres, in seconds.
     pub(super) parametrize: f64,
-    /// Number of groups fitted.
+    /// Number of groups of surfaces that were fitted together.
     groups: usize,
     pub(super) scheme: Option<String>,
     pub(super) dtype: Option<&'static str>,
@@ -129,7 +129,7 @@ impl Summary {
         State::ALL.into_iter().map(|state| (state, self.count(state)))
     }
 
-    /// Returns the mean and maximum over all fits of msd and of xsd.
+    /// Returns the mean and the maximum of msd, and of xsd, over all fits.
     pub(super) fn distances(&self) -> [serde_json::Value; 2] {
         [self.msd.report(), self.xsd.report()]
     }
@@ -184,7 +184,7 @@ impl<'a> Rows<'a> {
         summary
     }
 
-    /// Prints a warning unless it was already printed, up to [`PRINTED`] warnings.
+    /// Prints a warning unless the same warning was already printed, up to [`PRINTED`] warnings.
     fn warn_once(&self, warning: String) {
         let mut summary = self.lock();
         let count = summary.printed.len();
@@ -207,7 +207,8 @@ impl<'a> Rows<'a> {
         self.console.warn(warning);
     }
 
-    /// Repeats the warnings after the table of a long run, where they are read; a study repeats its own.
+    /// Repeats the warnings after the table of a long run, so that users see them. A study repeats the warnings
+    /// itself.
     pub(super) fn repeat_warnings(&self) {
         let warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
         if self.rows > LONG && !self.aligned_later && !warnings.is_empty() {
@@ -216,8 +217,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Prints a note about one surface. If there are several, it is a detail, since a line for each is printed when it
-    /// is finished.
+    /// Prints a note about one surface. In a run of several surfaces the note is only a detail, because each surface
+    /// gets a line when it is finished.
     fn note(&self, text: impl std::fmt::Display) {
         if self.rows == 1 { self.console.note(text) } else { self.console.detail(text) }
     }

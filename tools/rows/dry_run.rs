@@ -12,9 +12,9 @@ use spharm_cohort::run::{Cohort, Preview, PreviewedSphere};
 use super::console::Rows;
 use super::options::Options;
 
-/// Largest number of spheres listed.
+/// Maximum number of spheres that the preview lists.
 const SPHERES: usize = 3;
-/// Largest number of failing rows listed.
+/// Maximum number of failing rows that the preview lists.
 const NAMED: usize = 5;
 
 /// Preview of a call, as text and as JSON.
@@ -35,7 +35,7 @@ pub(super) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) 
     previewed.error.map_or(Ok(()), Err)
 }
 
-/// Determines what a call would do, without doing it.
+/// Previews a call: determines its work without doing it.
 pub(crate) fn preview(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<Previewed> {
     let rows = Rows::new(monitor.console(), cohort.rows.len(), options);
     let found = spharm_cohort::run::preview(cohort, &options.run, &rows, monitor)?;

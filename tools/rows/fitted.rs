@@ -22,10 +22,10 @@ pub(super) struct Fitted {
     pub(super) output: PathBuf,
     #[serde(flatten)]
     pub(super) report: FitReport,
-    /// Number of vertices left out, by a mask or because they have no value.
+    /// Number of vertices that were ignored, because of a mask or because they have no value.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) unread: Option<usize>,
-    /// The sphere made for a surface given without one, and how it was made.
+    /// Report on the sphere made for a surface that was given without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     parametrization: Option<Mapping>,
 }
@@ -77,14 +77,14 @@ pub(super) fn number(value: Option<f64>) -> String {
     value.map_or("-".to_owned(), spharm_monitor::number)
 }
 
-/// Which columns the table has besides msd and xsd.
+/// Columns of the table in addition to msd and xsd.
 #[derive(Clone, Copy)]
 pub(super) struct Columns {
-    /// Distances between model and surface, in place of distances at the vertices.
+    /// Whether distances between model and surface replace the distances at the vertices.
     surface: bool,
-    /// Distances at held-out vertices.
+    /// Whether distances at held-out vertices are shown.
     held_out: bool,
-    /// Noise removed by denoising.
+    /// Whether the noise removed by denoising is shown.
     denoise: bool,
 }
 

@@ -15,7 +15,7 @@ pub(crate) struct Options {
     pub(crate) run: RunParams,
     /// Whether the run is only previewed.
     pub(crate) dry_run: bool,
-    /// The report's file.
+    /// Path of the report's file.
     pub(crate) report: Option<PathBuf>,
     /// Whether the report is printed instead of the table.
     pub(crate) json: bool,
@@ -39,14 +39,14 @@ impl Options {
         Self { dry_run: cohort.dry_run, ..self }
     }
 
-    /// Returns whether an existing report is replaced. If this call resumes an earlier one, the report is the earlier
-    /// call's.
+    /// Returns whether an existing report is replaced. A call that resumes an earlier one replaces the report of the
+    /// earlier call.
     pub(crate) fn replaces_report(&self) -> bool {
         self.run.if_exists != IfExists::Refuse
     }
 }
 
-/// Returns how to treat existing outputs, from the flags `--force`, `--update` and `--skip-existing`.
+/// Returns the treatment of existing outputs, from the flags `--force`, `--update` and `--skip-existing`.
 pub(crate) fn if_exists(force: bool, update: bool, skip_existing: bool) -> IfExists {
     match (force, update, skip_existing) {
         (true, ..) => IfExists::Replace,

@@ -15,7 +15,7 @@ use spharm_cli::output::{counted, is_stdout, prepare};
 use spharm_cli::printable;
 use spharm_surface::io::write_new;
 
-/// Opens the state file of an alignment, and reports how much of the alignment is already done.
+/// Opens the state file of an alignment, and reports the part of the alignment that is already done.
 pub(super) fn journal(
     path: &Path,
     members: &[Coefficients],
@@ -34,7 +34,7 @@ pub(super) fn journal(
 /// Rules for writing outputs that may already exist.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Again {
-    /// Whether the state of an earlier run exists.
+    /// Whether the state file of an earlier run exists.
     resumed: bool,
     force: bool,
 }

@@ -58,10 +58,10 @@ pub(super) struct Cli {
     models: Models,
     #[command(flatten)]
     target: Target,
-    /// How surfaces are aligned
+    /// Method of aligning the surfaces
     #[arg(long, value_enum, default_value_t = How::Joint, help_heading = METHOD)]
     method: How,
-    /// What determines the surfaces' pose in space, if both rotations are searched
+    /// Criterion for the surfaces' pose in space, if both rotations are searched
     ///
     /// surfaces: the pose is found by nearest points of the surfaces alone, and then the rotation of the parameters
     /// under this pose. joint: both rotations together minimise the distance at equal directions. For models that were
@@ -74,7 +74,7 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Models, of those given, to mirror first (x to -x, surface and sphere): such as right hemispheres among left ones
+    /// Models to mirror before the alignment (x to -x, surface and sphere), such as right hemispheres among left ones
     ///
     /// The transforms include the reflection.
     #[arg(long, value_name = "MODEL", num_args = 1.., help_heading = METHOD)]
@@ -99,7 +99,7 @@ pub(super) struct Cli {
     /// Transforms to write
     #[arg(long, value_name = "OUT.json", help_heading = OUTPUT)]
     transforms: Option<PathBuf>,
-    /// File for the warnings about poses, which name members without their paths; for a study's page
+    /// File for the warnings about poses, for a study's page; the warnings name members without their paths
     #[arg(long, value_name = "OUT.json", requires = "group", hide = true)]
     warnings: Option<PathBuf>,
     /// Don't print the warnings about poses: a study uses this alignment only for comparison
@@ -120,7 +120,7 @@ pub(super) struct Cli {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct Target {
-    /// Align each model to this one
+    /// Model to which each of the models is aligned
     #[arg(long, value_name = "MODEL", help_heading = INPUT)]
     to: Option<PathBuf>,
     /// Align the models to each other

@@ -29,7 +29,7 @@ pub(super) struct Models {
 }
 
 impl Models {
-    /// Returns the files of the models.
+    /// Returns the paths of the models.
     pub(super) fn paths(&self) -> Result<Vec<PathBuf>> {
         files(&self.models)
     }
@@ -40,7 +40,7 @@ impl Models {
     }
 }
 
-/// Returns the files of the given models; all of them exist.
+/// Returns the paths of the given models, and checks that all of them exist.
 pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let files = expand(models, ".npz")?;
     match files.iter().find(|file| !file.exists()) {
@@ -49,7 +49,7 @@ pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     }
 }
 
-/// Quantity by which models are compared, as an argument.
+/// Argument for the quantity by which models are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum By {
     Distance,
@@ -72,7 +72,7 @@ impl By {
     }
 }
 
-/// The output of the report, and whether existing files are replaced.
+/// Arguments for the output of the report, and for replacing existing files.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = OUTPUT)]
 pub(super) struct ReportArgs {
@@ -87,7 +87,7 @@ pub(super) struct ReportArgs {
     pub(super) force: bool,
 }
 
-/// Memory and threads.
+/// Arguments for memory and threads.
 #[derive(Debug, Args)]
 #[command(next_help_heading = RESOURCES)]
 pub(super) struct Resources {
@@ -103,7 +103,7 @@ impl Resources {
     }
 }
 
-/// The points at which models are evaluated; by default each model's own sphere.
+/// Arguments for the sphere on which models are evaluated; by default each model's own sphere.
 #[derive(Debug, Args)]
 #[group(multiple = false)]
 pub(super) struct Sampling {
@@ -128,7 +128,7 @@ impl Sampling {
         console: &Console,
     ) -> Result<Option<Sphere>> {
         let Some(path) = &self.sphere else {
-            // Checked before the icosphere is created.
+            // Check the memory before the icosphere is created.
             plan.check_sampling(self.icosphere, plan.sampling(self.icosphere, None), needed)?;
             return Ok(self.icosphere.map(Sphere::icosphere));
         };
@@ -147,7 +147,7 @@ pub(super) fn sphere_of<'a>(shared: Option<&'a Sphere>, model: &'a Model, path: 
     }
 }
 
-/// Returns the coefficients of a model up to a degree, by default its own.
+/// Returns the coefficients of a model up to a degree, by default up to the model's own degree.
 pub(super) fn to_degree(model: &Model, path: &Path, degree: Option<usize>) -> Result<Coefficients> {
     let highest = model.coefficients.max_degree();
     match degree {

@@ -20,8 +20,8 @@ use super::outputs::finish;
 
 /// Carry landmarks from one member of a group to the same places on another member, or on all others
 ///
-/// Each member's landmarks are in its own frame, that of the file from which it was read. A place without a counterpart
-/// on both members is a guess: such landmarks are listed by name, and have `reached` false in the report.
+/// Each member's landmarks are in its own frame, that of the file from which it was read. A landmark without a
+/// counterpart on both members gets a guessed position: it is listed by name, and has `reached` false in the report.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -84,7 +84,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let of_report = cli.report.report.iter().map(|path| OutputFile::new(path, "--report"));
     let written = outputs.iter().map(|path| OutputFile::new(path, "--output")).chain(of_report);
     check_files([cli.landmarks.as_path()], written, cli.report.force)?;
-    // Hold one member in memory besides the source, since a group may have any number of members.
+    // Hold only one target in memory besides the source, since a group may have any number of members.
     let first = files.members(&[source])?;
     let surface = Mesh::new(first.places[0].clone(), first.template.sphere.faces.clone());
     let own = first.similarities[0].inverse().apply_mesh(&surface);

@@ -24,8 +24,8 @@ use super::plan::Plan;
 ///
 /// Compares models by the singular values of each degree, which don't depend on pose, and merges the most similar ones
 /// step by step (Ward's linkage). The table has the cluster of each model, largest first, and its silhouette: near 1
-/// if the model is much nearer to its own cluster than to the next, near 0 between two, below 0 if it is nearer to
-/// another one.
+/// if the model is much nearer to its own cluster than to the next, near 0 if it lies between two clusters, below 0 if
+/// it is nearer to another one.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -51,7 +51,7 @@ pub(super) struct Cli {
     /// Quantity by which models are compared
     ///
     /// distance is a lower bound of the surfaces' distance, to which low degrees contribute most. standardized divides
-    /// each number by its standard deviation, so that fine detail counts as much.
+    /// each number by its standard deviation, so that fine detail weighs as much as coarse shape.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Table to write
@@ -63,7 +63,7 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-/// Mean silhouette below which there is hardly any structure.
+/// Mean silhouette below which the models have hardly any cluster structure.
 const HARDLY: f64 = 0.25;
 
 /// Runs the subcommand.
@@ -84,7 +84,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let plan = Plan::new("cluster", &paths, cli.resources.both())?;
     let count = paths.len() as u64;
     let numbers = count * ((1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
-    // The distances of all pairs twice, beside the descriptors.
+    // Memory of the descriptors, and of two copies of the distances between all pairs of models.
     let needed = plan.one().saturating_mul(plan.threads as u64).saturating_add(40 * numbers + 8 * count * count);
     plan.check(needed, [])?;
     let pool = cli.resources.threads.pool()?;

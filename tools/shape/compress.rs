@@ -51,7 +51,7 @@ pub(super) struct Cli {
     /// The default degrees have at least 256 bytes between them.
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
     levels: Option<Vec<usize>>,
-    /// Leave out provenance and scheme key, about 500 bytes
+    /// Omit provenance and scheme key, about 500 bytes
     #[arg(long, help_heading = METHOD)]
     bare: bool,
     /// File to write; for several models a folder

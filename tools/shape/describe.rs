@@ -39,7 +39,7 @@ pub(super) struct Cli {
     /// Scale models to size 1
     #[arg(long, help_heading = METHOD)]
     unit_size: bool,
-    /// Write only one kind
+    /// Write only one kind of descriptors
     #[arg(long, value_enum, value_name = "KIND", help_heading = METHOD)]
     only: Option<Kind>,
     /// Table to write
@@ -60,7 +60,7 @@ enum Kind {
     SingularValues,
 }
 
-/// Computes the descriptors of a model up to a degree, by default its own.
+/// Computes the descriptors of a model up to a degree, by default up to the model's own degree.
 pub(super) fn of(model: &Model, path: &Path, degree: Option<usize>) -> Result<Descriptors> {
     let coefficients = to_degree(model, path, degree)?;
     descriptors(&coefficients).with_context(|| path.display().to_string())

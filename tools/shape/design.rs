@@ -7,25 +7,26 @@ use spharm::shape::stats::{Column, Question, Term, mean_question, question};
 
 use super::table::{Subjects, column_of, no_number};
 
-/// What is asked of a table of subjects.
+/// Hypothesis to test on a table of subjects.
 pub(crate) struct Asked<'a> {
-    /// Name of the column to test, or of an interaction, `a:b`; `None` for the mean.
+    /// Name of the column to test, or of an interaction of two columns, `a:b`; `None` tests the mean.
     pub(crate) effect: Option<&'a str>,
     /// Order of the effect's levels; empty for the sorted order.
     pub(crate) levels: &'a [String],
-    /// Combinations of the design's columns that replace the effect's own contrast.
+    /// Linear combinations of the design's columns that replace the effect's own contrast.
     pub(crate) contrast: &'a [String],
     pub(crate) covariates: &'a [String],
-    /// Columns whose numbers are levels.
+    /// Names of columns whose numbers are codes of levels rather than quantities.
     pub(crate) categorical: &'a [String],
-    /// Column of exchangeability blocks, which are levels as covariates, also if their names are numbers.
+    /// Name of the column of exchangeability blocks. As a covariate, it has levels even if the blocks' names are
+    /// numbers.
     pub(crate) blocks: Option<&'a str>,
     /// Whether values are relative to the mean of all subjects, so that no mean can be tested.
     pub(crate) relative: bool,
 }
 
 impl Asked<'_> {
-    /// Returns the design and the contrast.
+    /// Builds the design matrix and the contrast.
     pub(crate) fn question(&self, table: &impl Subjects) -> Result<Question> {
         let covariates = self.covariates.iter().map(|name| self.term(name, table)).collect::<Result<Vec<_>>>()?;
         let is_constant = |levels: &[String]| levels.windows(2).all(|pair| pair[0] == pair[1]);
@@ -52,7 +53,7 @@ impl Asked<'_> {
         Ok(question)
     }
 
-    /// Returns a column of `categorical` that is neither in the effect nor in the covariates.
+    /// Returns a column of `categorical` that occurs neither in the effect nor in the covariates.
     pub(crate) fn unused(&self) -> Option<&str> {
         let terms = || self.effect.into_iter().chain(self.covariates.iter().map(String::as_str));
         self.categorical.iter().map(String::as_str).find(|name| !terms().any(|term| parts(term).contains(name)))
@@ -79,7 +80,8 @@ impl Asked<'_> {
         column_of(&cells).map_err(|row| anyhow!("{}: column {name:?}: {}", table.place(row), no_number(cells[row])))
     }
 
-    /// Returns whether a column's numbers are names of levels: those of the effect whose order is given, too.
+    /// Returns whether a column's numbers are names of levels. This holds for columns of `categorical`, for the
+    /// blocks, and for the effect if the order of its levels is given.
     fn is_of_levels(&self, name: &str, cells: &[&str]) -> bool {
         let is_ordered = || {
             let order: BTreeSet<&str> = self.levels.iter().map(String::as_str).collect();
@@ -91,7 +93,7 @@ impl Asked<'_> {
     }
 }
 
-/// Returns the name of a term, and, if it may be an interaction, a:b, those of its columns.
+/// Returns the name of a term and, if the name may be that of an interaction, `a:b`, the names of both columns.
 pub(crate) fn parts(term: &str) -> Vec<&str> {
     let columns = term.split_once(':').map(|(first, second)| [first, second]);
     std::iter::once(term).chain(columns.into_iter().flatten()).collect()

@@ -52,8 +52,8 @@ pub(super) struct Cli {
     memory: Memory,
 }
 
-/// Memory in bytes per byte of a compressed file, at most: a coefficient takes at least one bit in the file, and 16
-/// bytes in the model.
+/// Maximum memory in bytes for each byte of a compressed file: a coefficient takes at least one bit in the file, and
+/// 16 bytes in the model.
 const EXPANSION: u64 = 160;
 
 /// Runs the subcommand.

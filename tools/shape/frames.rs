@@ -1,5 +1,5 @@
-//! The members' own frames: writes the transforms of `shape align`, and reads those of `shape align` and `shape
-//! correspond`.
+//! Transforms between the frames of members' own files and the frame of their models: writes those of `shape align`,
+//! and reads those of `shape align` and `shape correspond`.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_cli::paths::{model_name, shown};
 use spharm_surface::Similarity;
 
-/// A transform written by `shape align`.
+/// Entry of a model in the transforms written by `shape align`.
 #[derive(Deserialize)]
 struct Aligned {
     output: String,
@@ -20,14 +20,15 @@ struct Aligned {
     translation: [f64; 3],
 }
 
-/// A member written by `shape correspond`.
+/// Entry of a member in the report written by `shape correspond`.
 #[derive(Deserialize)]
 struct Member {
     name: String,
     to_group: Similarity,
 }
 
-/// Returns what `shape align` writes of each model: its transform, and its distance from the target before and after.
+/// Returns the entry that `shape align` writes for each model: its transform, and its distances from the target before
+/// and after the alignment.
 pub(super) fn written(
     models: &[PathBuf],
     outputs: &[PathBuf],

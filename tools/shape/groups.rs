@@ -1,4 +1,4 @@
-//! Reads groups of models to a common degree, and warns if that drops degrees.
+//! Reads groups of models up to a common degree, and warns if this drops degrees.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub(super) fn equal_models(
     })
 }
 
-/// A group of models, reduced to one degree.
+/// A group of models, all of the same degree.
 pub(super) struct Group {
     /// Names of the members: their file names without endings.
     pub(super) names: Vec<String>,
@@ -33,7 +33,7 @@ pub(super) struct Group {
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads a group of surfaces or of signals to `degree`, by default the lowest degree of its members.
+/// Reads a group of surfaces or of signals up to `degree`, by default the lowest degree of its members.
 pub(super) fn read_group(
     paths: &[PathBuf],
     kind: Kind,
@@ -57,9 +57,9 @@ pub(super) fn read_group(
     let (members, keys): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
-    // Only surfaces have poses.
+    // Signals have no pose, so poses are only compared for surfaces.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
-    // Differing poses already imply differing places, so this check runs only if the poses agree.
+    // Check whether places differ only if the poses agree, because different poses imply different places.
     if kind == Kind::Surface && poses.is_none() && !one_key(keys.iter().map(Option::as_deref)) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }

@@ -59,7 +59,7 @@ pub(super) fn of_models(
     Ok(Some(marks))
 }
 
-/// Reads the landmarks of surfaces from files named after them. Warnings are returned, not printed.
+/// Reads the landmarks of surfaces from files named after the surfaces. Warnings are returned, not printed.
 pub(super) fn of_surfaces(
     named: &[PathBuf],
     paths: &[PathBuf],

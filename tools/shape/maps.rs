@@ -60,7 +60,7 @@ impl Maps {
         Self { stem: folder.join(model_file_name(model)), format, force, double }
     }
 
-    /// Returns the files to write.
+    /// Returns the paths of the files to write.
     pub(super) fn files(&self) -> Vec<PathBuf> {
         if self.format == "csv" {
             return vec![with_ending(&self.stem, "geometry.csv")];
@@ -72,7 +72,7 @@ impl Maps {
         with_ending(&self.stem, &format!("{name}.{}", self.format))
     }
 
-    /// Returns whether the maps are meshes with values and colours, rather than only values.
+    /// Returns whether the format is a mesh with values and colours, rather than values alone.
     pub(super) fn painted(&self) -> bool {
         ["ply", "glb", "vtk"].iter().any(|ending| self.format.eq_ignore_ascii_case(ending))
     }

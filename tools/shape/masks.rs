@@ -1,5 +1,5 @@
-//! Reads masks of directions from files of values, from labels, and from groups. In a group, the places without a
-//! counterpart are masked.
+//! Reads masks of directions from files of values, from labels, and from groups. A group masks the places that have no
+//! counterpart on its members.
 
 use std::path::Path;
 

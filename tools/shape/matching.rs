@@ -40,7 +40,7 @@ pub(super) struct Cli {
     /// Models to search: files, folders or @LIST
     #[arg(long, value_name = "MODEL", num_args = 1.., required = true, help_heading = INPUT)]
     among: Vec<PathBuf>,
-    /// Number of matches shown
+    /// Maximum number of matches shown
     #[arg(long, value_name = "N", default_value_t = 5, help_heading = METHOD)]
     top: usize,
     /// Highest degree to compare [default: the lowest of the models']
@@ -88,7 +88,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let (of_queries, of_library) = (read(&queries)?, read(&among)?);
     let reading = started.elapsed().as_secs_f64();
-    // All models are compared at the lowest degree among the queries and the library.
+    // Compare all models at the lowest degree among the queries and the library.
     let degree = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).min().unwrap_or(0);
     let highest = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).max().unwrap_or(0);
     let mut warnings = Vec::new();

@@ -62,7 +62,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut rows = vec![["model", "distance from the mean"].map(str::to_owned).to_vec()];
     rows.extend(group.names.iter().zip(&distances).map(|(name, distance)| vec![name.clone(), number(*distance)]));
     let square = distances.iter().map(|distance| distance * distance).sum::<f64>();
-    // For very large surfaces the squares may overflow; then the root mean square is accumulated with `hypot`.
+    // For very large surfaces the sum of squares may overflow; then accumulate the root mean square with `hypot`.
     let count = distances.len() as f64;
     let spread = if square.is_finite() {
         (square / count).sqrt()

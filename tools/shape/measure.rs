@@ -63,7 +63,7 @@ pub(super) struct Cli {
     /// Format of the maps
     #[arg(long, value_name = "ENDING", default_value = "shape.gii", requires = "maps", help_heading = OUTPUT)]
     format: String,
-    /// Write 64-bit values if the maps' format has a choice
+    /// Write 64-bit values if the maps' format supports them
     #[arg(long, requires = "maps", help_heading = OUTPUT)]
     double: bool,
     #[command(flatten)]
@@ -105,7 +105,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let console = monitor.console();
     let plan = Plan::new("measure", &paths, cli.resources.both())?;
     let degree = plan.group.max_degree;
-    // Maps are written one after another, or as one table; this is the memory for either.
+    // Memory for either form of the maps: files written one after another, or one table.
     let needed = |[vertices, faces]: [u64; 2]| {
         let maps = local_geometry_bytes(vertices, degree).saturating_add(TABLE * vertices + 24 * (vertices + faces));
         plan.one().saturating_add(measure_bytes(degree).max(if cli.maps.is_some() { maps } else { 0 }))

@@ -10,7 +10,7 @@ use spharm_cli::output::same_place;
 
 use super::args::files;
 
-/// Returns whether each of the paths is named; a named file that isn't among them is an error.
+/// Returns for each path whether it is among the named files. A named file that isn't among the paths is an error.
 pub(super) fn among(named: &[PathBuf], paths: &[PathBuf], what: &str) -> Result<Vec<bool>> {
     let mut found = vec![false; paths.len()];
     for file in named {
@@ -22,7 +22,7 @@ pub(super) fn among(named: &[PathBuf], paths: &[PathBuf], what: &str) -> Result<
     Ok(found)
 }
 
-/// Whether each model is mirrored.
+/// Flags for each model of a group: true if the model is mirrored.
 pub(super) struct Mirrored(Vec<bool>);
 
 impl Mirrored {
@@ -30,12 +30,12 @@ impl Mirrored {
     ///
     /// # Errors
     ///
-    /// If a named model doesn't exist or isn't among them.
+    /// If a named model doesn't exist or isn't among the models to align.
     pub(super) fn find(named: &[PathBuf], paths: &[PathBuf]) -> Result<Self> {
         among(&files(named)?, paths, "models").map(Self)
     }
 
-    /// Mirrors the models.
+    /// Mirrors the marked models.
     pub(super) fn apply(&self, models: &mut [Model], monitor: &ConsoleMonitor) -> Result<()> {
         for (model, _) in models.iter_mut().zip(&self.0).filter(|(_, mirrored)| **mirrored) {
             *model = Transform::reflection().apply_model(model, monitor)?;
@@ -43,7 +43,7 @@ impl Mirrored {
         Ok(())
     }
 
-    /// Returns the transforms of the models as they were read, from those of the mirrored models.
+    /// Converts transforms of the mirrored models to transforms of the models as they were read.
     pub(super) fn of_files(&self, transforms: &[Transform]) -> Vec<Transform> {
         let whole = |(transform, mirrored): (&Transform, &bool)| {
             if *mirrored { Transform::reflection().then(transform) } else { *transform }

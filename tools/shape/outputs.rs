@@ -30,13 +30,13 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
 }
 
-/// Refuses outputs that couldn't be written at the end. Called before any work.
+/// Refuses, before any work, outputs that couldn't be written at the end.
 pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report: &'a ReportArgs) -> Result<()> {
     let of_report = report.report.as_deref().map(|path| OutputFile::new(path, "--report"));
     check_outputs(files.into_iter().chain(of_report), report.force)
 }
 
-/// Checks the same as [`check`], for outputs that are named after the models and may be in the same folder.
+/// Does the checks of [`check`] for outputs that are named after the models and may be in the models' folder.
 pub(super) fn check_beside<'a>(
     models: &[PathBuf],
     files: impl IntoIterator<Item = OutputFile<'a>>,
@@ -55,7 +55,7 @@ pub(super) fn finish(subcommand: &str, report: &Value, rows: &[Vec<String>], arg
     if args.json { print_json(&whole) } else { print(&table(rows)) }
 }
 
-/// Writes a report if one was requested, and returns it with the fields that all reports have.
+/// Writes a report if one was requested, and returns it together with the fields common to all reports.
 pub(super) fn write_report(subcommand: &str, report: &Value, args: &ReportArgs) -> Result<Value> {
     let mut whole = json!({
         "tool": format!("shape {subcommand}"),
@@ -101,7 +101,7 @@ pub(super) fn exact(value: f64) -> String {
     format!("{value:?}")
 }
 
-/// Writes a text completely or not at all.
+/// Writes a text to a file, completely or not at all.
 pub(super) fn write_text(path: &Path, force: bool, text: &str) -> Result<()> {
     prepare(path)?;
     write_new(path, force, |out| out.write_all(text.as_bytes()))?;

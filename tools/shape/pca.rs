@@ -125,7 +125,7 @@ fn rows(modes: &Modes, quality: Option<&Quality>) -> Vec<Vec<String>> {
         names.extend(["generalisation", "specificity"]);
     }
     let mut rows = vec![names.into_iter().map(str::to_owned).collect()];
-    // The report has all modes, the printed table the first 20.
+    // The report has all modes, the printed table only the first 20.
     for (k, (share, cumulative)) in modes.shares().into_iter().zip(modes.compactness()).enumerate().take(20) {
         let deviation = modes.variances[k].sqrt();
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);

@@ -43,7 +43,7 @@ impl Plan {
         if let Some(path) = paths.iter().max_by_key(|path| size(path)) {
             budget.check_inputs(&format!("shape {subcommand}"), [path.as_path()])?;
             largest = bytes_to_read(path);
-            // If this file isn't a model, the subcommand will report it or an earlier malformed file when it reads the
+            // If this file isn't a model, the subcommand reports it (or an earlier malformed file) when it reads the
             // models.
             if let Ok(model) = Model::read(path) {
                 group.max_degree = model.coefficients.max_degree();
@@ -54,8 +54,8 @@ impl Plan {
         Ok(Self { subcommand, budget, threads, group, own, files, largest })
     }
 
-    /// Returns the numbers of vertices and triangles of the sampling: of the icosphere, the shared sphere, or the
-    /// models' own.
+    /// Returns the numbers of vertices and triangles of the sampling: of the icosphere, the shared sphere, or else the
+    /// own sphere of the largest model.
     pub(super) fn sampling(&self, icosphere: Option<u32>, shared: Option<&Sphere>) -> [u64; 2] {
         icosphere.map(icosphere_counts).or(shared.map(counts)).unwrap_or(self.own)
     }
@@ -71,13 +71,14 @@ impl Plan {
         self.group.coefficients().saturating_add(self.largest.saturating_mul(readers))
     }
 
-    /// Returns the bytes needed to read the entire group on all threads and keep everything.
+    /// Returns the bytes needed to read the entire group on all threads and keep the complete models.
     pub(super) fn whole(&self) -> u64 {
         let readers = self.threads.min(self.group.models) as u64;
         self.files.saturating_add(self.largest.saturating_mul(readers))
     }
 
-    /// Refuses a plan that doesn't fit into memory. The error names the first of the alternatives `others` that fits.
+    /// Refuses a plan that doesn't fit into memory. The error names the first of the alternatives in `others` that
+    /// fits.
     pub(super) fn check(&self, needed: u64, others: impl IntoIterator<Item = (String, u64)>) -> Result<()> {
         let GroupSizes { models, max_degree, .. } = self.group;
         let count = if models == 1 { "1 model".to_owned() } else { format!("{models} models") };
@@ -92,7 +93,7 @@ impl Plan {
         console.note(format!("{models} of degree {max_degree}: {needed} of {budget} MiB planned"));
     }
 
-    /// Checks the same as [`check`](Self::check), with coarser icospheres as alternatives.
+    /// Does the check of [`check`](Self::check), with coarser icospheres as alternatives.
     pub(super) fn check_sampling(
         &self,
         icosphere: Option<u32>,
@@ -109,7 +110,7 @@ fn counts(sphere: &Sphere) -> [u64; 2] {
     [sphere.directions.len() as u64, sphere.faces.len() as u64]
 }
 
-/// Refuses files that are read one after another if the largest doesn't fit.
+/// Refuses files that are read one after another if the largest of them doesn't fit into memory.
 pub(super) fn check_each(subcommand: &str, paths: &[PathBuf], budget: Budget) -> Result<()> {
     paths.iter().try_for_each(|path| budget.check_inputs(&format!("shape {subcommand}"), [Path::new(path)]))
 }

@@ -60,10 +60,10 @@ pub(super) struct Cli {
     /// Subdivisions of the icosphere on which models are evaluated
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(2..=7), help_heading = METHOD)]
     icosphere: u32,
-    /// Align members rigidly first, by area, at equal directions
+    /// First align members rigidly, by points at equal directions, weighted by area
     #[arg(long, help_heading = METHOD)]
     rigid: bool,
-    /// Leave out distances between surfaces, which take most of the time
+    /// Skip distances between surfaces, which take most of the time
     #[arg(long, help_heading = METHOD)]
     no_surfaces: bool,
     /// Landmarks of the models, in their own frames
@@ -78,10 +78,10 @@ pub(super) struct Cli {
     /// original surfaces.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
-    /// Directions of the icosphere to compare: those whose value isn't 0, or a group's, given by its folder
+    /// File with nonzero values at the directions of the icosphere to compare, or the folder of a group
     ///
     /// In a group made by `spharm shape correspond`, some places have no counterpart on the members, such as lids of
-    /// the template's holes; they are left out.
+    /// the template's holes; these are skipped.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     mask: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap
@@ -211,7 +211,8 @@ fn rows(found: &GroupQuality) -> Vec<Vec<String>> {
     rows
 }
 
-/// Returns the panels of the picture: curves measured at points and, if measured, curves of distances between surfaces.
+/// Returns the panels of the picture. Each has the curve measured at points and, if measured, the curve of distances
+/// between surfaces.
 fn panels(found: &GroupQuality) -> Vec<CurvePanel<'_>> {
     vec![
         panel("compactness", &found.compactness, None),

@@ -33,13 +33,13 @@ use super::outputs::finish;
     &[help::MESHES],
 ))]
 pub(super) struct Cli {
-    /// Meshes, or models, which are evaluated; or @LIST with one path per line
+    /// Meshes, or models to evaluate, or @LIST with one path per line
     #[arg(value_name = "SURFACE", required = true, help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
     /// Mesh to move
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     template: PathBuf,
-    /// Method of bringing surfaces into the template's pose: by nearest points, or none
+    /// Method of bringing surfaces into the template's pose: nearest points, or none
     #[arg(long, value_enum, default_value_t = PoseBy::Surfaces, help_heading = METHOD)]
     pose: PoseBy,
     /// Scale surfaces to the template's size
@@ -88,8 +88,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let pool = cli.resources.threads.pool()?;
     let params = RegisterParams::default();
     let mesh = read(&cli.template)?;
-    // Memory of the template: kernels of 200 columns each, the factor of the thin plate, and search trees. Memory of
-    // the surface with its own trees.
+    // Memory of the template (kernels of 200 columns each, the factor of the thin plate, and search trees) and of the
+    // surface with its own search trees.
     let (n, stages) = (mesh.vertices.len() as u64, params.drift.len() as u64);
     let needed = 1600 * stages * (n + 3000) + 8000 * n + 4 * bytes_to_read(largest) + (8 << 20);
     budget.check(format!("shape register of a template of {n} vertices"), needed)?;

@@ -21,12 +21,12 @@ use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree}
 use super::outputs::{check, finish, outputs};
 use super::plan::Plan;
 
-/// Number of integration steps of the relocation; the error is far below the resolution of a mesh.
+/// Number of integration steps of the relocation of vertices; the error is far below the resolution of a mesh.
 const STEPS: usize = 16;
 
 /// Make meshes of models: within a distance, by levels, evenly in area
 ///
-/// Leaving out the degrees above a given one moves the surface by a root mean square distance that is known exactly.
+/// Dropping the degrees above a given one moves the surface by a root mean square distance that is known exactly.
 /// --tolerance uses the lowest degree within a distance; --levels writes a file for each degree, all with the same
 /// triangles. --even moves the vertices so that they are spread evenly over the surface's area.
 #[derive(Debug, Args)]
@@ -53,7 +53,7 @@ pub(super) struct Cli {
     /// Format of the files in a folder
     #[arg(long, value_name = "ENDING", default_value = "surf.gii", help_heading = OUTPUT)]
     format: String,
-    /// Write 64-bit positions if the format has a choice
+    /// Write 64-bit positions if the format supports them
     #[arg(long, help_heading = OUTPUT)]
     double: bool,
     #[command(flatten)]
@@ -68,16 +68,16 @@ struct Degree {
     /// Highest degree to use [default: the model's]
     #[arg(long, value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Lowest degree within a root mean square distance of the model, in its unit
+    /// Lowest degree within a root mean square distance of the model, in the model's unit
     #[arg(long, value_name = "D", allow_negative_numbers = true, help_heading = METHOD)]
     tolerance: Option<f64>,
-    /// Degrees, with a file for each
+    /// Degrees of the meshes, with a file for each
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
     levels: Option<Vec<usize>>,
 }
 
 impl Degree {
-    /// Returns the degrees up to which a model is evaluated.
+    /// Returns the degrees up to which a model is evaluated, one for each mesh.
     fn of(&self, model: &Model, path: &Path) -> Result<Vec<usize>> {
         let highest = model.coefficients.max_degree();
         if let Some(tolerance) = self.tolerance {
@@ -105,7 +105,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let files = targets.iter().flatten().map(|path| OutputFile::holding(path, "--output", Output::Mesh));
     check(files, &cli.report)?;
     let plan = Plan::new("remesh", &paths, cli.resources.both())?;
-    // Memory per vertex of moving the vertices, in bytes: four velocities, their directions, and the density.
+    // Memory per vertex, in bytes, for moving the vertices: four velocities, their directions, and the density.
     let even = if cli.even { 480 } else { 0 };
     let needed = |[vertices, faces]: [u64; 2]| {
         let evaluating = Model::bytes_to_evaluate(vertices, faces, 4, plan.group.max_degree);

@@ -21,9 +21,9 @@ use super::plan::Plan;
 
 /// Rotate or mirror models: their parameters, or the surface in space
 ///
-/// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u is then at direction
-/// R u, and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
-/// --mirror exchanges left and right of both, before anything else.
+/// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u moves to direction R
+/// u, and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
+/// --mirror exchanges left and right of both, before any rotation.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -39,7 +39,7 @@ use super::plan::Plan;
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Mirror first: x to -x, on the sphere and, of surfaces, in space
+    /// Mirror first: x to -x, on the sphere and, for surfaces, in space
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
     /// Rotation of the parameters
@@ -80,7 +80,7 @@ fn rotation(numbers: Option<&Vec<f64>>, option: &'static str) -> Result<Rotation
     found.context(option)
 }
 
-/// Returns the reflection of a model; a signal is only mirrored on its sphere.
+/// Returns the reflection for a kind of model; a signal is only mirrored on its sphere.
 fn mirror(kind: Kind) -> Transform {
     let similarity = Similarity::default();
     if kind == Kind::Surface { Transform::reflection() } else { Transform { similarity, ..Transform::reflection() } }

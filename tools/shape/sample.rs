@@ -72,7 +72,7 @@ pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
     let shapes: Vec<(PathBuf, Vec<f64>)> = match cli.random {
         Some(0) => return Err(Usage::invalid("--random 0 makes no shapes").into()),
         Some(count) => {
-            // Memory of each shape's numbers, and of their text in the report.
+            // Memory for the scores of each shape, and for their text in the report.
             let needed = |count: u64| (64 * modes.count() as u64 + 400).saturating_mul(count);
             let fewer = round_numbers_below(count as u64).map(|n| (format!("--random {n}"), needed(n)));
             budget.check_or(format_args!("shape sample --random {count}"), needed(count as u64), fewer)?;

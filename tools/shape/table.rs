@@ -9,7 +9,7 @@ use spharm_cli::inputs::read_text;
 use spharm_cli::paths::model_name;
 use spharm_cohort::Manifest;
 
-/// A table of subjects, for designs.
+/// A table of subjects, from which the design of a test is built.
 pub(crate) trait Subjects {
     /// Returns the number of subjects.
     fn count(&self) -> usize;
@@ -24,7 +24,7 @@ pub(crate) trait Subjects {
     /// If there is no such column, or a cell has no value.
     fn cells(&self, column: &str) -> Result<Vec<&str>>;
 
-    /// Returns the name of the table and of a row, for errors.
+    /// Returns the name of the table and the number of a row, for error messages.
     fn place(&self, row: usize) -> String;
 }
 
@@ -104,7 +104,8 @@ impl Table {
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
             bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
         }
-        // A missing value would become a level of its own, and would turn a column of numbers into a column of levels.
+        // A missing value would become an additional level, and would turn a column of numbers into a column of
+        // levels.
         if let Some(row) = cells.iter().position(|cell| is_missing(cell)) {
             let found = cells[row];
             bail!(
@@ -138,7 +139,7 @@ impl Table {
         Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
     }
 
-    /// Returns the cells of a column; equal cells are an error.
+    /// Returns the cells of a column, which must all differ.
     pub(crate) fn different(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.cells(name)?;
         if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
@@ -169,8 +170,8 @@ impl Subjects for Table {
 /// Name of the column with the landmark files.
 pub(crate) const LANDMARKS: &str = "landmarks";
 
-/// Returns the files named by a column of a `table` of surfaces, one per row, relative to the table; `None` if it has
-/// no such column.
+/// Returns the files named by a column of a `table` of surfaces, one per row, relative to the table; `None` if the
+/// table has no such column.
 ///
 /// # Errors
 ///
@@ -185,16 +186,17 @@ pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Resul
     files.collect::<Result<_>>().map(Some)
 }
 
-/// Returns the finite number that a cell is, if it is one.
+/// Returns the finite number in a cell; `None` if the cell has other text.
 pub(crate) fn finite(cell: &str) -> Option<f64> {
     cell.trim().parse().ok().filter(|number: &f64| number.is_finite())
 }
 
-/// Returns a column of numbers or of levels. If most cells are numbers, a cell that isn't a number is an error, because
-/// it would turn the whole column into levels and so change the tested hypothesis; the error is the cell's row.
+/// Returns a column of numbers or of levels. If most cells are numbers, a cell that isn't a number is an error,
+/// because it would turn the whole column into levels and so change the tested hypothesis. The error is the index of
+/// the cell's row.
 pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     let is_number = |cell: &str| finite(cell).is_some();
-    // A cell such as 30,5 is a number with a decimal comma rather than a level.
+    // Numbers with a decimal comma, such as 30,5, are meant as numbers rather than levels.
     let is_meant = |cell: &&&str| is_number(cell) || is_number(&cell.replace(',', "."));
     let meant = cells.iter().filter(is_meant).count();
     match cells.iter().position(|cell| !is_number(cell)) {
@@ -219,11 +221,12 @@ pub(crate) fn is_missing(cell: &str) -> bool {
         || cell.parse::<f64>().is_ok_and(|number| !number.is_finite())
 }
 
-/// Returns the row of each model, by the cell that is its path or, if no cell is, by its name.
+/// Returns the index of each model's row: the row whose cell is the model's path, or else the row whose cell has its
+/// name.
 ///
 /// # Errors
 ///
-/// If a model has no row, or several rows or models have its name.
+/// If a model has no row, if several rows have the name of a model, or if two models have the same row.
 pub(crate) fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>> {
     let named = || cells.iter().enumerate().filter(|(_, cell)| !is_missing(cell));
     let paths: HashMap<&Path, usize> = named().map(|(row, cell)| (Path::new(*cell), row)).collect();
@@ -303,7 +306,7 @@ mod tests {
         assert!(error(&["s0", "s1"]).contains("are in one row"));
         assert!(error(&["c/s0", "d/s0"]).contains("several rows are named \"s0\""));
         assert!(error(&["s1"]).contains("no row for \"s0\""));
-        // "n/a" is no path of a model called a.
+        // The cell "n/a" isn't the path of a model called a.
         assert!(rows_of(vec!["n/a"], &["a.spharm.npz".into()]).is_err());
     }
 }

@@ -25,7 +25,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         console.warn(format!("{} truncated or overwritten; ignored", counted(merged.damaged, "line")));
     }
     let manifest = cli.manifest.as_deref().map(Manifest::read).transpose()?;
-    // With a manifest, count only its rows, in its order.
+    // With a manifest, include only its rows, in its order.
     let entries: Vec<&Entry> = match &manifest {
         Some(manifest) => manifest.rows.iter().filter_map(|row| merged.entry(&row.id)).collect(),
         None => merged.entries().iter().collect(),
@@ -63,8 +63,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     Ok(())
 }
 
-/// Returns the given files, and the status files in the given folders. A folder may also contain other tables, such as
-/// a manifest, which are ignored.
+/// Returns the given files, and the status files in the given folders. Other tables in a folder, such as a manifest,
+/// are ignored.
 fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for path in paths {
@@ -86,8 +86,9 @@ fn status_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(files)
 }
 
-/// Returns the ids of rows whose model was made but no longer exists. If no model exists and the paths are relative,
-/// the current folder probably differs from the one in which the fits ran: then prints a note and returns no ids.
+/// Returns the ids of rows whose model was made but doesn't exist. If all models are missing and the paths are
+/// relative, the current folder probably differs from the one in which the fits ran: then prints a note and returns no
+/// ids.
 fn gone(entries: &[&Entry], console: &Console) -> HashSet<String> {
     let made: Vec<&&Entry> =
         entries.iter().filter(|entry| entry.state.is_there() && !entry.output.is_empty()).collect();

@@ -51,7 +51,7 @@ pub(super) enum Command {
         /// Folder of the store
         #[arg(env = "SPHARM_STORE")]
         dir: PathBuf,
-        /// Only list what would be removed
+        /// Only list the files to be removed
         #[arg(short = 'n', long)]
         dry_run: bool,
     },

@@ -11,9 +11,10 @@ use spharm_cohort::Shard;
 
 /// Run a study: fit, make subjects correspond, average, test, and write a page
 ///
-/// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes a commented one. Every stage is a
-/// command of spharm, which is shown. A stage runs again only if its inputs or settings have changed since the last
-/// run. So the same command resumes an interrupted study, and after a change reruns only the stages that depend on it.
+/// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes a template with comments. Every
+/// stage is a command of spharm, which is shown. A stage runs again only if its inputs or settings have changed since
+/// the last run. So the same command resumes an interrupted study, and after a change reruns only the stages that
+/// depend on it.
 #[derive(Debug, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -31,7 +32,7 @@ use spharm_cohort::Shard;
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(super) command: Option<Command>,
-    /// The study
+    /// File of the study
     #[arg(value_name = "STUDY.toml", required_unless_present = "again")]
     pub(super) study: Option<PathBuf>,
     /// Run the study of a provenance.json again, and compare the results
@@ -40,7 +41,7 @@ pub(crate) struct Cli {
     /// ones unless given. The exit status is 1 if a result differs.
     #[arg(long, value_name = "provenance.json", conflicts_with_all = ["study", "shard"], help_heading = METHOD)]
     pub(super) again: Option<PathBuf>,
-    /// Folder for all outputs [default: `output` in the study; with --again, the same with -again]
+    /// Folder for all outputs [default: `output` in the study; with --again, that folder with -again appended]
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
     /// Fit one part of the subjects: I/N, counted from 0, or slurm
@@ -51,7 +52,7 @@ pub(crate) struct Cli {
     pub(super) dry_run: bool,
     /// Stop before the tests if the quality control flags a subject that isn't accepted
     ///
-    /// There is no page then, and tests, figures and page of an earlier run are removed.
+    /// Then no page is written, and tests, figures and page of an earlier run are removed.
     #[arg(long, help_heading = METHOD)]
     pub(super) strict: bool,
     /// Print a report as JSON in place of the tables

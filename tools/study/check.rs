@@ -15,14 +15,14 @@ use super::sides;
 use super::test::Test;
 use crate::shape::table::{Subjects, is_missing};
 
-/// Largest number of subjects named in a warning.
+/// Maximum number of subjects named in a warning.
 const NAMED: usize = 6;
 
 /// Refuses a study that would fail after its fits, or give misleading results.
 ///
 /// # Errors
 ///
-/// Names the place at fault: the file and its key, or the table with the line and the column.
+/// The error names the cause: the file and its key, or the table with the line and the column.
 pub(super) fn check(plan: &Plan) -> Result<()> {
     let rows = plan.manifest.rows.len();
     if rows < LEAST {
@@ -135,8 +135,8 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
         .with_context(|| plan.table.display().to_string())
 }
 
-/// Checks that enough subjects could be fitted for each test of a study with sides. Returns warnings about subjects of
-/// whom one side is missing, and about sides that are the other way around.
+/// Checks that enough subjects could be fitted for each test of a study with sides. Returns warnings about subjects
+/// with only one fitted side, and about exchanged sides.
 ///
 /// # Errors
 ///
@@ -163,12 +163,12 @@ pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String
     Ok(missing.into_iter().chain(swapped(plan, subjects)?).collect())
 }
 
-/// Returns a warning if the left side of volumes is to the right of the right side, in all subjects.
+/// Returns a warning if the left side lies to the right of the right side in the volumes of all subjects.
 fn swapped(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
     let [first, second] = &plan.study.subjects.sides[..] else { return Ok(None) };
     let is = |name: &str, letter: char| name.to_lowercase().starts_with(letter);
     let left_first = is(first, 'l') && is(second, 'r');
-    // The axes of meshes aren't known: x may be to the right or to the left.
+    // Meshes are skipped because the direction of their x axis isn't known: it may point to the right or to the left.
     if !(left_first || is(first, 'r') && is(second, 'l')) || !subjects.iter().all(|subject| is_volume(&subject.surface))
     {
         return Ok(None);
@@ -189,7 +189,7 @@ fn swapped(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
     Ok((pairs > 0).then(|| format!("the side {first} is on the other side of {second} than its name says, in all of {all}: check `sides` and `labels`")))
 }
 
-/// Returns what a test needs of each subject, for messages.
+/// Returns the sides that a test needs of each subject, as text for messages.
 fn of_side(test: &Test) -> String {
     match &test.side {
         Some(_) if test.is_of_differences() => "both sides".to_owned(),
@@ -198,7 +198,7 @@ fn of_side(test: &Test) -> String {
     }
 }
 
-/// Checks the files of a test's sampling: that they exist, and are of the same vertices.
+/// Checks that the files of a test's sampling exist and have the same number of vertices.
 fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere), ("annotation", &test.annotation)] {
         if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
@@ -221,7 +221,7 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     Ok(())
 }
 
-/// The table of a test's subjects.
+/// Table of the subjects of a test.
 struct Rows<'a> {
     plan: &'a Plan,
     rows: Vec<&'a Row>,

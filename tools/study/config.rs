@@ -61,11 +61,11 @@ pub(super) struct Subjects {
     pub(super) sides: Vec<String>,
     /// Label of all subjects in their volumes, if the surfaces are given by a pattern.
     pub(super) label: Option<i64>,
-    /// Label of each side, if volumes have both.
+    /// Label of each side, if each volume contains both sides.
     pub(super) labels: Vec<i64>,
-    /// Subjects to leave out.
+    /// Subjects to exclude, with reasons.
     pub(super) exclude: Vec<Named>,
-    /// Subjects whose flags are accepted.
+    /// Subjects whose flags are accepted, with reasons.
     pub(super) accept: Vec<Named>,
 }
 
@@ -96,7 +96,7 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    /// Returns the arguments that say how to read volumes.
+    /// Returns the arguments about reading volumes.
     pub(super) fn of_volumes(&self) -> Vec<String> {
         let with_value = ["--voxel-size", "--threshold", "--smooth-radius"].into_iter();
         let mut found: Vec<String> =
@@ -105,7 +105,7 @@ impl Fit {
         found
     }
 
-    /// Returns the sphere of all fits, if the arguments give one.
+    /// Returns the sphere shared by all fits, if the arguments contain one.
     pub(super) fn sphere(&self) -> Option<&str> {
         self.value("--sphere")
     }
@@ -167,7 +167,7 @@ impl TryFrom<String> for Method {
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Align {
-    /// `None` stands for "fixed" if all subjects have spheres, otherwise for "correspond".
+    /// Method of correspondence; `None` selects "fixed" if all subjects have spheres, otherwise "correspond".
     pub(super) method: Option<Method>,
     pub(super) scale: bool,
     pub(super) mirror: bool,
@@ -259,7 +259,7 @@ impl Study {
     }
 }
 
-/// Formats a TOML error on one line, with its line number and the key there.
+/// Formats a TOML error as one line, with the line number and the key in that line.
 fn told(text: &str, error: &toml::de::Error) -> anyhow::Error {
     let message = error.message().replace('\n', " ").replace("usize", "a whole number");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else { return anyhow::anyhow!(message) };

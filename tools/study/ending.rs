@@ -1,4 +1,4 @@
-//! What a study prints at its end: its stages, flagged subjects, warnings and failures, or all of it as JSON.
+//! Prints the end of a study: its stages, flagged subjects, warnings and failures, or all of them as JSON.
 
 use std::path::{Path, PathBuf};
 
@@ -12,13 +12,13 @@ use super::provenance::Provenance;
 use super::test::Test;
 use super::warnings::{Flagged, about};
 
-/// Largest number of warnings shown at the end.
+/// Maximum number of warnings shown at the end.
 const SHOWN: usize = 20;
 
 /// A stage that ended.
 pub(super) struct Done {
     pub(super) stage: String,
-    /// `done`, or `up to date`.
+    /// Outcome: `done`, or `up to date`.
     pub(super) state: String,
     pub(super) seconds: f64,
 }
@@ -37,7 +37,8 @@ impl Compared {
     }
 }
 
-/// Prints whether the results are those of an earlier run; an error names those that differ.
+/// Prints whether the results equal those of an earlier run. If not, returns an error that names the differing
+/// results.
 pub(super) fn tell(Compared { count, differ }: &Compared) -> Result<()> {
     const NAMED: usize = 5;
     let count = *count;
@@ -55,10 +56,10 @@ pub(super) fn tell(Compared { count, differ }: &Compared) -> Result<()> {
 }
 
 impl Call<'_> {
-    /// Returns the report of `--json`; `ended` is how the study ended.
+    /// Returns the report of `--json`; `ended` is the study's result or error.
     pub(super) fn report(&self, ended: &Result<()>) -> Result<Value> {
         let plan = self.plan;
-        // A study that ended early may have results of an earlier run.
+        // If a study ended early, results of an earlier run may exist; don't report these.
         let is_made = |stage: &str| self.rows.iter().any(|done| done.stage == stage);
         let test = |test: &Test| -> Value {
             let folder = plan.test_folder(test);

@@ -1,4 +1,4 @@
-//! Subjects that are left out of a study, or whose flags are accepted, with the reasons.
+//! Subjects that are excluded from a study, or whose flags are accepted, with the reasons.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -8,12 +8,12 @@ use serde::Deserialize;
 use spharm_cohort::{Manifest, Row};
 use toml::Value;
 
-/// A subject of a list in the study's file, with a reason.
+/// An entry of a list of subjects in the study's file, with a reason.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(from = "IdOrReason")]
 pub(super) struct Named {
     pub(super) id: String,
-    /// The reason; empty if none is given.
+    /// Reason; empty if none is given.
     pub(super) reason: String,
 }
 
@@ -56,7 +56,7 @@ pub(super) fn check_list(key: &str, list: &Value) -> Result<()> {
     Ok(())
 }
 
-/// Checks that the subjects of a list are in the study, each once.
+/// Checks that all subjects of a list are in the study, and that none is listed twice.
 pub(super) fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
     let ids: HashSet<&str> = manifest.rows.iter().map(|row| row.id.as_str()).collect();
     let mut seen = HashSet::new();
@@ -74,8 +74,8 @@ pub(super) fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
     Ok(())
 }
 
-/// Removes the excluded subjects from a manifest, and from the text of the manifest that is to be written to the path
-/// `made`, which is made if there is none yet. Returns their rows, with the reasons.
+/// Removes the excluded subjects from a manifest and from its text, which is later written to the path `made`; creates
+/// the text if there is none yet. Returns the rows of the excluded subjects, with the reasons.
 ///
 /// # Errors
 ///
@@ -105,7 +105,7 @@ pub(super) fn exclude(
     Ok(excluded.into_iter().map(with_reason).collect())
 }
 
-/// Returns the text of a manifest, whose first column is the id, without the excluded subjects.
+/// Removes the excluded subjects from the text of a manifest, whose first column is the id.
 fn without(text: &[u8], left_out: &HashSet<&str>) -> Result<Vec<u8>> {
     let mut reader = csv::ReaderBuilder::new().delimiter(b'\t').has_headers(false).from_reader(text);
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());

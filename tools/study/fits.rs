@@ -45,7 +45,7 @@ impl Fits<'_> {
         self.status.join(name)
     }
 
-    /// Reads the outcomes.
+    /// Reads the outcomes of these fits from all tables.
     pub(super) fn merged(&self) -> Result<Merged> {
         Ok(Merged::read(&self.status_files()?)?)
     }
@@ -55,7 +55,7 @@ impl Fits<'_> {
         failed(self.manifest, |id| merged.entry(id))
     }
 
-    /// Returns whether the fits are of the surfaces.
+    /// Returns whether surfaces are fitted, rather than signals.
     pub(super) fn is_of_surfaces(&self) -> bool {
         self.name == SURFACES
     }
@@ -77,20 +77,20 @@ fn failed<'a>(manifest: &'a Manifest, entry: impl Fn(&'a str) -> Option<&'a Entr
 pub(super) struct Outcomes(Vec<Merged>);
 
 impl Outcomes {
-    /// Reads the outcomes.
+    /// Reads the outcomes of all fits.
     pub(super) fn read(fits: &[Fits<'_>]) -> Result<Self> {
         fits.iter().map(Fits::merged).collect::<Result<_>>().map(Self)
     }
 
-    /// Returns the outcome of a subject: the first that isn't a finished model, if there is one. `None` if a fit has no
-    /// outcome yet.
+    /// Returns the outcome of a subject: the first outcome that isn't a finished model, or else a finished one. `None`
+    /// if a fit has no outcome yet.
     pub(super) fn entry(&self, id: &str) -> Option<&Entry> {
         let entries: Vec<&Entry> = self.0.iter().map(|merged| merged.entry(id)).collect::<Option<_>>()?;
         let unfinished = entries.iter().find(|entry| !entry.state.is_there());
         unfinished.or(entries.first()).copied()
     }
 
-    /// Returns the subjects of which a fit failed, with the reasons.
+    /// Returns the subjects with a failed fit, with the reasons.
     pub(super) fn failed(&self, manifest: &Manifest) -> Vec<(String, String)> {
         failed(manifest, |id| self.entry(id))
     }

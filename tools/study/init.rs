@@ -11,33 +11,33 @@ use spharm_cohort::Manifest;
 use super::config::{escaped, template};
 use crate::shape::table::Table;
 
-/// Columns of ids, the most likely first; BIDS has the first.
+/// Names of columns of ids, the most likely first; BIDS uses the first.
 const IDS: [&str; 6] = ["participant_id", "id", "subject_id", "subject", "participant", "name"];
-/// Columns that studies usually test, the most likely first.
+/// Names of columns that studies usually test, the most likely first.
 const EFFECTS: [&str; 9] =
     ["group", "diagnosis", "dx", "condition", "treatment", "arm", "case_control", "sex", "gender"];
-/// Folders below the study file's folder that are searched for surfaces.
+/// Maximum depth of folders below the study file's folder that are searched for surfaces.
 const DEPTH: usize = 8;
-/// The number of files after which the search ends.
+/// Maximum number of files found before the search ends.
 const FILES: usize = 200_000;
-/// The number of patterns that the study file lists.
+/// Maximum number of patterns that the study file lists.
 const LISTED: usize = 5;
 /// Parts of the names of images that aren't label volumes.
 const IMAGES: [&str; 10] = ["t1", "t2", "flair", "bold", "dwi", "orig", "brain", "norm", "nu.", "rawavg"];
 
-/// A study file, and a summary of what was filled in.
+/// A study file, and a summary of the keys that were filled in.
 pub(super) struct Filled {
     pub(super) text: String,
     pub(super) notes: Vec<String>,
 }
 
-/// A pattern of paths, with the number of subjects that have such a file.
+/// A pattern of paths, with the number of subjects for which such a file exists.
 struct Pattern {
     pattern: String,
     subjects: usize,
 }
 
-/// Fills in the template of a study file in `folder` for a table, whose path `given` is relative to it.
+/// Fills in the template of a study file in `folder`. `given` is the path of the table, relative to `folder`.
 ///
 /// # Errors
 ///
@@ -49,7 +49,7 @@ pub(super) fn filled(folder: &Path, given: &str) -> Result<Filled> {
     let names: Vec<&str> = table.names().collect();
     let id = id_column(&table, &names);
     if table.has("id") && table.has("surface") {
-        // Fail now if a study of this table would be refused.
+        // Fail here if a study of this table would be refused.
         Manifest::read(folder.join(given))?;
     } else {
         replace("# id = \"participant_id\"", &format!("id = \"{}\"", escaped(names[id])));
@@ -94,15 +94,15 @@ pub(super) fn filled(folder: &Path, given: &str) -> Result<Filled> {
     Ok(Filled { text, notes })
 }
 
-/// Returns the column of ids: a usual name, or else the first column whose cells are all different.
+/// Returns the index of the column of ids: one with a usual name, or else the first column whose cells all differ.
 fn id_column(table: &Table, names: &[&str]) -> usize {
     let usual = IDS.iter().find_map(|id| names.iter().position(|name| name.eq_ignore_ascii_case(id)));
     let different = || names.iter().position(|name| table.different(name).is_ok());
     usual.or_else(different).unwrap_or(0)
 }
 
-/// Returns the column to test, with its levels if it has few: a usual name, or else a column of two levels, or of
-/// numbers.
+/// Returns the column to test, with its levels if it has few. Columns with a usual name come first, then columns of
+/// two levels, then columns of numbers.
 fn effect<'a>(table: &Table, names: &[&'a str]) -> Option<(&'a str, Vec<String>)> {
     let levels = |name: &str| -> Vec<String> {
         let cells: BTreeSet<&str> = table.cells(name).unwrap_or_default().into_iter().collect();
@@ -115,15 +115,16 @@ fn effect<'a>(table: &Table, names: &[&'a str]) -> Option<(&'a str, Vec<String>)
     found.or_else(numbers).map(|name| (name, levels(name)))
 }
 
-/// Finds the subjects' files below a folder. Returns patterns of surfaces, the best first, and that of the spheres of
-/// the best one, if all of its subjects have one.
+/// Finds the subjects' files below a folder. Returns patterns of surfaces, the best first. Also returns the pattern of
+/// the spheres that belong to the best pattern, if every subject with such a surface has a sphere.
 fn patterns(folder: &Path, ids: &[&str]) -> (Vec<Pattern>, Option<String>) {
     let (mut files, ids) = (BTreeSet::new(), ids.iter().copied().collect::<BTreeSet<_>>());
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     list(here, "", DEPTH, &mut files);
     let mut counts: BTreeMap<String, usize> = BTreeMap::new();
     for file in files.iter().filter(|file| is_surface(file)) {
-        // Of ids that begin alike, such as a and a-b, the longer comes last in their order, and is tried first.
+        // If one id begins with another, such as a-b and a, the longer one is later in the set's order and is tried
+        // first.
         if let Some(pattern) = ids.iter().rev().find_map(|id| pattern_of(file, id)) {
             *counts.entry(pattern).or_default() += 1;
         }
@@ -141,9 +142,9 @@ fn patterns(folder: &Path, ids: &[&str]) -> (Vec<Pattern>, Option<String>) {
     (found, sphere)
 }
 
-/// Lists the files below a folder by their relative paths, without hidden ones.
+/// Collects the relative paths of the files below a folder, without hidden files.
 fn list(folder: &Path, relative: &str, depth: usize, files: &mut BTreeSet<String>) {
-    // Folders that can't be read have no surfaces for the study either.
+    // Folders that can't be read are skipped, since the study couldn't read surfaces in them either.
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let Ok(name) = entry.file_name().into_string() else { continue };
         if name.starts_with('.') || files.len() >= FILES {
@@ -169,7 +170,7 @@ fn pattern_of(path: &str, id: &str) -> Option<String> {
     found.then(|| path.replace(id, "{id}"))
 }
 
-/// Returns whether a file's name is that of a surface, or of a volume that may have labels.
+/// Returns whether a file has the name of a surface, or of a volume that may contain labels.
 fn is_surface(path: &str) -> bool {
     let name = path.rsplit('/').next().unwrap_or(path).to_ascii_lowercase();
     if name.contains("sphere") {

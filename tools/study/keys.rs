@@ -1,4 +1,4 @@
-//! Checks the keys of a study's file: unknown ones, with the nearest known one, and missing ones.
+//! Checks the keys of a study's file: reports unknown keys, with the most similar known key, and missing keys.
 
 use anyhow::{Result, bail};
 use toml::{Table, Value};

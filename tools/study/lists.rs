@@ -10,12 +10,13 @@ use super::plan::{PLAIN, Plan, Subject, write_changed};
 use super::test::Test;
 use super::{sides, surfaces};
 
-/// Lists of the models, and of the signals' models, of mirrored subjects.
+/// Files with the lists of mirrored subjects' models, and of the models of their signals.
 pub(super) const MIRRORED: &str = "mirrored.txt";
 pub(super) const MIRRORED_SIGNALS: &str = "mirrored-signals.txt";
 
 impl Plan {
-    /// Returns the paths of the models that are compared.
+    /// Returns the path of each subject's model for comparisons: the aligned model if models are aligned, otherwise
+    /// the fitted one.
     pub(super) fn aligned(&self, subjects: &[Subject<'_>]) -> Vec<PathBuf> {
         let folder = self.aligned_folder();
         let place = |subject: &Subject<'_>| match (self.method, subject.model.file_name()) {
@@ -25,7 +26,7 @@ impl Plan {
         subjects.iter().map(place).collect()
     }
 
-    /// Writes the lists and the table that the stages read; leaves a file untouched if its text hasn't changed.
+    /// Writes the lists and the table that the stages read; keeps a file untouched if its text hasn't changed.
     pub(super) fn write_lists<'s>(&self, subjects: &'s [Subject<'_>]) -> Result<()> {
         let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
         let aligned = self.aligned(subjects);
@@ -65,7 +66,7 @@ impl Plan {
         self.study.test.iter().try_for_each(|test| self.write_tested(test, subjects))
     }
 
-    /// Returns whether the study is of both sides of each subject.
+    /// Returns whether the study includes both sides of each subject.
     pub(super) fn has_sides(&self) -> bool {
         !self.study.subjects.sides.is_empty()
     }
@@ -75,18 +76,18 @@ impl Plan {
         if self.has_sides() { "surface" } else { "subject" }
     }
 
-    /// Returns the number of subjects, of which each may have two sides.
+    /// Returns the number of subjects; a subject with two sides counts once.
     pub(super) fn subjects_counted(&self) -> usize {
         let of_sides = if self.has_sides() { sides::subjects(&self.manifest) } else { None };
         of_sides.map_or(self.manifest.rows.len(), |subjects| subjects.len())
     }
 
-    /// Returns the folder of the models of mirrored subjects' signals.
+    /// Returns the folder of the mirrored signals' models.
     pub(super) fn mirrored_signals(&self) -> PathBuf {
         self.output.join(SIGNALS_FOLDER).join("mirrored")
     }
 
-    /// Returns the models that a test is of, each with that to subtract.
+    /// Returns the rows of a test: the index of the subject, its model, and the model to subtract, if any.
     pub(super) fn tested(&self, test: &Test, subjects: &[Subject<'_>]) -> Vec<(usize, PathBuf, Option<PathBuf>)> {
         let models = match self.signal_fits().filter(|_| test.is_of_values()) {
             None => self.aligned(subjects),
@@ -118,8 +119,8 @@ impl Plan {
         self.records().join(format!("{name}{side}.csv"))
     }
 
-    /// Returns the columns of a test's table with the models, the second with those to subtract: the names of the
-    /// sides, if their differences are tested.
+    /// Returns the names of the columns with models in a test's table. If differences of the sides are tested, these
+    /// are the names of the sides; the second column has the models to subtract.
     pub(super) fn model_columns(&self, test: &Test) -> [&str; 2] {
         match &self.study.subjects.sides[..] {
             [first, second] if test.is_of_differences() => [first, second],
@@ -143,13 +144,13 @@ impl Plan {
         write_changed(&self.tested_table(test), &String::from_utf8(writer.into_inner()?)?)
     }
 
-    /// Returns a path in the output relative to the folder of the lists.
+    /// Returns a path within the output folder, relative to the folder of the lists.
     fn relative(&self, path: &Path) -> Result<String> {
         let path = path.strip_prefix(&self.output).with_context(|| path.display().to_string())?;
         Ok(Path::new("..").join(path).display().to_string())
     }
 
-    /// Writes a file of the records.
+    /// Writes a file into the folder of records, unless its text hasn't changed.
     pub(super) fn write(&self, name: &str, text: &str) -> Result<()> {
         write_changed(&self.records().join(name), text)
     }

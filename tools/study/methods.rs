@@ -13,10 +13,10 @@ use super::plan::Plan;
 use super::test::Test;
 use super::warnings::about;
 
-/// Name of the file in the study's output.
+/// Name of the file with the paragraph in the study's output.
 pub(super) const FILE: &str = "methods.md";
 
-/// The cited publications, with the marks by which the text refers to them.
+/// Cited publications, with the short forms by which the text refers to them.
 const CITED: [(&str, &str); 8] = [
     (
         "Shen and Chung 2006",
@@ -49,7 +49,7 @@ const CITED: [(&str, &str); 8] = [
     ),
 ];
 
-/// Returns the text, for a study in which `subjects` subjects could be fitted.
+/// Returns the text for a study; `subjects` is the number of subjects that could be fitted.
 pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let of_what = match &study.subjects.sides[..] {
@@ -136,7 +136,7 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     Ok(format!("{}\n\n{references}", text.trim_end()))
 }
 
-/// Lists ids with their reasons, where there are any.
+/// Lists ids, each with its reason if one was given.
 fn with_reasons<'a>(listed: impl Iterator<Item = (&'a str, &'a str)>) -> String {
     let one = |(id, reason): (&str, &str)| if reason.is_empty() { id.to_owned() } else { format!("{id}: {reason}") };
     listed.map(one).collect::<Vec<_>>().join("; ")
@@ -217,14 +217,14 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
     Ok(text)
 }
 
-/// Returns whether a test has terms beside the effect and the overall mean.
+/// Returns whether a test has terms besides the effect and the overall mean.
 fn has_nuisance(test: &Test, about: &Value) -> bool {
     let columns = about["columns"].as_array().map_or(0, Vec::len);
     let of_all_levels = test.contrast.is_empty() && about["statistic"]["name"] == "F";
     !test.covariates.is_empty() || test.effect.contains(':') || columns > 2 && !of_all_levels
 }
 
-/// Returns the sentences about the surfaces of volumes; empty if there are none.
+/// Returns the sentences about the surfaces of volumes; empty if the study has no volumes.
 fn of_volumes(plan: &Plan) -> String {
     let fit = &plan.study.fit;
     let mapped = |row: &Row| row.sphere.is_none() && is_volume(&row.surface);
@@ -246,7 +246,7 @@ fn of_volumes(plan: &Plan) -> String {
     )
 }
 
-/// Returns the numbers of subjects of each level, as in "; 10 a, 12 b"; empty for an effect without levels.
+/// Returns the number of subjects of each level as text, such as "; 10 a, 12 b"; empty for an effect without levels.
 fn subjects_of(about: &Value) -> String {
     let one = |level: &Value| Some(format!("{} {}", level["subjects"].as_u64()?, level["level"].as_str()?));
     let counts: Vec<String> = about["levels"].as_array().into_iter().flatten().filter_map(one).collect();

@@ -13,24 +13,24 @@ use super::{exclusion, sides, subjects};
 
 /// Folder within the output folder for the records from which a study is resumed.
 const RECORDS: &str = ".study";
-/// Folder of the plain alignment, which is made for comparison.
+/// Name of the folder of the plain alignment, which is made for comparison.
 pub(super) const PLAIN: &str = "plain";
 
 /// A study with its resolved paths and subjects.
 pub(super) struct Plan {
-    /// The study's file.
+    /// Path of the study's file.
     pub(super) file: PathBuf,
-    /// Text of the file.
+    /// Text of the study's file.
     pub(super) text: String,
     pub(super) study: Study,
-    /// The folder that contains the study's file.
+    /// Folder that contains the study's file.
     pub(super) folder: PathBuf,
-    /// The folder of all outputs.
+    /// Folder of all outputs.
     pub(super) output: PathBuf,
     pub(super) table: PathBuf,
-    /// The subjects, without the excluded ones.
+    /// Manifest of the subjects, without the excluded ones.
     pub(super) manifest: Manifest,
-    /// The excluded subjects, with the reasons.
+    /// Rows of the excluded subjects, with the reasons.
     pub(super) excluded: Vec<(Row, String)>,
     /// Method of bringing the subjects into correspondence.
     pub(super) method: Method,
@@ -38,11 +38,11 @@ pub(super) struct Plan {
     pub(super) landmarks: Option<Vec<PathBuf>>,
     /// Files of the signals that guide the correspondence, for each subject in table order.
     pub(super) guides: Vec<Vec<PathBuf>>,
-    /// The manifest's text, if the manifest isn't the table itself.
+    /// Text of the manifest; `None` if the study's table itself is the manifest.
     made_text: Option<Vec<u8>>,
     /// Manifest of the subjects' signals and its text, if the study has signals.
     signals: Option<(Manifest, Vec<u8>)>,
-    /// Arguments that all stages share, such as the number of threads.
+    /// Arguments that are passed to all stages, such as the number of threads.
     pub(super) common: Vec<String>,
 }
 
@@ -51,9 +51,9 @@ pub(super) struct Subject<'a> {
     pub(super) id: &'a str,
     pub(super) cells: &'a [String],
     pub(super) model: PathBuf,
-    /// The mesh or volume that is registered.
+    /// Path of the mesh or volume that is registered.
     pub(super) surface: PathBuf,
-    /// Label in the volume.
+    /// Label in the volume; `None` for a mesh.
     pub(super) label: Option<i64>,
     /// Whether the subject is mirrored before it is compared.
     pub(super) mirrored: bool,
@@ -75,7 +75,8 @@ impl Plan {
         let folder = path.parent().unwrap_or(Path::new(""));
         let table = folder.join(&study.subjects.table);
         let output = match output {
-            // Recorded paths are relative to the study's folder, so one outside must be absolute.
+            // Recorded paths are relative to the study's folder, so an output outside this folder needs an absolute
+            // path.
             Some(output) if !output.starts_with(folder) => std::path::absolute(output)?,
             Some(output) => output,
             None => folder.join(&study.output),
@@ -186,8 +187,8 @@ impl Plan {
         self.output.join("thumbnails")
     }
 
-    /// Returns the folder of the models after alignment or correspondence. Method "none" has no such folder; there the
-    /// fitted models are compared.
+    /// Returns the folder of the models after alignment or correspondence. Method "none" has no such folder and
+    /// compares the fitted models.
     pub(super) fn aligned_folder(&self) -> PathBuf {
         self.output.join(if self.method == Method::Correspond { "group" } else { "aligned" })
     }
@@ -207,7 +208,7 @@ impl Plan {
         self.output.join("report.html")
     }
 
-    /// Returns the fits, those of the surfaces first.
+    /// Returns the fits of the surfaces and, after them, the fits of the signals.
     pub(super) fn fits(&self) -> Vec<Fits<'_>> {
         let surfaces = Fits { name: SURFACES, manifest: &self.manifest, models: self.models(), status: self.status() };
         let folder = self.output.join(SIGNALS_FOLDER);
@@ -215,12 +216,13 @@ impl Plan {
         std::iter::once(surfaces).chain(self.signals.as_ref().map(|(manifest, _)| of_signals(manifest))).collect()
     }
 
-    /// Returns the fits of the signals, if the study has signals.
+    /// Returns the fits of the signals; `None` if the study has no signals.
     pub(super) fn signal_fits(&self) -> Option<Fits<'_>> {
         self.fits().into_iter().nth(1)
     }
 
-    /// Returns the folder of the outcomes of the fits of which some failed: those of the surfaces, if any of them did.
+    /// Returns the folder of the outcomes of the first fits with failures: those of the surfaces, otherwise those of
+    /// the signals.
     pub(super) fn status_of_failures(&self) -> PathBuf {
         let fails = |fits: &Fits<'_>| fits.merged().is_ok_and(|merged| !fits.failed(&merged).is_empty());
         self.fits().into_iter().find(fails).map_or_else(|| self.status(), |fits| fits.status)
@@ -230,7 +232,7 @@ impl Plan {
         self.output.join("models")
     }
 
-    /// Returns all subjects in table order, with the paths of their future models.
+    /// Returns all subjects in table order, with the paths at which their models will be written.
     pub(super) fn subjects_planned<'s>(&'s self) -> Vec<Subject<'s>> {
         let folder = self.models();
         let of = |(index, row): (usize, &'s Row)| {
@@ -244,15 +246,15 @@ impl Plan {
         self.manifest.rows.iter().enumerate().map(of).collect()
     }
 
-    /// Returns the subjects that were fitted. A subject whose fit fails now is left out, even if its model of an
-    /// earlier run exists.
+    /// Returns the subjects that were fitted. Skips a subject whose last fit failed, even if its model of an earlier
+    /// run exists.
     pub(super) fn subjects(&self, outcomes: &Outcomes) -> Vec<Subject<'_>> {
         let fits = self.fits();
         let done = |id: &str| outcomes.is_done(id) && fits.iter().all(|fits| fits.model(id).exists());
         self.subjects_planned().into_iter().filter(|subject| done(subject.id)).collect()
     }
 
-    /// Writes the outcome of each subject for the page. Times are left out, so that equal results give equal bytes.
+    /// Writes the outcome of each subject for the page. Times are omitted, so that equal results give equal bytes.
     pub(super) fn write_status(&self, outcomes: &Outcomes) -> Result<()> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
         writer.write_record(["id", "state", "error", "accepted"].into_iter().chain(self.columns()))?;
@@ -279,7 +281,7 @@ impl Plan {
         self.write("warnings/all.json", &(serde_json::to_string_pretty(warnings)? + "\n"))
     }
 
-    /// Returns the reason why a subject's flags are accepted; empty if they aren't.
+    /// Returns the reason why a subject's flags are accepted; empty if they aren't accepted.
     fn accepted(&self, id: &str) -> &str {
         let named = self.study.subjects.accept.iter().find(|of| of.id == id);
         named.map_or("", |of| if of.reason.is_empty() { "no reason given" } else { &of.reason })
@@ -289,7 +291,7 @@ impl Plan {
         self.manifest.columns.iter().map(String::as_str)
     }
 
-    /// Writes the manifests, except one that is the table itself.
+    /// Writes the manifests, unless the study's table itself is the manifest.
     pub(super) fn write_manifests(&self) -> Result<()> {
         let signals = self.signals.as_ref().map(|(_, text)| ("signals.tsv", text));
         let made = self.made_text.as_ref().map(|text| ("manifest.tsv", text)).into_iter().chain(signals);

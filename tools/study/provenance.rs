@@ -1,5 +1,5 @@
-//! The record of a study, provenance.json: what is needed to run the study again and to see whether its results are the
-//! same.
+//! The record of a study, provenance.json: all information needed to repeat the study and to check whether its results
+//! are the same.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Component, Path, PathBuf};
@@ -18,7 +18,7 @@ use super::stage::Stage;
 /// Name of the record in the study's output.
 pub(super) const FILE: &str = "provenance.json";
 
-/// The record. Paths of inputs are relative to the study's folder if they lie in it.
+/// Record of a study. Paths of inputs within the study's folder are relative to it.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Provenance {
     tool: String,
@@ -26,7 +26,7 @@ pub(super) struct Provenance {
     /// Name of the study's file, and its text.
     file: String,
     study: String,
-    /// Path of the study's folder from the output, and of the output from the study's folder.
+    /// Relative paths from the output folder to the study's folder, and from the study's folder to the output folder.
     folder: PathBuf,
     output: PathBuf,
     threads: usize,
@@ -37,11 +37,11 @@ pub(super) struct Provenance {
     excluded: BTreeMap<String, String>,
     accepted: BTreeMap<String, String>,
     commands: Vec<String>,
-    /// BLAKE3 hashes of the results by their paths in the output; of a model, that of its coefficients.
+    /// BLAKE3 hash of each result by its path in the output folder; for a model, the hash of its coefficients.
     outputs: BTreeMap<PathBuf, String>,
 }
 
-/// A file of a subject, or of a test.
+/// Record of a file that belongs to a subject or a test.
 #[derive(Debug, Serialize, Deserialize)]
 struct Input {
     id: String,
@@ -49,12 +49,12 @@ struct Input {
     file: FileRecord,
 }
 
-/// Endings of the results that are the same in every run with the same inputs, threads and memory. Reports aren't,
-/// because they contain times.
+/// Endings of results that are the same in every run with the same inputs, threads and memory. Reports aren't
+/// compared, because they contain times.
 const COMPARED: [&str; 5] = ["npz", "csv", "tsv", "gii", "png"];
 
 impl Provenance {
-    /// Describes a study whose fits and stages, but for the page, have been run.
+    /// Describes a study after all fits and stages except the page have been run.
     pub(super) fn of(plan: &Plan, threads: usize, stages: &[&Stage]) -> Result<Self> {
         let (folder, output) = (absolute(&plan.folder)?, absolute(&plan.output)?);
         let relative = |path: &Path| {
@@ -67,7 +67,7 @@ impl Provenance {
         let (mut inputs, mut outputs) = (Vec::new(), BTreeMap::new());
         for fits in plan.fits() {
             for row in &fits.manifest.rows {
-                // The models record the hashes of the files that they were made from.
+                // Models record the hashes of the files from which they were made.
                 let path = fits.model(&row.id);
                 let model = Model::read(&path).ok();
                 outputs.extend(model.as_ref().map(|model| (inner(&path), hash(model))));
@@ -129,7 +129,7 @@ impl Provenance {
         })
     }
 
-    /// Reads a record.
+    /// Reads the record of a study from provenance.json.
     pub(super) fn read(path: &Path) -> Result<Self> {
         let text = read_text(path, "provenance of a study", MOST_OWN)?;
         serde_json::from_str(&text)
@@ -140,8 +140,8 @@ impl Provenance {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 
-    /// Returns the plan of the same study with another output. `path` is the record's own path, from which the inputs
-    /// are found.
+    /// Returns the plan of the same study with another output folder. `path` is the path of the record itself, from
+    /// which the paths of the inputs are resolved.
     ///
     /// # Errors
     ///
@@ -176,7 +176,7 @@ impl Provenance {
         Plan::of_text(&folder.join(&self.file), self.study.clone(), Some(output), common)
     }
 
-    /// Returns the arguments with which the study was run.
+    /// Returns the arguments with which the study was run, including the number of threads.
     pub(super) fn arguments(&self) -> Vec<String> {
         let threads = ["--threads".to_owned(), self.threads.to_string()];
         if self.arguments.contains(&threads[0]) {
@@ -200,7 +200,7 @@ fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     std::path::absolute(if path.as_os_str().is_empty() { Path::new(".") } else { path })
 }
 
-/// Returns whether a result is the same in every run.
+/// Returns whether a result must be the same in every run.
 fn is_compared(path: &Path) -> bool {
     path.extension().and_then(|ending| ending.to_str()).is_some_and(|ending| COMPARED.contains(&ending))
 }
@@ -214,8 +214,8 @@ fn hash(model: &Model) -> String {
     hasher.finalize().to_hex().to_string()
 }
 
-/// Returns the path from `place` by `way`. Each `..` removes a folder's name, if there is one, so that equal files get
-/// the same paths as in the first run.
+/// Resolves the relative path `way` from `place`. Each `..` removes a folder's name, if the path ends with one, so
+/// that equal files get the same paths as in the first run.
 fn ascend(place: &Path, way: &Path) -> PathBuf {
     let mut path = place.to_owned();
     for part in way.components() {

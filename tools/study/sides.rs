@@ -1,4 +1,4 @@
-//! Studies of both sides of each subject, such as hemispheres: a row for each side, of which the second is mirrored, so
+//! Studies of both sides of each subject, such as hemispheres. Each side has a row; the second side is mirrored, so
 //! that equal places of both sides correspond.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,11 +10,11 @@ use super::config::{Study, Subjects};
 use super::exclusion::Named;
 use super::test::{ASYMMETRY, Test};
 
-/// Value of the key `mask` for no mask.
+/// Value of the key `mask` that disables the mask.
 pub(super) const NO_MASK: &str = "none";
 /// Placeholder of the side in a pattern.
 pub(super) const SIDE: &str = "{side}";
-/// Columns of a row's subject and side.
+/// Names of the columns for the subject and the side of a row.
 pub(super) const COLUMNS: [&str; 2] = ["subject", "side"];
 
 /// Checks the keys about sides of a study file.
@@ -36,7 +36,7 @@ fn check_placeholders(study: &Study) -> Result<()> {
     Ok(())
 }
 
-/// Checks the names of the sides, and that the patterns tell the sides apart.
+/// Checks the names of the sides, and that the patterns distinguish the sides.
 fn check_names(study: &Study) -> Result<()> {
     let Subjects { sides, labels, surface, .. } = &study.subjects;
     let [first, second] = match &sides[..] {
@@ -71,7 +71,7 @@ fn check_names(study: &Study) -> Result<()> {
     if study.subjects.label.is_some() {
         bail!("`label` in [subjects]: expected `labels`, one for each of the `sides`");
     }
-    // Files on vertices belong to one side.
+    // Files of values on vertices belong to a single side, so their patterns need `{side}`.
     for (key, pattern) in files(study) {
         let of_both = key == SURFACE && !labels.is_empty();
         if !pattern.contains(SIDE) && !of_both {
@@ -90,10 +90,10 @@ fn check_names(study: &Study) -> Result<()> {
     Ok(())
 }
 
-/// Name of the key of the surfaces in messages.
+/// Name of the key of the surfaces, for messages.
 const SURFACE: &str = "`surface` in [subjects]";
 
-/// Returns the files of each subject that are given by patterns or columns, with the names of their keys.
+/// Returns the patterns and columns that name the files of each subject, with the names of their keys.
 fn files(study: &Study) -> Vec<(&'static str, &str)> {
     let Subjects { surface, sphere, landmarks, signal, mask, .. } = &study.subjects;
     let mask = mask.as_ref().filter(|mask| *mask != NO_MASK);
@@ -137,7 +137,7 @@ pub(super) fn id_of(subject: &str, side: &str) -> String {
     format!("{subject}_{side}")
 }
 
-/// Returns whether a row is of the second side.
+/// Returns whether a row belongs to the second side.
 pub(super) fn is_mirrored(subjects: &Subjects, manifest: &Manifest, row: &Row) -> bool {
     let [_, side] = cells(manifest, row);
     subjects.sides.get(1).is_some_and(|second| Some(second.as_str()) == side)
@@ -151,12 +151,12 @@ fn cells<'a>(manifest: &Manifest, row: &'a Row) -> [Option<&'a str>; 2] {
     })
 }
 
-/// Returns the subjects of a study with sides.
+/// Returns the names of the subjects of a study with sides; `None` without sides.
 pub(super) fn subjects(manifest: &Manifest) -> Option<BTreeSet<&str>> {
     manifest.rows.iter().map(|row| cells(manifest, row)[0]).collect()
 }
 
-/// Returns the subjects of which only one side is among the rows with these cells.
+/// Returns the subjects with only one side among the rows with these cells.
 pub(super) fn alone<'a>(manifest: &Manifest, rows: impl Iterator<Item = &'a [String]>) -> Vec<String> {
     let Some(at) = manifest.columns.iter().position(|column| column == COLUMNS[0]) else { return Vec::new() };
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
@@ -174,7 +174,7 @@ pub(super) fn filled(pattern: &str, subjects: &Subjects, manifest: &Manifest, ro
     }
 }
 
-/// Returns a list of subjects in which those of a study with sides stand for both of their rows.
+/// Replaces each subject in a list by its two rows, one for each side. An id of a single row is kept.
 pub(super) fn rows_of(listed: &[Named], subjects: &Subjects, manifest: &Manifest) -> Vec<Named> {
     let has = |id: &str| manifest.rows.iter().any(|row| row.id == id);
     let rows = |named: &Named| -> Vec<Named> {
@@ -187,8 +187,8 @@ pub(super) fn rows_of(listed: &[Named], subjects: &Subjects, manifest: &Manifest
     listed.iter().flat_map(rows).collect()
 }
 
-/// Returns the indices of the rows that a test is of, each with that of the row to subtract: all rows, those of one
-/// side, or pairs of both sides.
+/// Returns the rows of a test as indices: all rows, the rows of one side, or pairs of both sides. In a pair, the
+/// second index is the row to subtract.
 pub(super) fn tested<'a>(
     test: &Test,
     subjects: &Subjects,
@@ -207,7 +207,7 @@ pub(super) fn tested<'a>(
     pairs_of(subjects, &rows).into_iter().map(|(first, second)| (first, Some(second))).collect()
 }
 
-/// Returns the indices of the two rows of each subject who has both sides.
+/// Returns the indices of the rows of both sides, for each subject with two sides.
 pub(super) fn pairs<'a>(
     subjects: &Subjects,
     rows: impl Iterator<Item = &'a [String]>,
@@ -220,7 +220,7 @@ pub(super) fn pairs<'a>(
     pairs_of(subjects, &rows)
 }
 
-/// Returns the pairs of rows, each a subject and a side.
+/// Returns the pairs of rows that belong to one subject; each row is given by its subject and side.
 fn pairs_of(subjects: &Subjects, rows: &[[&str; 2]]) -> Vec<(usize, usize)> {
     let of = |side: &str| -> BTreeMap<&str, usize> {
         let of_side = rows.iter().enumerate().filter(|(_, [_, found])| *found == side);

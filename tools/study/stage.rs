@@ -1,4 +1,4 @@
-//! A stage of a study: a command with known inputs and outputs, which is run again only if they have changed.
+//! A stage of a study: a command with known inputs and outputs, which runs again only if these have changed.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,7 +19,7 @@ pub(super) struct Stage {
     pub(super) arguments: Vec<String>,
     /// Files that the command reads.
     pub(super) inputs: Vec<PathBuf>,
-    /// Files that the command writes, and folders whose files are all written by the command.
+    /// Files that the command writes, and folders in which it writes all files.
     pub(super) outputs: Vec<PathBuf>,
 }
 
@@ -33,12 +33,12 @@ struct Record {
 }
 
 impl Stage {
-    /// Returns the command as typed in a shell, with quotes where needed.
+    /// Returns the command as typed in a shell, with quotes if needed.
     pub(super) fn command(&self) -> String {
         typed(self.arguments.iter())
     }
 
-    /// Returns the command as typed in the study's folder, wherever the study was called from.
+    /// Returns the command as typed in the study's folder, independent of the folder from which the study was called.
     pub(super) fn command_in_folder(&self) -> String {
         typed(self.arguments_in_folder().collect::<Vec<_>>().iter())
     }
@@ -46,7 +46,7 @@ impl Stage {
     /// Returns whether the current outputs were made from the current inputs.
     pub(super) fn is_done(&self, records: &Path) -> Result<bool> {
         let Some(record) = self.record(records) else { return Ok(false) };
-        // If a file is missing or can't be read, the stage runs again and reports the error.
+        // If an output is missing or can't be read, the stage runs again.
         Ok(record.key == self.key()? && self.hashes().is_ok_and(|found| found == record.outputs))
     }
 
@@ -118,7 +118,7 @@ impl Stage {
     }
 }
 
-/// Returns a command as typed in a shell, with quotes where needed.
+/// Returns a command as typed in a shell, with quotes if needed.
 fn typed<'a>(arguments: impl Iterator<Item = &'a String>) -> String {
     let plain = |c: char| c.is_alphanumeric() || "-_./@=,:+".contains(c);
     let quote = |argument: &String| match argument {
@@ -128,9 +128,9 @@ fn typed<'a>(arguments: impl Iterator<Item = &'a String>) -> String {
     format!("spharm {}", arguments.map(quote).collect::<Vec<_>>().join(" "))
 }
 
-/// Removes the outputs of a stage that is no longer part of the study, the folders that become empty, and the stage's
-/// record. A file is removed only if it lies within the study's output and hasn't changed since it was recorded.
-/// Recorded paths are relative to `folder`.
+/// Removes the outputs of a stage that isn't part of the study any more, the folders that become empty, and the
+/// stage's record. A file is removed only if it lies within the study's output and hasn't changed since it was
+/// recorded. Recorded paths are relative to `folder`.
 pub(super) fn retire(record: &Path, folder: &Path, output: &Path) -> Result<()> {
     let named = || record.display().to_string();
     let text = spharm_files::read_text(record, MOST_OWN).with_context(named)?;
@@ -219,7 +219,7 @@ mod tests {
             Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }.key().unwrap()
         };
         let here = key("", "out/models.txt");
-        // Also if the folder has the same name as the verb.
+        // The key must be the same even if the folder has the name of the verb.
         for (folder, list) in
             [("a/b", "a/b/out/models.txt"), (".", "./out/models.txt"), ("/shape", "/shape/out/models.txt")]
         {

@@ -30,26 +30,26 @@ impl Plan {
         arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
         match fits.name {
             SURFACES => arguments.extend(self.fit_arguments()),
-            // The other arguments are about surfaces.
+            // Fits of signals only get the sphere, because the other arguments apply to surfaces.
             _ => arguments.extend(self.study.fit.sphere().iter().flat_map(|sphere| words(&["--sphere", sphere]))),
         }
         let (folder, name) = (self.folder.clone(), fits.name.to_owned());
         Stage { folder, name, arguments, inputs: Vec::new(), outputs: Vec::new() }
     }
 
-    /// Returns the arguments of the surfaces' fits: those of the file, and those that the study chooses.
+    /// Returns the arguments for fitting the surfaces: those in the study's file, and those that the study chooses.
     pub(super) fn fit_arguments(&self) -> Vec<String> {
         let chosen = self.maps_by_angles().then_some(["--area", "0"]).into_iter().flatten().map(str::to_owned);
         self.study.fit.arguments.iter().cloned().chain(chosen).collect()
     }
 
-    /// Returns the value of `--area` of the surfaces' fits, if there is one.
+    /// Returns the value of `--area` for fitting the surfaces, if it is given or chosen.
     pub(super) fn area(&self) -> Option<f64> {
         if self.maps_by_angles() { Some(0.0) } else { self.study.fit.value("--area")?.parse().ok() }
     }
 
-    /// Returns whether the fits map surfaces to the sphere by angles alone: aligned by `joint`, meshes that were mapped
-    /// one by one correspond better by such maps (docs/shape.md).
+    /// Returns whether the fits map surfaces to the sphere by angles alone. If meshes that were mapped individually
+    /// are aligned by `joint`, they correspond better with such maps (docs/shape.md).
     fn maps_by_angles(&self) -> bool {
         let is_mesh = |row: &Row| row.sphere.is_none() && !is_volume(&row.surface);
         self.method == Method::Joint
@@ -104,7 +104,7 @@ impl Plan {
         }
     }
 
-    /// Returns the stage that mirrors the signals of mirrored subjects, if there are any.
+    /// Returns the stage that mirrors the signals of mirrored subjects, if the study has any.
     fn mirror_signals(&self, subjects: &[Subject<'_>]) -> Option<Stage> {
         let fits = self.signal_fits()?;
         let mirrored = subjects.iter().filter(|subject| subject.mirrored);
@@ -211,7 +211,7 @@ impl Plan {
         stages
     }
 
-    /// Returns the path of the group's file, which lists the places without a counterpart on the members.
+    /// Returns the path of the file of the group, which lists the places without a counterpart on the members.
     fn group_file(&self) -> PathBuf {
         self.aligned_folder().join("group.json")
     }
@@ -307,7 +307,7 @@ impl Plan {
         Stage { folder, name, arguments, inputs, outputs: vec![self.page()] }
     }
 
-    /// Returns the argument `@FILE` for a list in the records.
+    /// Returns the argument `@FILE` for a list in the folder of records.
     fn list(&self, name: &str) -> String {
         format!("@{}", text(&self.records().join(name)))
     }

@@ -41,8 +41,8 @@ pub(super) fn manifest(
     has_id("surface", surface)?;
     subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;
     let text = text(subjects, folder, table, surface).with_context(|| table.display().to_string())?;
-    // Errors name the table instead of `made`, because the user wrote the table and the line numbers of `made` differ;
-    // only the table's ids can be wrong.
+    // Errors name the table instead of `made`, because the user wrote the table and the line numbers of `made` differ.
+    // Only the ids of the table can be wrong.
     let manifest = Manifest::parse(made, &text).with_context(|| table.display().to_string())?;
     Ok((manifest, Some(text)))
 }
@@ -88,7 +88,8 @@ pub(super) fn guides(
     Ok(files)
 }
 
-/// Returns the file of each subject that a key gives, by a pattern relative to `folder` or by a column of the table.
+/// Returns the file of each subject for a key whose value is a pattern, relative to `folder`, or a column of the
+/// table.
 fn of_name(
     key: &str,
     name: &str,
@@ -132,7 +133,7 @@ pub(super) fn signals(
         }
         None => {
             let masks: Vec<Option<PathBuf>> = signals.iter().map(|signal| cortex_label(signal)).collect();
-            // Read with a mask in some subjects and without one in others, values would differ by it.
+            // Refuse a mask in some subjects but not in others, because the values would differ because of the mask.
             let without = masks.iter().zip(&manifest.rows).find(|(mask, _)| mask.is_none());
             if let Some((_, row)) = without.filter(|_| masks.iter().any(Option::is_some)) {
                 bail!(
@@ -189,7 +190,7 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
     let own = ["id", "surface", "sphere", "label"].map(str::to_owned);
     let of_sides = COLUMNS.map(str::to_owned).into_iter().filter(|_| two);
     writer.write_record(own.into_iter().chain(others(&header)).chain(of_sides))?;
-    // Without sides, a subject has one row.
+    // Without sides, a subject has a single row.
     let sides: Vec<Option<&String>> = if two { subjects.sides.iter().map(Some).collect() } else { vec![None] };
     for record in reader.records() {
         let record = record?;

@@ -8,12 +8,12 @@ use spharm_cli::paths::utf8;
 
 use crate::shape::correspond::surfaces::MIRRORED;
 
-/// A subject's row of the table of surfaces.
+/// Row of a subject in the table of surfaces.
 #[derive(Clone, Copy)]
 pub(super) struct Member<'a> {
     pub(super) id: &'a str,
     pub(super) surface: &'a Path,
-    /// Label in the volume.
+    /// Label in the volume; `None` for a mesh.
     pub(super) label: Option<i64>,
     pub(super) mirrored: bool,
     pub(super) landmarks: Option<&'a Path>,

@@ -35,7 +35,7 @@ pub(super) const KEYS: [&str; 20] = [
 /// Value of the key `side` for the differences between the sides.
 pub(super) const ASYMMETRY: &str = "asymmetry";
 
-/// Name of the values of a signal, as a quantity that is tested.
+/// Name of the tested quantity for values of a signal.
 const VALUE: &str = "value";
 
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -43,32 +43,32 @@ const VALUE: &str = "value";
 pub(super) struct Test {
     pub(super) name: String,
     pub(super) effect: String,
-    /// Whether the mean is tested, in place of an effect.
+    /// Whether the mean is tested instead of an effect.
     pub(super) mean: bool,
-    /// Side whose rows are tested, or the differences between the sides.
+    /// Name of the side whose rows are tested, or [`ASYMMETRY`] for the differences between the sides.
     pub(super) side: Option<String>,
     pub(super) levels: Vec<String>,
-    /// Combinations of the design's columns to test in place of the effect's own.
+    /// Linear combinations of the design's columns to test instead of the effect's own contrast.
     #[serde(deserialize_with = "one_or_more")]
     pub(super) contrast: Vec<String>,
     pub(super) covariates: Vec<String>,
-    /// Columns whose numbers are levels of a factor.
+    /// Names of columns whose numbers are codes of levels.
     pub(super) categorical: Vec<String>,
-    /// Quantity that is tested at a vertex.
+    /// Name of the quantity tested at each vertex.
     pub(super) signal: Option<String>,
-    /// Vertices of the sampling that are tested, and the sampling.
+    /// File of the mask of tested vertices, and the sphere of the sampling.
     pub(super) mask: Option<PathBuf>,
     pub(super) sphere: Option<PathBuf>,
-    /// Regions of the vertices, for the peaks of clusters.
+    /// File of regions of the vertices, for the peaks of clusters.
     pub(super) annotation: Option<PathBuf>,
     pub(super) welch: bool,
-    /// Columns of exchangeability blocks and of variance groups.
+    /// Names of the columns of exchangeability blocks and of variance groups.
     pub(super) blocks: Option<String>,
     pub(super) whole_blocks: bool,
     pub(super) variance_groups: Option<String>,
     pub(super) errors: Option<String>,
     pub(super) tfce: bool,
-    /// Uncorrected p below which vertices form clusters.
+    /// Uncorrected p value below which vertices form clusters.
     pub(super) cluster: Option<f64>,
     pub(super) permutations: Option<usize>,
 }
@@ -123,7 +123,7 @@ impl Test {
         Ok(())
     }
 
-    /// Returns what is asked of the table.
+    /// Returns the hypothesis to test on the table.
     pub(super) fn asked(&self) -> Asked<'_> {
         Asked {
             effect: (!self.mean).then_some(self.effect.as_str()),
@@ -174,7 +174,7 @@ impl Test {
         values.flatten().chain(flags).collect()
     }
 
-    /// Returns the map of p values to draw.
+    /// Returns the name of the map of p values to draw.
     pub(super) fn map(&self) -> &'static str {
         match (self.permutations, self.tfce) {
             (Some(0), _) => "q",
@@ -183,12 +183,13 @@ impl Test {
         }
     }
 
-    /// Returns all columns of the table that the test uses; `is_column` returns whether the table has a column.
+    /// Returns the names of all columns of the table that the test uses; `is_column` returns whether the table has a
+    /// column.
     pub(super) fn columns(&self, is_column: impl Fn(&str) -> bool) -> Vec<&str> {
         let terms = std::iter::once(&self.effect).filter(|_| !self.mean).chain(&self.covariates);
         let columns = terms.flat_map(|term| {
             let parts = parts(term);
-            // Without a column of this name, an interaction's columns.
+            // Without a column of the term's name, the term is an interaction and uses the columns that it names.
             if is_column(term) || parts.len() == 1 { vec![parts[0]] } else { parts[1..].to_vec() }
         });
         columns.chain(self.blocks.iter().chain(&self.variance_groups).map(String::as_str)).collect()

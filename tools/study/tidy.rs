@@ -1,5 +1,5 @@
-//! Removes files that no longer belong to a study: those of removed subjects and tests, models of subjects that now
-//! fail, damaged models, and leftovers of killed processes. Only files made by the study itself are removed.
+//! Removes files that don't belong to a study any more: those of removed subjects and tests, models of subjects whose
+//! fits fail, damaged models, and leftovers of killed processes. Only files made by the study itself are removed.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -28,8 +28,8 @@ pub(super) fn leftovers(plan: &Plan) {
     folders.iter().for_each(|folder| drop(remove_leftovers(folder)));
 }
 
-/// Removes models that the study has made for these rows and that can no longer be read, so that they are made again.
-/// Returns their ids.
+/// Removes models that the study has made for these rows and that can't be read, so that they are made again. Returns
+/// their ids.
 pub(super) fn damaged<'a>(
     fits: &Fits<'_>,
     rows: impl Iterator<Item = &'a Row>,
@@ -46,9 +46,9 @@ pub(super) fn damaged<'a>(
     Ok(removed)
 }
 
-/// Removes the models of subjects that are no longer in the table, and of subjects whose files exist but can no longer
-/// be fitted. Returns the number of models removed. If a file doesn't exist, its disk may be missing: then the model is
-/// kept, but isn't part of the group.
+/// Removes the models of subjects that were removed from the table, and of subjects whose files exist but can't be
+/// fitted. Returns the number of models removed. If a subject's file doesn't exist, its disk may be missing: then the
+/// model is kept, but isn't part of the group.
 pub(super) fn models(fits: &Fits<'_>) -> Result<usize> {
     let merged = fits.merged()?;
     let listed: HashSet<&str> = fits.manifest.rows.iter().map(|row| row.id.as_str()).collect();
@@ -71,7 +71,7 @@ pub(super) fn models(fits: &Fits<'_>) -> Result<usize> {
     Ok(count)
 }
 
-/// Removes the models of signals, and their outcomes, from a study that no longer has signals. Returns the number of
+/// Removes the models of signals, and their outcomes, if signals were removed from the study. Returns the number of
 /// models removed.
 pub(super) fn signals(plan: &Plan) -> Result<usize> {
     let folder = plan.output.join(SIGNALS_FOLDER);
@@ -87,12 +87,12 @@ pub(super) fn signals(plan: &Plan) -> Result<usize> {
     for path in fits.status_files()? {
         std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
     }
-    // Folders with other files in them stay.
+    // `remove_dir` keeps folders that contain other files.
     [&fits.status, &folder].into_iter().for_each(|folder| drop(std::fs::remove_dir(folder)));
     Ok(count)
 }
 
-/// Removes a subject's model with its companion files, if the model records the subject's id.
+/// Removes a subject's model and the files beside it, if the model records the subject's id.
 fn model(folder: &Path, id: &str) -> Result<bool> {
     let files = ModelFiles { model: folder.join(format!("{id}.spharm.npz")) };
     let own = |model: Model| model.provenance.id.as_deref() == Some(id);
@@ -107,7 +107,7 @@ fn model(folder: &Path, id: &str) -> Result<bool> {
     Ok(true)
 }
 
-/// Removes the rows of these ids from a status file, unless another process is writing to it.
+/// Removes the rows with these ids from a status file, unless another process is writing to the file.
 fn forget(path: &Path, gone: &HashSet<&str>) -> Result<()> {
     let text = spharm_files::read(path, MOST_OWN)?;
     let file = spharm_files::open(path)?;
@@ -132,7 +132,7 @@ fn forget(path: &Path, gone: &HashSet<&str>) -> Result<()> {
     Ok(())
 }
 
-/// Removes the outputs of stages that are no longer part of the study, such as tests that were taken out.
+/// Removes the outputs of stages that aren't part of the study any more, such as removed tests.
 pub(super) fn stages(plan: &Plan, stages: &[Stage]) -> Result<()> {
     let records = plan.records();
     let read = || records.display().to_string();

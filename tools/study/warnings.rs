@@ -1,5 +1,5 @@
-//! Collects what to look at before trusting a study's results: the flagged subjects, and the warnings of the quality
-//! control, the alignment and the tests.
+//! Collects reasons to doubt a study's results: the flagged subjects, and the warnings of the quality control, the
+//! alignment and the tests.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -40,8 +40,8 @@ pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
     Ok((flagged, warnings))
 }
 
-/// Returns the warnings of the alignment and the tests about the whole group. Warnings about single subjects are among
-/// their flags.
+/// Returns the warnings of the alignment and the tests about the whole group. Warnings about single subjects are flags
+/// of these subjects instead.
 pub(super) fn of_group(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
     let mut warnings = Vec::new();
     if plan.alignment_warnings().is_file() {

@@ -58,8 +58,9 @@ pub(crate) struct Cli {
     pub(super) skip_border: bool,
     /// Highest degree, inclusive [default: by the labels' size in voxels]
     ///
-    /// The default is from 4 to 60, and suits the label of median size in the first volume that has one: a model of it
-    /// resolves one and a half voxels. With --skip-existing it is the degree of the table.
+    /// The default lies between 4 and 60. It suits the label of median size in the first volume with any of the
+    /// labels: a model of that label resolves one and a half voxels. With --skip-existing, the default is the degree
+    /// of the existing table.
     #[arg(long, value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Folder of the models

@@ -31,7 +31,7 @@ use crate::rows::if_exists;
 
 /// Relative change of the area at which its quadrature stops: far below the accuracy of a surface made of voxels.
 const AREA: f64 = 1e-5;
-/// Largest size of an earlier call's table, in bytes.
+/// Maximum size in bytes of a table written by an earlier call.
 const LARGEST: u64 = 1 << 30;
 
 /// Runs the verb.
@@ -132,7 +132,7 @@ fn is_without_models(table: &Path) -> bool {
     text.starts_with("file\tlabel\tstate\t") && !table::has_models(&text)
 }
 
-/// Reads a table, and returns its cells separated by tabs.
+/// Reads a table, and converts it to cells separated by tabs.
 fn read_table(table: &Path) -> Result<String> {
     table::of_file(table, read_text(table, "table", LARGEST)?)
 }
@@ -161,7 +161,7 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
     for path in volumes {
         let read = reader.volume(path, monitor);
         monitor.check()?;
-        // A volume that can't be read fails later, with the reason.
+        // Skip a volume that can't be read here: it fails later, with the reason.
         let Ok(volume) = read else { continue };
         let there = volume.labels();
         let kept = |label: i64| {
@@ -175,7 +175,7 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
             return Ok(chosen.degree());
         }
     }
-    // No label will be fitted.
+    // No label will be fitted, so any degree does.
     Ok(1)
 }
 
@@ -207,7 +207,8 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 impl Cli {
-    /// Returns why a label of this number of voxels, at the border or not, is skipped, if it is.
+    /// Returns the reason to skip a label with this number of voxels, which may touch the border of its volume; `None`
+    /// if the label isn't skipped.
     fn reason_to_skip(&self, voxels: usize, border: bool) -> Option<String> {
         if voxels < self.min_voxels {
             return Some(format!("{}, fewer than --min-voxels {}", counted(voxels, "voxel"), self.min_voxels));
@@ -216,7 +217,7 @@ impl Cli {
     }
 }
 
-/// A call of `volumes`.
+/// State of a call of the verb `volumes`.
 struct Call<'a> {
     cli: &'a Cli,
     params: RunParams,
@@ -240,12 +241,12 @@ struct Found {
 /// Observer of the run that fits a volume's labels.
 struct OfVolume<'a> {
     call: &'a Call<'a>,
-    /// The table's row for each row of the run, still without its outcome.
+    /// Rows of the table, one for each row of the run, without their outcomes.
     rows: Vec<Row>,
 }
 
 impl Call<'_> {
-    /// Makes the models of a volume's labels. Only an interruption is an error.
+    /// Makes the models of a volume's labels. Returns an error only if interrupted.
     fn volume(&mut self, path: &Path) -> Result<()> {
         let read = self.reader.volume(path, self.monitor);
         let read = read.map_err(anyhow::Error::from).and_then(|volume| Ok((FileRecord::of(path)?, volume)));
@@ -266,7 +267,7 @@ impl Call<'_> {
             let record = FileRecord { label: Some(label), ..record.clone() };
             let row = Row {
                 voxels: there.get(&label).copied(),
-                // `None` if the label doesn't exist.
+                // `None` if the volume has no such label.
                 border: there.contains_key(&label).then(|| volume.touches_border(label)),
                 ..row(Some(label), Outcome::default())
             };
@@ -301,7 +302,8 @@ impl Call<'_> {
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
         let ended = run::run_reading(&cohort, &self.params, self.reader, &observer, self.monitor);
-        // Labels are fitted side by side, and end in any order; others were skipped before.
+        // Labels are fitted in parallel and finish in any order, and skipped labels come first: sort the rows in the
+        // order of the labels.
         let places: HashMap<i64, usize> = wanted.iter().enumerate().map(|(place, label)| (*label, place)).collect();
         self.lock().rows[before..].sort_by_key(|row| row.label.and_then(|label| places.get(&label).copied()));
         match ended {
@@ -331,7 +333,7 @@ impl Call<'_> {
         Ok(())
     }
 
-    /// Returns the table's values for a model.
+    /// Returns the values of a model for its row in the table.
     fn model(&self, path: &Path, name: &str, fitted: Option<f64>) -> Result<table::Model> {
         let model = Model::read(path)?;
         let recorded = || model.provenance.distances.as_ref().map(|distances| distances.rms());

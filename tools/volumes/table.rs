@@ -1,4 +1,4 @@
-//! The table of all labels.
+//! The table that `volumes` writes, with a row for each label.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -28,7 +28,7 @@ pub(super) enum Outcome {
     Model(Box<Model>),
     /// No model was made; the text is the reason.
     Failed(String),
-    /// No model was wanted, for this reason.
+    /// The label was skipped; the text is the reason.
     Skipped(String),
 }
 
@@ -38,7 +38,7 @@ impl Default for Outcome {
     }
 }
 
-/// The table's values for a model.
+/// Values of a model in its row of the table.
 #[derive(Clone)]
 pub(super) struct Model {
     pub(super) file: String,
@@ -46,7 +46,7 @@ pub(super) struct Model {
     pub(super) kept: bool,
     /// Short description of repairs and cuts of the label; empty if there were none.
     pub(super) repair: String,
-    /// Steps of the voxels in the surface, if the model follows them.
+    /// Warning that the model resolves the steps of the surface's voxels, if it does.
     pub(super) steps: Option<VoxelSteps>,
     pub(super) measures: Measures,
     /// Root mean square distance of the model from the surface's vertices.
@@ -108,7 +108,7 @@ pub(super) fn to_json(table: &str) -> Vec<Value> {
     lines.map(row).collect()
 }
 
-/// Returns the text of the file of a table: tabs between cells, or commas if its name ends in .csv.
+/// Converts a table to the text of its file: tabs between cells, or commas if the file's name ends in .csv.
 pub(super) fn to_file(path: &Path, text: String) -> Result<String> {
     if !has_commas(path) {
         return Ok(text);
@@ -120,7 +120,7 @@ pub(super) fn to_file(path: &Path, text: String) -> Result<String> {
     Ok(String::from_utf8(writer.into_inner().map_err(|error| error.into_error())?)?)
 }
 
-/// Returns a table with tabs between cells, given the text of its file.
+/// Converts the text of a table's file to a table with tabs between cells.
 pub(super) fn of_file(path: &Path, text: String) -> Result<String> {
     if !has_commas(path) {
         return Ok(text);
@@ -209,7 +209,8 @@ pub(super) fn repair(provenance: &Provenance) -> String {
     let way = if filled { "added" } else { "removed" };
     let pieces = counted(of("pieces_dropped"), "piece", "pieces");
     let cavities = counted(of("cavities_filled"), "cavity", "cavities");
-    // Removing a mere contact between voxels changes voxels too, but opens no handle.
+    // Removing a mere contact between voxels changes voxels without opening a handle, so the number of handles may be
+    // 0.
     let opened = if of("handles") > 0 { format!(" to open {}", handles(of("handles"))) } else { String::new() };
     let parts = [
         (of("pieces_dropped"), format!("{pieces} dropped ({})", voxels("voxels_dropped"))),

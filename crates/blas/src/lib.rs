@@ -16,6 +16,6 @@ use openblas_src as _;
 /// Bytes of address space that OpenBLAS reserves for each of its worker threads: 32 MiB if built from source with
 /// `BUFFERSIZE` of `.cargo/config.toml`, 128 MiB as built by distributions.
 ///
-/// They are hardly used, but they count against a limit on data (`ulimit -d`), and OpenBLAS waits forever if it can't
-/// reserve them.
+/// The reserved memory is hardly used, but counts towards a limit on data (`ulimit -d`). If OpenBLAS can't reserve it,
+/// OpenBLAS waits forever.
 pub const RESERVED_PER_THREAD: usize = if cfg!(feature = "system") { 128 << 20 } else { 32 << 20 };

@@ -19,7 +19,7 @@ pub use spharm_monitor::Unit;
 use crate::printable::{json as json_text, one_line};
 use crate::size::Size;
 
-/// The time left is forecast only after this time and after this share of the work; earlier forecasts would be
+/// Forecasts of the time left start after this time and this percentage of the work; earlier forecasts would be
 /// unreliable.
 const FORECAST_AFTER: Duration = Duration::from_secs(5);
 const FORECAST_FROM_PERCENT: u64 = 5;
@@ -100,7 +100,7 @@ impl Console {
         say(Kind::Warning, text);
     }
 
-    /// Prints an event for programs that read the log, if [`json_lines`] is in effect. `value` returns an object with
+    /// Prints an event for programs that read the log, if [`json_lines`] was called. `value` returns an object with
     /// the field `event`.
     pub fn event(&self, value: impl FnOnce() -> Value) {
         if is_json() {
@@ -141,7 +141,7 @@ impl Console {
     }
 }
 
-/// Progress on display. Dropping it removes it from a terminal.
+/// Progress shown on the console. Dropping it removes its bar from a terminal.
 #[derive(Debug)]
 pub struct Progress {
     bar: Option<ProgressBar>,
@@ -159,14 +159,14 @@ impl Progress {
         }
     }
 
-    /// Sets the text beside a bar: the current activity. Lines of progress don't have it.
+    /// Sets the text beside a bar, which names the current activity. Progress shown as lines has no such text.
     pub fn say(&self, text: impl Display) {
         if let Some(bar) = &self.bar {
             bar.set_message(one_line(&text.to_string()).into_owned());
         }
     }
 
-    /// Runs `print`, which prints other lines, without disturbing the bar.
+    /// Runs `print`, which prints lines other than progress, without disturbing the bar.
     pub(crate) fn beside(&self, print: impl FnOnce()) {
         match &self.bar {
             Some(bar) => bar.suspend(print),

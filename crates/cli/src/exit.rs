@@ -37,7 +37,7 @@ fn listen() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         if !is_ignored(signal) {
-            // Registered in this order, because handlers run in order: at the first signal the conditional shutdown
+            // Register in this order, because handlers run in order: at the first signal the conditional shutdown
             // finds the flag unset. Registration fails only for signals that can't be caught.
             let _ = flag::register_conditional_shutdown(signal, i32::from(INTERRUPTED), Arc::clone(&cancel));
             let _ = flag::register(signal, Arc::clone(&cancel));
@@ -58,7 +58,7 @@ fn is_ignored(signal: i32) -> bool {
     mask >> (signal - 1) & 1 == 1
 }
 
-/// Returns the subcommand of `program` for a verb. Errors are shown with its usage.
+/// Returns the subcommand of `program` for a verb, whose usage is shown with errors.
 pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.build();
     program.find_subcommand(verb).cloned().unwrap_or(program)
@@ -122,7 +122,7 @@ fn caught(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<()> {
     })
 }
 
-/// Returns an error in one line, as the program shows it: the messages of the chain, then the advice.
+/// Returns an error as one line, as the program shows it: the messages of the chain, then the advice.
 pub fn line_with_advice(error: &(dyn Error + 'static)) -> String {
     let advice = advice(error).map_or(String::new(), |advice| format!("; {advice}"));
     printable::one_line(&format!("{}{advice}", chained(error))).into_owned()

@@ -13,7 +13,7 @@ use crate::console::Console;
 ///
 /// # Errors
 ///
-/// Those of [`spharm_surface::read_sphere`]; if `strict`, also for a centre that isn't the origin.
+/// The errors of [`spharm_surface::read_sphere`]; if `strict`, also an error for a centre that isn't the origin.
 pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Sphere> {
     Ok(spharm_cohort::run::read_sphere(path, strict, &|text| console.warn(text))?)
 }
@@ -22,7 +22,7 @@ pub fn read_sphere(path: &Path, strict: bool, console: &Console) -> Result<Spher
 ///
 /// # Errors
 ///
-/// Those of [`spharm_surface::read_target`]; if `strict`, also the first warning.
+/// The errors of [`spharm_surface::read_target`]; if `strict`, also the first warning as an error.
 pub fn read_target(path: &Path, sphere: &Sphere, strict: bool, console: &Console) -> Result<Target> {
     let target = spharm_surface::read_target(path, sphere)?;
     for warning in &target.warnings {
@@ -91,7 +91,7 @@ pub const MOST_OWN: u64 = 64 << 20;
 ///
 /// # Errors
 ///
-/// Those of [`spharm_files::read_text`], with the path.
+/// The errors of [`spharm_files::read_text`], with the path.
 pub fn read_text(path: &Path, what: &str, most: u64) -> Result<String> {
     spharm_files::read_text(path, most).with_context(|| format!("{}: cannot read the {what}", path.display()))
 }

@@ -20,7 +20,7 @@ pub const PROGRAM: u64 = 20 << 20;
 /// Size of a thread's stack in bytes; limits on the process count the entire stack.
 const STACK: u64 = 2 << 20;
 
-/// `--memory`.
+/// Argument `--memory`.
 #[derive(Debug, Clone, Copy, Default, Args)]
 pub struct Memory {
     /// Memory budget [default: all free memory]
@@ -51,7 +51,7 @@ fn beside_stacks(free: u64, threads: usize) -> u64 {
     free.saturating_sub(STACK.saturating_mul(threads as u64))
 }
 
-/// Memory that a verb may use.
+/// Amount of memory that a verb may use.
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
     bytes: u64,
@@ -65,7 +65,7 @@ pub struct TooLarge {
     needed: u64,
     bytes: u64,
     given: bool,
-    /// The nearest setting that fits, and the bytes that it needs.
+    /// Nearest setting that fits into the budget, and its memory in bytes.
     nearest: Option<(String, u64)>,
 }
 
@@ -88,7 +88,7 @@ impl fmt::Display for TooLarge {
 }
 
 impl Budget {
-    /// Returns the bytes available to the work, in addition to the program itself.
+    /// Returns the number of bytes available to the work: the budget minus the memory of the program itself.
     pub fn work(self) -> u64 {
         self.bytes.saturating_sub(PROGRAM)
     }
@@ -98,21 +98,21 @@ impl Budget {
         needed <= self.work()
     }
 
-    /// Checks that `needed` bytes fit. `what` names the verb and its inputs.
+    /// Checks that `needed` bytes fit into the budget. `what` names the verb and its inputs.
     ///
     /// # Errors
     ///
-    /// [`TooLarge`].
+    /// [`TooLarge`] if the work doesn't fit.
     pub fn check(self, what: impl fmt::Display, needed: u64) -> Result<()> {
         self.check_or(what, needed, std::iter::empty())
     }
 
-    /// Checks that `needed` bytes fit. The error names the first of `others` that fits: these are alternative settings
-    /// with the bytes that each needs.
+    /// Checks that `needed` bytes fit into the budget. `others` are alternative settings with the bytes that each
+    /// needs; the error names the first one that fits.
     ///
     /// # Errors
     ///
-    /// [`TooLarge`].
+    /// [`TooLarge`] if the work doesn't fit.
     pub fn check_or(
         self,
         what: impl fmt::Display,
@@ -132,7 +132,7 @@ impl Budget {
     ///
     /// # Errors
     ///
-    /// [`TooLarge`].
+    /// [`TooLarge`] if the files don't fit.
     pub fn check_inputs<'a>(self, verb: &str, paths: impl IntoIterator<Item = &'a Path>) -> Result<()> {
         let (mut needed, mut first, mut count) = (0_u64, None, 0_usize);
         for path in paths {

@@ -23,7 +23,7 @@ pub enum Role {
     Output,
     /// A file in addition to the results is written to the path: a report, a table.
     Report,
-    /// Neither read nor written as a single file, or both: a store, a folder of data.
+    /// Not a single file that is either read or written, such as a store or a folder of data.
     Other,
 }
 
@@ -59,7 +59,7 @@ pub fn given(command: &Command, matches: &ArgMatches, role: &dyn Fn(&str, &str) 
 ///
 /// # Errors
 ///
-/// For the first conflict; the message names the flags.
+/// Returns the first conflict as an error; the message names the flags.
 pub fn check(given: &[Given]) -> Result<()> {
     let written = given.iter().filter(|given| matches!(given.role, Role::Output | Role::Report));
     let written: Vec<&Given> = written.filter(|given| !is_stdout(&given.path) && !is_stream(&given.path)).collect();

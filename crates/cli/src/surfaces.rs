@@ -21,8 +21,9 @@ pub enum Labels {
 }
 
 impl Labels {
-    /// Returns the chosen labels, each once, in the order given; all of `there`, the labels of a volume with their
-    /// numbers of voxels, if `all` is among them. A chosen label may be missing from the volume.
+    /// Returns the chosen labels, each once, in the order given; if `all` is among them, all labels of the volume.
+    /// `there` has the labels of the volume with their numbers of voxels. A chosen label may be missing from the
+    /// volume.
     #[must_use]
     pub fn of(chosen: &[Self], there: &BTreeMap<i64, usize>) -> Vec<i64> {
         if chosen.contains(&Self::All) {
@@ -48,7 +49,7 @@ impl FromStr for Labels {
     }
 }
 
-/// `--voxel-size`: sizes along x, y, z.
+/// Value of `--voxel-size`: sizes along x, y and z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VoxelSize(pub [f64; 3]);
 
@@ -67,7 +68,7 @@ impl FromStr for VoxelSize {
 ///
 /// # Errors
 ///
-/// If there are any.
+/// If labels or settings of volumes are given.
 pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -> Result<()> {
     if labels.is_empty() && reading == VolumeReading::default() {
         return Ok(());
@@ -80,7 +81,7 @@ pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -
 
 /// Returns the surfaces named by paths, lists and labels: each is a file, or a file and one of its labels. Without
 /// `labels`, a volume must have a single label. If the caller doesn't make surfaces of volumes, every file is returned
-/// without a label. The reader's settings of volumes are refused for files that aren't volumes.
+/// without a label. Settings of volumes in the reader are refused for files that aren't volumes.
 ///
 /// # Errors
 ///

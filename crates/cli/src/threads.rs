@@ -6,7 +6,7 @@ use clap::Args;
 /// Maximum number of threads of our OpenBLAS build (`.cargo/config.toml`).
 const MOST: usize = 64;
 
-/// `--threads`.
+/// Argument `--threads`.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct Threads {
     /// Number of threads [default: all CPUs]

@@ -6,9 +6,9 @@ use spharm_store::Scalar;
 /// The scalar type of a basis or factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Dtype {
-    /// 64 bits.
+    /// 64-bit floating point.
     F64,
-    /// 32 bits.
+    /// 32-bit floating point.
     F32,
 }
 
@@ -26,7 +26,7 @@ impl Dtype {
 ///
 /// # Errors
 ///
-/// A message that states the expected value.
+/// Returns a message that states the expected value.
 pub fn at_least_one(text: &str) -> Result<usize, String> {
     match text {
         "inf" => Ok(usize::MAX),
@@ -38,7 +38,7 @@ pub fn at_least_one(text: &str) -> Result<usize, String> {
 ///
 /// # Errors
 ///
-/// A message that states the expected value.
+/// Returns a message that states the expected value.
 pub fn fraction(text: &str) -> Result<f64, String> {
     let fraction = text.parse().ok().filter(|fraction: &f64| *fraction > 0.0 && *fraction < 1.0);
     fraction.ok_or_else(|| "expected a number between 0 and 1".to_owned())

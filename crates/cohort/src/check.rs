@@ -1,12 +1,12 @@
-//! Quality control of a group: compares what is known of the subjects, and flags those to look at.
+//! Quality control of a group: compares the subjects, and flags those that should be looked at.
 //!
 //! Volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the modes are
 //! compared by their robust z ([`robust_z`]), with the threshold [`FAR`]. Other flags need no comparison of numbers:
-//! equal inputs and models, labels at the border of their volume, voxels of another size, repairs that changed much,
-//! and modes that a single subject makes ([`influential`]).
+//! equal inputs and models, labels at the border of their volume, voxels of an unusual size, repairs with many
+//! changes, and modes that are mostly due to a single subject ([`influential`]).
 //!
-//! A flag isn't a verdict: a measure that is normally distributed flags a subject by chance in 8 to 16 of 100 groups of
-//! 8 to 200 subjects, and about one subject of 2,000 in larger groups; more, if the distribution has long tails.
+//! A flag isn't a verdict. By chance, a normally distributed measure flags a subject in 8 to 16 of 100 groups of 8 to
+//! 200 subjects, and about one subject in 2,000 in larger groups. Distributions with long tails cause more flags.
 
 mod flags;
 mod measure;
@@ -26,46 +26,47 @@ pub use self::flags::{Counts, Flag, Others, edges};
 pub use self::measure::Measure;
 use crate::equal::EqualSets;
 
-/// Share of the variance below which a mode isn't examined.
+/// Modes with less than this share of the variance aren't examined.
 const LEAST_VARIANCE: f64 = 0.05;
 
-/// What is known of a subject.
+/// The data about a subject that are compared within the group.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Facts {
-    /// The subject's id.
+    /// Id of the subject.
     pub id: String,
-    /// The measures, in the order of [`Measure::ALL`]; `None` if unknown.
+    /// Values of the measures, in the order of [`Measure::ALL`]; `None` if unknown.
     pub measures: [Option<f64>; Measure::ALL.len()],
     /// Scores along the modes of the group; empty if unknown.
     pub scores: Vec<f64>,
     /// Cube root of the volume of the input's bounding box.
     pub size: Option<f64>,
-    /// The label's voxels, if the surface is a label's.
+    /// Voxels of the label, if the surface was extracted from a label.
     pub voxels: Option<VoxelRecord>,
-    /// The staircase of voxels that the model reproduces, if its degree is too high.
+    /// Staircase of voxels that the model reproduces, if the model's degree is too high.
     pub steps: Option<VoxelSteps>,
-    /// Changes made by a repair.
+    /// Changes made by a repair of the input.
     pub repair: Counts,
     /// Number of handles that were cut.
     pub handles: u64,
-    /// The input's file.
+    /// File of the input.
     pub input: Option<FileRecord>,
     /// BLAKE3 hash of the model's coefficients.
     pub coefficients: String,
-    /// Subjects whose surfaces are equal to this one's, in any pose.
+    /// Ids of the subjects whose surfaces equal this one's in any pose.
     pub identical_to: Vec<String>,
-    /// Warnings about the subject from other commands. A warning that the pose is in doubt isn't a flag: shapes with
-    /// two nearly equal poses cause it even if the pose is right, and a wrong pose is found by its distance from the
-    /// mean.
+    /// Warnings about the subject from other commands. A warning about a doubtful pose doesn't lead to a flag, since
+    /// shapes with two nearly equal poses cause it even if the pose is right. A wrong pose is found by its distance
+    /// from the mean.
     pub notes: Vec<String>,
 }
 
 impl Facts {
-    /// Returns what a model says of its subject: everything but the distance from the mean, the scores and the notes.
+    /// Returns the facts that follow from a subject's model: all except the distance from the mean, the scores and the
+    /// notes.
     ///
     /// # Errors
     ///
-    /// Those of [`measure`].
+    /// The errors of [`measure`].
     pub fn of(id: &str, model: &Model, monitor: &dyn Monitor) -> Result<Self, ShapeError> {
         let found = measure(&model.coefficients, &MeasureParams::default(), monitor)?;
         let record = &model.provenance;
@@ -88,35 +89,35 @@ impl Facts {
         })
     }
 
-    /// Returns a measure; `None` if unknown.
+    /// Returns the value of a measure, or `None` if it is unknown.
     #[must_use]
     pub fn measure(&self, measure: Measure) -> Option<f64> {
         self.measures[measure as usize]
     }
 }
 
-/// The result for a subject.
+/// The result of the check for one subject.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Checked {
     /// Robust z of the measures, in the order of [`Measure::ALL`]; `None` if the group has too few values.
     pub z: [Option<f64>; Measure::ALL.len()],
-    /// The mode, counted from 1, along which the subject is farthest from the others, and its robust z there.
+    /// The mode, counted from 1, along which the subject is farthest from the others, and the robust z of its score.
     pub mode: Option<(usize, f64)>,
-    /// The flags, the most important first.
+    /// The flags, with the most important one first.
     pub flags: Vec<Flag>,
-    /// Warnings of other commands that are no flags.
+    /// Warnings of other commands that don't lead to flags.
     pub remarks: Vec<String>,
 }
 
 impl Checked {
-    /// Returns a number that grows with the distance of the subject from the others, 0 without a flag.
+    /// Returns a number that grows with the distance of the subject from the others. It is 0 without flags.
     #[must_use]
     pub fn severity(&self) -> f64 {
         self.flags.iter().map(Flag::severity).fold(0.0, f64::max)
     }
 }
 
-/// Compares the subjects of a group. Returns a result for each, in the order of `facts`.
+/// Compares the subjects of a group. Returns one result per subject, in the order of `facts`.
 #[must_use]
 pub fn check(facts: &[Facts]) -> Vec<Checked> {
     let mut checked = vec![Checked::default(); facts.len()];
@@ -194,7 +195,7 @@ fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
         models.add(of.coefficients.clone(), of.id.clone());
     }
     for of in facts {
-        // Surfaces that are equal in different poses: both are named, as either may be the wrong one.
+        // If two surfaces are equal in different poses, both subjects are named, since either may be the wrong one.
         for other in &of.identical_to {
             surfaces.entry(of.id.as_str()).or_default().push(other);
             surfaces.entry(other.as_str()).or_default().push(&of.id);
@@ -205,7 +206,7 @@ fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
     for (of, result) in facts.iter().zip(checked) {
         let id = of.id.as_str();
         let others = |set: &Vec<&str>| Others::new(id, set);
-        // Equal inputs give equal models, which are equal surfaces: one flag says all.
+        // Equal inputs give equal models, which have equal surfaces, so only the first of these flags is set.
         let same_input = of_inputs.get(id).map(|set| Flag::SameInput(others(set)));
         let same_model = || of_models.get(id).map(|set| Flag::SameModel(others(set)));
         let same_surface = || surfaces.get(id).map(|set| Flag::SameSurface(others(set)));
@@ -213,26 +214,27 @@ fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
     }
 }
 
-/// Returns the set to which each name belongs.
+/// Maps each name to the set that contains it.
 fn set_of_name<'s, 'n>(sets: &'s [Vec<&'n str>]) -> HashMap<&'n str, &'s Vec<&'n str>> {
     sets.iter().flat_map(|set| set.iter().map(move |name| (*name, set))).collect()
 }
 
-/// Returns the size of voxels that more than half of the subjects have; `None` if there is none.
+/// Returns the voxel size that more than half of the subjects have, or `None` if there is no such size.
 fn usual_voxels(facts: &[Facts]) -> Option<[f64; 3]> {
     let sizes: Vec<[f64; 3]> = facts.iter().filter_map(|of| Some(of.voxels?.size)).collect();
-    // A size that more than half have is the median along each axis.
+    // A size that more than half of the subjects have equals the median along each axis.
     let median = std::array::from_fn(|axis| median(&sizes.iter().map(|size| size[axis]).collect::<Vec<_>>()));
     let count = sizes.iter().filter(|size| same_size(**size, median)).count();
     (sizes.len() >= LEAST && 2 * count > sizes.len()).then_some(median)
 }
 
-/// Splits a warning `ID: text` into the id of its subject and the text; `None` if it begins with no known id.
+/// Splits a warning `ID: text` into the subject's id and the text. Returns `None` if the warning doesn't begin with a
+/// known id.
 pub fn subject_of(warning: &str, is_id: impl Fn(&str) -> bool) -> Option<(&str, &str)> {
     warning.match_indices(": ").map(|(at, end)| (&warning[..at], &warning[at + end.len()..])).find(|(id, _)| is_id(id))
 }
 
-/// Returns warnings about a group that can't be compared, or not completely.
+/// Returns warnings about a group whose subjects can't be compared, or not in all respects.
 #[must_use]
 pub fn incomplete(facts: &[Facts]) -> Vec<String> {
     if facts.len() < LEAST {
@@ -249,7 +251,7 @@ pub fn incomplete(facts: &[Facts]) -> Vec<String> {
         .collect()
 }
 
-/// Returns whether voxels have the same size, up to the rounding of headers.
+/// Returns whether two voxel sizes are equal up to the rounding in file headers.
 fn same_size(a: [f64; 3], b: [f64; 3]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-3 * b.abs())
 }
@@ -258,7 +260,7 @@ fn same_size(a: [f64; 3], b: [f64; 3]) -> bool {
 mod tests {
     use super::*;
 
-    /// Returns the facts of `count` subjects that differ a little.
+    /// Returns the facts of `count` subjects that differ slightly.
     fn group(count: usize) -> Vec<Facts> {
         let of = |k: usize| {
             let x = ((k * 7919) % 101) as f64 / 101.0 - 0.5;
@@ -285,7 +287,7 @@ mod tests {
         let checked = check(&group(40));
         assert!(checked.iter().all(|result| result.flags.is_empty() && result.severity() == 0.0), "{checked:?}");
         assert!(checked.iter().all(|result| result.z.iter().all(Option::is_some) && result.mode.is_some()));
-        // Four subjects tell nothing.
+        // Four subjects are too few for any result.
         assert!(check(&group(4)).iter().all(|result| *result == Checked::default()));
         assert!(check(&[]).is_empty());
     }
@@ -301,7 +303,7 @@ mod tests {
         facts[8].repair = Counts { voxels: 300, texts: vec!["1 piece dropped".to_owned()] };
         facts[9].notes = vec!["it may be of the other side".to_owned()];
         facts[12].notes = vec![format!("{IN_DOUBT}: the distance is 1, and 1.01 in another pose")];
-        // A residual far below the others' is good.
+        // A residual far below those of the others is good, so it isn't flagged.
         facts[10].measures[Measure::Rms as usize] = Some(0.001);
         facts[11].measures[Measure::Rms as usize] = Some(1.0);
         let checked = check(&facts);

@@ -1,7 +1,7 @@
-//! Chooses one degree for the models of many surfaces.
+//! Chooses a common degree for the models of many surfaces.
 //!
-//! Models are compared, averaged and tabulated by degree, so all models of a run have the same. The degree of labels
-//! follows from their sizes in voxels, that of meshes from fits of a few of them.
+//! Models are compared, averaged and tabulated by degree, so all models of a run have the same degree. The degree for
+//! labels follows from their sizes in voxels. The degree for meshes follows from fits of a few of them.
 
 use std::fmt;
 
@@ -15,39 +15,41 @@ use crate::reader::SurfaceReader;
 use crate::run::Cohort;
 use crate::run::quiet::Quiet;
 
-/// The number of meshes that are fitted to choose a degree.
+/// Number of meshes that are fitted to choose a degree.
 const MESHES: usize = 3;
 
-/// The number of labels whose sizes determine a degree.
+/// Largest number of labels whose sizes are used to choose a degree.
 const LABELS: usize = 50;
 
-/// Degrees for labels: lower ones leave hardly any shape, higher ones need a deliberate choice.
+/// Lowest and highest degree chosen for labels. Lower degrees retain hardly any shape. Higher degrees must be chosen
+/// explicitly.
 const OF_LABELS: (usize, usize) = (4, 60);
 
 /// The degree chosen for a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ChosenDegree {
-    /// By the sizes of labels in voxels.
+    /// The degree was chosen from the sizes of labels in voxels.
     Labels {
-        /// The degree that suits the label of median size.
+        /// Degree that suits the label of median size.
         degree: usize,
-        /// The number of labels.
+        /// Number of labels.
         labels: usize,
     },
-    /// By fits of surfaces.
+    /// The degree was chosen by fits of surfaces.
     Surfaces {
-        /// The choice for the surface that needs the highest degree.
+        /// Choice for the surface that needs the highest degree.
         choice: DegreeChoice,
-        /// The degree: that of the choice, or the highest that the vertices of every surface determine.
+        /// Degree of the run: that of `choice`, or the highest degree that the vertices of every fitted surface
+        /// determine, if it is lower.
         degree: usize,
-        /// The number of surfaces fitted.
+        /// Number of surfaces fitted.
         fitted: usize,
-        /// The number of these surfaces whose model of this degree isn't as accurate as wanted.
+        /// Number of these surfaces whose model of this degree isn't as accurate as requested.
         missed: usize,
     },
-    /// That of an existing model of the run.
+    /// The degree is that of an existing model of the run.
     Existing {
-        /// The degree.
+        /// Degree of the model.
         degree: usize,
     },
 }
@@ -61,7 +63,7 @@ impl ChosenDegree {
         }
     }
 
-    /// Returns whether all surfaces that were fitted are as accurate as wanted.
+    /// Returns whether the models of all fitted surfaces are as accurate as requested.
     #[must_use]
     pub fn reached(&self) -> bool {
         !matches!(self, Self::Surfaces { missed: 1.., .. })
@@ -89,14 +91,15 @@ impl fmt::Display for ChosenDegree {
 
 /// Returns the degree for the models of a cohort.
 ///
-/// If `keep` is set and a row has a model, it is the degree of that model. Without `accuracy` and with labels among the
-/// rows, it is the degree that suits the median size of up to 50 labels, from 4 to 60. Otherwise it is the highest that
-/// up to three surfaces, spread evenly over the rows, need for the accuracy, by default 0.2 % of a surface's size, see
-/// [`choose_degree`], as far as the vertices of each determine it.
+/// If `keep` is set and a row has a model, the degree is that of this model. Otherwise, if there are labels among the
+/// rows and `accuracy` is `None`, it is the degree that suits the median size of up to 50 labels, from 4 to 60.
+/// Otherwise up to three surfaces, spread evenly over the rows, are fitted. The degree is then the highest that they
+/// need for the accuracy (see [`choose_degree`]; by default 0.2 % of a surface's size), as far as the vertices of each
+/// determine it.
 ///
 /// # Errors
 ///
-/// The error of the first row if no row can be read and fitted; cancellation.
+/// The error of the first row if no row can be read and fitted; an interruption.
 pub fn choose(
     cohort: &Cohort,
     accuracy: Option<Accuracy>,
@@ -127,7 +130,7 @@ pub fn choose(
     of_choices(&choices?).ok_or(Error::NoArea)
 }
 
-/// Returns the highest degree of the choices, but not more than each surface's vertices determine.
+/// Returns the highest degree of the choices, limited to the degrees that the vertices of every surface determine.
 fn of_choices(choices: &[DegreeChoice]) -> Option<ChosenDegree> {
     let choice = *choices.iter().max_by_key(|choice| choice.degree)?;
     let degree = choices.iter().map(|choice| choice.most).fold(choice.degree, usize::min);
@@ -135,8 +138,8 @@ fn of_choices(choices: &[DegreeChoice]) -> Option<ChosenDegree> {
     Some(ChosenDegree::Surfaces { choice, degree, fitted: choices.len(), missed })
 }
 
-/// Returns the degree that suits the median size of labels, given as their numbers of voxels of one size, as [`choose`]
-/// does.
+/// Returns the degree that suits the median size of labels, as in [`choose`]. `voxels` has the number of voxels of
+/// each label. All labels have the same voxel size.
 #[must_use]
 pub fn degree_of_labels(voxels: &[usize], voxel_size: [f64; 3]) -> ChosenDegree {
     median(voxels.iter().map(|voxels| suitable_degree(*voxels, voxel_size)).collect())
@@ -149,7 +152,7 @@ fn median(mut degrees: Vec<usize>) -> ChosenDegree {
     ChosenDegree::Labels { degree, labels: degrees.len() }
 }
 
-/// Returns whether a row's surface is that of a label.
+/// Returns whether the surface of a row is extracted from a label.
 fn is_label(cohort: &Cohort, row: &Row) -> bool {
     is_volume(&row.surface) && row.sphere.is_none() && cohort.sphere.is_none()
 }
@@ -188,13 +191,14 @@ fn of_surface(
     }
 }
 
-/// Returns at most `most` elements, spread evenly from the first to the last.
+/// Returns at most `most` elements of a list, spread evenly from the first to the last.
 fn spread<'a, T>(of: &[&'a T], most: usize) -> Vec<&'a T> {
     let count = of.len().min(most);
     (0..count).map(|at| of[at * (of.len() - 1) / (count - 1).max(1)]).collect()
 }
 
-/// Returns the results for the rows that have one. Without any, returns the first error.
+/// Applies a function to rows, and returns the results of the rows for which it succeeds. If it succeeds for none,
+/// returns the first error.
 fn any<T>(rows: Vec<&Row>, mut of: impl FnMut(&Row) -> Result<T, Error>) -> Result<Vec<T>, Error> {
     let (mut found, mut first) = (Vec::new(), None);
     for row in rows {

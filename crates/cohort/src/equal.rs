@@ -33,8 +33,8 @@ impl<Key: Ord> EqualSets<Key> {
     }
 }
 
-/// Key of a model's input: hash of the file's contents, label, and file of weights. The sphere isn't included, because
-/// the sphere of a duplicated subject has another path.
+/// Key of a model's input: the hash of the file's contents, the label, and the file of weights. The sphere isn't
+/// included, because the sphere of a duplicated subject has another path.
 type Made = (String, Option<i64>, Option<PathBuf>);
 
 /// The inputs of a run, grouped by their contents.
@@ -58,7 +58,7 @@ impl Inputs {
     }
 }
 
-/// Returns the first `most` names and the number of further names, such as `a, b and 3 more`.
+/// Returns a list of the first `most` names and the number of further names, such as `a, b and 3 more`.
 pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> String {
     let mut names = names.into_iter();
     let shown: Vec<&str> = names.by_ref().take(most).collect();
@@ -68,7 +68,7 @@ pub fn first_of<'a>(names: impl IntoIterator<Item = &'a str>, most: usize) -> St
     }
 }
 
-/// Returns a warning that the inputs with these names are equal.
+/// Returns a warning that the named inputs are equal.
 pub fn same_inputs(names: &[&str]) -> String {
     const NAMED: usize = 12;
     let named = first_of(names.iter().copied(), NAMED);

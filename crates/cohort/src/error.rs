@@ -44,7 +44,7 @@ pub enum CohortError {
         column: &'static str,
         /// Names of the table's columns.
         found: Vec<String>,
-        /// A possible reason for the problem, beginning with a semicolon; empty if unknown.
+        /// Possible reason for the problem, beginning with a semicolon. Empty if the reason is unknown.
         hint: &'static str,
     },
     /// Two columns have the same name.
@@ -54,7 +54,7 @@ pub enum CohortError {
         path: PathBuf,
         /// Number of the header's line.
         line: usize,
-        /// Name of the columns.
+        /// Name of both columns.
         column: String,
     },
     /// The name of a column is almost that of a known column.
@@ -94,7 +94,7 @@ pub enum CohortError {
         line: usize,
         /// Name of the column.
         column: &'static str,
-        /// Valid values.
+        /// Description of the valid values.
         expected: &'static str,
         /// Value of the cell, with control characters escaped.
         found: String,
@@ -132,7 +132,7 @@ pub enum CohortError {
     /// The text isn't a valid shard.
     #[error("invalid shard {found}; expected INDEX/COUNT, such as 0/10 for the first of ten, or slurm")]
     NotAShard {
-        /// The text.
+        /// The text of the shard.
         found: String,
     },
     /// The environment variables of Slurm don't identify this process's task in an array.

@@ -1,4 +1,4 @@
-//! Evaluates every model on one common sphere, and writes the values to files beside the models.
+//! Evaluates every model on a common sphere, and writes the values to files beside the models.
 
 use std::path::PathBuf;
 
@@ -14,21 +14,21 @@ use crate::files::{ModelFiles, make_folder_of};
 pub struct Evaluate {
     /// The sphere on which models are evaluated.
     pub sphere: Sphere,
-    /// The sphere for models of right hemispheres, if it isn't [`sphere`](Self::sphere).
+    /// The sphere for models of right hemispheres, if it differs from [`sphere`](Self::sphere).
     pub right: Option<Sphere>,
     /// Name of the sphere in file names, such as `ico6`.
     pub name: String,
 }
 
 impl Evaluate {
-    /// Returns the path of the file for the values of a surface or of a signal.
+    /// Returns the path of the file for the evaluated surface or signal.
     fn path(&self, files: &ModelFiles, kind: Kind) -> PathBuf {
         let ending = if kind == Kind::Surface { "surf.gii" } else { "shape.gii" };
         files.model.with_file_name(format!("{}.{}.{ending}", files.name(), self.name))
     }
 
-    /// Returns the path if the kind of the model isn't known yet: that of the signal's file if it exists, otherwise
-    /// that of the surface's file.
+    /// Returns the path of the signal's file if it exists, otherwise the path of the surface's file. It is for callers
+    /// that don't know the kind of the model.
     pub(crate) fn file(&self, files: &ModelFiles) -> PathBuf {
         let signal = self.path(files, Kind::Signal);
         if signal.exists() { signal } else { self.path(files, Kind::Surface) }

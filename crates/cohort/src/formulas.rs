@@ -27,8 +27,8 @@ pub fn guarded(text: &str) -> Cow<'_, str> {
     if starts_one(text) && text.parse::<f64>().is_err() { Cow::Owned(format!("'{text}")) } else { Cow::Borrowed(text) }
 }
 
-/// Returns the text as a cell of a table with tabs: without control characters, which could end the cell, and
-/// [`guarded`].
+/// Returns the text as a cell of a tab-separated table, [`guarded`]. Control characters, which could end the cell, are
+/// replaced by blanks.
 #[must_use]
 pub fn cell(text: &str) -> String {
     guarded(&text.replace(char::is_control, " ")).into_owned()

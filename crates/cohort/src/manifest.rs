@@ -29,19 +29,19 @@ pub struct Row {
     pub id: String,
     /// File of the mesh or signal, or of the volume.
     pub surface: PathBuf,
-    /// Sphere of the fit; `None` if the surface is mapped to a sphere of its own.
+    /// Path of the sphere of the fit, or `None` if the surface is mapped to a sphere during the run.
     pub sphere: Option<PathBuf>,
-    /// Weights of the vertices, if the row has its own: `uniform`, `area`, or the path of a file.
+    /// Weights of the vertices, if the row specifies them: `uniform`, `area`, or the path of a file.
     pub weights: Option<PathBuf>,
-    /// For a signal, the file of a mask or label to which reading is limited. Values at other vertices are extrapolated
+    /// File of a mask or label to which the reading of a signal is limited. Values at other vertices are extrapolated
     /// from the edge of this region.
     pub region: Option<PathBuf>,
-    /// Path of the model, relative to the folder of all models; `None` for a file named by the id.
+    /// Path of the model, relative to the folder of all models; `None` if the file is named by the id.
     pub output: Option<PathBuf>,
     /// Label of the surface, if the input is a volume.
     pub label: Option<i64>,
-    /// Cells of the columns without a defined meaning, such as a group or an age; for their names, see
-    /// [`Manifest::columns`].
+    /// Cells of the columns without a defined meaning, such as a group or an age. [`Manifest::columns`] has the names
+    /// of these columns.
     pub extra: Vec<String>,
     /// Number of the row's line in its table, from 1; 0 for a row that isn't from a table.
     pub line: usize,
@@ -63,7 +63,7 @@ impl Row {
     }
 }
 
-/// Returns whether a file is a model by its name, which ends in .npz.
+/// Returns whether a file's name marks it as a model, by the ending .npz.
 #[must_use]
 pub fn is_model(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
@@ -148,7 +148,7 @@ impl Manifest {
         Ok(Self { path: path.to_owned(), columns: columns.extra.into_iter().map(|(name, _)| name).collect(), rows })
     }
 
-    /// Returns the text of a manifest that has only the rows that `keep` accepts, to be written to `to`. Comments are
+    /// Returns the text of a manifest with only the rows that `keep` accepts, to be written to `to`. Comments are
     /// omitted. If `to` is in another folder than this manifest, the paths of inputs are made absolute.
     ///
     /// # Errors
@@ -194,7 +194,7 @@ fn absolute(path: &Path) -> std::io::Result<PathBuf> {
     Ok(tidy(&std::path::absolute(path)?))
 }
 
-/// Removes `.` from a path, and `..` together with the folder before it, if any.
+/// Removes `.` from a path, and each `..` together with the folder before it, if there is one.
 fn tidy(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
     for component in path.components() {
@@ -212,7 +212,7 @@ fn tidy(path: &Path) -> PathBuf {
 /// Indices of the columns in a row's cells.
 struct Columns {
     cells: usize,
-    /// Indices of the columns [`OWN`]; `None` for a missing column.
+    /// Indices of the columns in [`OWN`]; `None` for a missing column.
     own: [Option<usize>; 7],
     extra: Vec<(String, usize)>,
 }
@@ -297,11 +297,11 @@ impl Columns {
 fn is_nearly(column: &str, own: &str) -> bool {
     let lower = column.trim().to_lowercase();
     // `weight` isn't taken for a misspelling of `weights`, because it may be a covariate such as body weight. Names of
-    // two letters are too short for the comparison.
+    // two letters are too short for such a comparison.
     lower == own || lower != "weight" && own.len() > 2 && strsim::damerau_levenshtein(&lower, own) == 1
 }
 
-/// Returns a cell in quotes, shortened if it is long, for error messages.
+/// Returns a cell in quotation marks for error messages. A long cell is shortened.
 fn shown(cell: &str) -> String {
     match cell.chars().count() {
         0 => "nothing".to_owned(),
@@ -333,8 +333,8 @@ fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
     }
     let mut outputs = HashMap::with_capacity(rows.len());
     for row in rows {
-        // Compare names without their extensions: the files beside a model are named by its name without `.spharm.npz`,
-        // so equal names would give equal files.
+        // Compare names without their extensions. The files beside a model are named by its name without
+        // `.spharm.npz`, so equal names would give equal files.
         let model = tidy(&row.model(Path::new(""))).with_extension("");
         let plain = if model.extension().is_some_and(|e| e == "spharm") { model.with_extension("") } else { model };
         match outputs.entry(plain) {

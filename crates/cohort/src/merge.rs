@@ -10,8 +10,8 @@ use crate::table::{Table, read_text};
 /// The final outcome of each row, merged from several status files.
 ///
 /// Within a file, a later line of a row replaces an earlier line, except that [`State::Skipped`] doesn't replace
-/// [`State::Done`]. If several files have a line for the same row, the line of a file that says that the model exists
-/// takes precedence; otherwise, the line of the last file given.
+/// [`State::Done`]. If several files have a line for the same row, a line that says that the model exists takes
+/// precedence over other lines, and otherwise the line of the last file given.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Merged {
     /// Entries in the order of their first occurrence.
@@ -58,7 +58,7 @@ impl Merged {
         &self.entries
     }
 
-    /// Returns the entry of a row; `None` if no file has the row.
+    /// Returns the entry of a row, or `None` if no file has the row.
     #[must_use]
     pub fn entry(&self, id: &str) -> Option<&Entry> {
         self.places.get(id).map(|&place| &self.entries[place])
@@ -71,7 +71,7 @@ impl Merged {
     }
 }
 
-/// Replaces the entry of a row by a later entry of the same row, unless `Skipped` would replace `Done`.
+/// Replaces the entry of a row by a later entry, unless `Skipped` would replace `Done`.
 fn replace(known: &mut Entry, entry: Entry) {
     if !(known.state == State::Done && entry.state == State::Skipped) {
         *known = entry;
@@ -87,7 +87,7 @@ fn read_one(path: &Path) -> Result<(Vec<Entry>, usize), CohortError> {
         let found = first.chars().take(80).collect();
         return Err(CohortError::NotStatus { path: path.to_owned(), expected, found });
     }
-    // Ignore an incomplete last line: its process may be writing it now.
+    // Ignore an incomplete last line, which its process may be writing at the moment.
     let whole = &text[..text.rfind('\n').map_or(0, |at| at + 1)];
     let (mut entries, mut places, mut damaged): (Vec<Entry>, HashMap<String, usize>, usize) = Default::default();
     let mut is_header = true;

@@ -11,7 +11,7 @@ const INPUT: &str = "SpharmInput";
 const LABEL: &str = "SpharmLabel";
 const MAP: &str = "SpharmMap";
 
-/// The input from which a sphere was made, and the method.
+/// The input from which a sphere was made, and the method of the map.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Origin {
     /// BLAKE3 hash of the contents of the input's file.
@@ -24,7 +24,7 @@ pub(crate) struct Origin {
 
 impl Origin {
     /// Returns the origin of a sphere that [`parametrize_with`](spharm::parametrize::parametrize_with) makes from
-    /// `input` with these settings. `cut` is true if the handles of the surface were cut.
+    /// `input` with the settings `params`. `cut` is true if the handles of the surface were cut.
     pub(crate) fn new(input: &FileRecord, params: &CaldParams, cut: bool) -> Self {
         let CaldParams { area, degree, steps, seed } = params;
         let degree = degree.map_or("auto".to_owned(), |degree| degree.to_string());

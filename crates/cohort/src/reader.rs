@@ -8,9 +8,9 @@ use spharm::parametrize::volume::{LabelVolume, VolumeParams, VolumeReading};
 use spharm::parametrize::{Input, ParametrizeError};
 use spharm::{Error, Monitor, Preparation};
 
-/// Reads surfaces, and repairs them and cuts their handles if requested. The last volume read is kept in memory,
-/// because reading a volume is slow and its labels are usually read one after another. Several threads may read at the
-/// same time.
+/// Reads surfaces, and repairs them and cuts their handles if requested. The volume that was read last is kept in
+/// memory, because reading a volume is slow and its labels are usually read one after another. Several threads may
+/// read at the same time.
 #[derive(Debug)]
 pub struct SurfaceReader {
     preparation: Preparation,
@@ -19,14 +19,14 @@ pub struct SurfaceReader {
 }
 
 impl SurfaceReader {
-    /// Creates a reader. If `preparation` has no repairs or cuts, surfaces that need them are returned unchanged, and
-    /// the fit refuses them.
+    /// Creates a reader. If `preparation` requests no repairs or cuts, surfaces that need them are returned unchanged,
+    /// and the fit refuses these surfaces.
     #[must_use]
     pub fn new(preparation: Preparation) -> Self {
         Self { preparation, volume: Mutex::default() }
     }
 
-    /// Returns how volumes are read.
+    /// Returns the settings for reading volumes.
     #[must_use]
     pub fn reading(&self) -> VolumeReading {
         self.preparation.reading
@@ -36,8 +36,8 @@ impl SurfaceReader {
     ///
     /// # Errors
     ///
-    /// If the file can't be read, if the label has no closed surface of genus zero, or if the surface whose handles are
-    /// to be cut isn't closed and connected.
+    /// An error if the file can't be read, if the label has no closed surface of genus zero, or if the surface whose
+    /// handles are to be cut isn't closed and connected.
     pub fn read(&self, path: &Path, label: Option<i64>, monitor: &dyn Monitor) -> Result<Input, Error> {
         if label.is_none() {
             return self.preparation.apply(Input::Mesh(read_mesh(path)?), monitor);

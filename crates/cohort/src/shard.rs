@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use crate::error::CohortError;
 
-/// One process's share of a manifest: the rows whose index, counted from 0, is `index` modulo `count`.
+/// The share of a manifest that one process fits: the rows whose index, counted from 0, is `index` modulo `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     index: usize,
@@ -27,7 +27,7 @@ impl std::fmt::Display for Shard {
 impl FromStr for Shard {
     type Err = CohortError;
 
-    /// Parses `i/n`, or `slurm` for the task of a Slurm array that this process runs.
+    /// Parses `i/n`, or `slurm` for the task of a Slurm array that runs this process.
     fn from_str(text: &str) -> Result<Self, CohortError> {
         if text == "slurm" {
             return Self::of_slurm(|name| std::env::var(name).ok());
@@ -47,12 +47,12 @@ impl Shard {
         (self.index, self.count)
     }
 
-    /// Returns the shard for a task of a Slurm array. Its index is the position of the task's number between
+    /// Returns the shard for a task of a Slurm array. The shard's index is the position of the task's number between
     /// `SLURM_ARRAY_TASK_MIN` and `SLURM_ARRAY_TASK_MAX`. `variable` looks up an environment variable.
     ///
     /// # Errors
     ///
-    /// [`CohortError::Slurm`] outside an array, and in an array whose task numbers have gaps, because its tasks
+    /// [`CohortError::Slurm`] outside an array, and in an array whose task numbers have gaps, because the tasks
     /// wouldn't cover all rows.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self, CohortError> {
         let refuse = |problem: String| CohortError::Slurm { problem };

@@ -20,7 +20,7 @@ pub enum State {
     Done,
     /// The row was skipped, because its model existed.
     Skipped,
-    /// The row couldn't be fitted; the column `error` gives the reason.
+    /// The row couldn't be fitted. The column `error` gives the reason.
     Failed,
     /// The process was stopped while it worked on the row.
     Interrupted,
@@ -76,21 +76,21 @@ pub struct Entry {
     /// Wall time in seconds, from reading the surface to writing its model. Rows that are fitted together share the
     /// time of their common work.
     pub seconds: Option<f64>,
-    /// The error of a failed row; empty otherwise.
+    /// Error of a failed row; empty for other rows.
     pub error: String,
     /// Path of the model as text; empty if unknown.
     pub output: String,
 }
 
 impl Entry {
-    /// Creates an entry without distances, time, error and output.
+    /// Creates an entry without distances, time, error or output.
     #[must_use]
     pub fn new(id: &str, state: State) -> Self {
         let (msd, xsd, seconds, error, output) = (None, None, None, String::new(), String::new());
         Self { id: id.to_owned(), state, msd, xsd, seconds, error, output }
     }
 
-    /// Parses an entry from the cells of a line; `None` if they are malformed.
+    /// Parses an entry from the cells of a line. Returns `None` if the cells are malformed.
     pub(crate) fn of_cells<'a>(cells: impl Iterator<Item = &'a str>) -> Option<Self> {
         let cells: Vec<&str> = cells.collect();
         let [id, state, msd, xsd, seconds, error, output] = cells[..] else { return None };
@@ -106,7 +106,7 @@ impl Entry {
         })
     }
 
-    /// Formats the entry as one line, including the line end.
+    /// Formats the entry as one line, including the line ending.
     fn line(&self) -> io::Result<Vec<u8>> {
         // msd and xsd are written with the fewest digits from which they can be read back exactly.
         let number =
@@ -124,7 +124,7 @@ fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>
     writer.into_inner().map_err(|error| io::Error::other(error.to_string()))
 }
 
-/// A status file to which this process writes. If a row has several lines, the last line is valid, so that a resumed
+/// A status file to which this process writes. If a row has several lines, the last one is valid, so that a resumed
 /// run can append to the file.
 #[derive(Debug)]
 pub struct StatusFile {
@@ -135,8 +135,8 @@ pub struct StatusFile {
 }
 
 impl StatusFile {
-    /// Opens a status file for appending, or creates the file and its folder. An incomplete last line, as left by a
-    /// full disk or a killed process, is removed.
+    /// Opens a status file for appending, or creates the file and its folder. An incomplete last line, left by a full
+    /// disk or a killed process, is removed.
     ///
     /// # Errors
     ///
@@ -186,7 +186,7 @@ impl StatusFile {
                 Ok(())
             }
             Err(source) => {
-                // If truncating fails too, the incomplete line is removed when the file is next opened.
+                // If truncating fails, too, the incomplete line is removed when the file is next opened.
                 let _ = self.file.set_len(self.end);
                 Err(CohortError::Io { path: self.path.clone(), action: "write", source })
             }

@@ -1,8 +1,8 @@
 //! Reads and writes TSV and CSV tables in common dialects, and tracks line numbers.
 //!
-//! Tables follow RFC 4180, with commas if the file name ends in `.csv` and tabs otherwise. Cells in quotation marks may
-//! contain separators. Any line ends are accepted. A byte-order mark, blank lines, and lines that begin with `#` are
-//! skipped.
+//! Tables follow RFC 4180, with commas if the file name ends in `.csv` and tabs otherwise. Cells in quotation marks
+//! may contain separators. All kinds of line endings are accepted. A byte-order mark, blank lines, and lines that
+//! begin with `#` are skipped.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::error::CohortError;
 /// Largest accepted size of a table in bytes, far above the size of any study's table.
 const LARGEST: u64 = 1 << 30;
 
-/// The text of a table, and the separator of its cells.
+/// The text of a table and the separator of its cells.
 pub(crate) struct Table<'a> {
     path: &'a Path,
     text: &'a str,
@@ -103,7 +103,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// Returns a writer of tables with this separator, which quotes cells where necessary.
+/// Returns a writer of tables with the given separator, which quotes cells if necessary.
 pub(crate) fn writer(separator: u8) -> csv::Writer<Vec<u8>> {
     csv::WriterBuilder::new().delimiter(separator).comment(Some(b'#')).flexible(true).from_writer(Vec::new())
 }

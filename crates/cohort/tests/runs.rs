@@ -10,8 +10,8 @@ use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunParams, preview, run};
 use spharm_cohort::{Merged, Row, State};
 
-/// An observer that records the outcomes of rows: id, state, and whether the surface was mapped, in the order of
-/// reporting.
+/// An observer that records the outcomes of rows in the order of reporting: id, state, and whether the surface was
+/// mapped.
 #[derive(Default)]
 struct Outcomes(Mutex<Vec<(String, State, bool)>>);
 
@@ -30,7 +30,7 @@ impl Outcomes {
     }
 }
 
-/// Returns three rows: two with a surface, and between them one whose file is missing.
+/// Returns three rows: two with an existing surface, and between them one whose file is missing.
 fn rows(folder: &Path) -> Vec<Row> {
     let row = |(name, variant): (&str, Option<u64>)| {
         let surface = folder.join(format!("{name}.ply"));
@@ -51,7 +51,7 @@ fn rows_after_a_failure_are_fitted_and_a_second_run_keeps_them() {
     let mut params = RunParams::new(FitParams::lsq(4));
     params.status = Some(status.clone());
     run(&cohort, &params, &outcomes, &Silent).unwrap();
-    // Rows are processed side by side, and end in any order.
+    // Rows are processed at the same time, so they finish in any order.
     let expected = [("a", State::Done, true), ("b", State::Done, true), ("gone", State::Failed, false)];
     let mut found = outcomes.take();
     found.sort();
@@ -115,7 +115,8 @@ fn an_output_with_the_name_of_an_input_is_refused() {
     assert_eq!(std::fs::read(&model).unwrap(), before);
 }
 
-/// A model's path that isn't UTF-8 can't be written to the table of outcomes exactly, but the event has the exact path.
+/// A model's path that isn't UTF-8 can't be written exactly to the table of outcomes, but the event has the exact
+/// path.
 #[cfg(unix)]
 #[test]
 fn a_model_is_found_by_a_name_that_is_no_text() {

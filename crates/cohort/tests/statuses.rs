@@ -1,4 +1,4 @@
-//! Tests status files after kills, after full disks, and mixed with unrelated files.
+//! Tests status files after kills and full disks, and among unrelated files.
 
 use std::path::Path;
 
@@ -45,7 +45,7 @@ fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     let path = |name: &str| folder.path().join(name);
     let done = Entry { msd: Some(1.0), ..entry("a", State::Done) };
     write(&path("0.tsv"), &[entry("b", State::Interrupted), done.clone(), entry("c", State::Failed)]);
-    // Append a resumed run to the first file; the second file is by a process with another division into shards.
+    // Append a resumed run to the first file. The second file is written by a process with another number of shards.
     write(&path("0.tsv"), &[entry("a", State::Skipped), entry("b", State::Done)]);
     write(&path("1.tsv"), &[entry("b", State::Failed), entry("c", State::Skipped), entry("d", State::Failed)]);
     let merged = Merged::read([path("0.tsv"), path("1.tsv")]).expect("a status");

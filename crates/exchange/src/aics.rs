@@ -1,5 +1,5 @@
-//! Writes the named coefficients of a radius as aics-shparam does: `shcoeffs_L2M1C` is the coefficient of the cosine of
-//! degree 2, order 1.
+//! Writes the coefficients of a radius under the names of aics-shparam: `shcoeffs_L2M1C` is the coefficient of the
+//! cosine of degree 2, order 1.
 //!
 //! aics-shparam expands the distance of the surface from its centre in pyshtools' default harmonics, normalised to 4
 //! pi. Its `get_even_reconstruction_from_coeffs` takes these coefficients as an array (2, L + 1, L + 1).

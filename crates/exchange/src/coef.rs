@@ -10,7 +10,8 @@ use crate::convert::{from_pdm, to_pdm};
 use crate::flaw::Flaw;
 use crate::text::{number, quoted, text, write_row};
 
-/// Highest degree that SPHARM-PDM can evaluate. Above it, its factorials of twice the degree overflow.
+/// Highest degree that SPHARM-PDM can evaluate. At higher degrees, the factorials of twice the degree overflow in
+/// SPHARM-PDM.
 pub(crate) const HIGHEST_EVALUATED: usize = 85;
 
 pub(crate) fn write(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {

@@ -25,9 +25,9 @@ pub enum ExchangeError {
         path: PathBuf,
         /// Description of a file in the format, with its indefinite article.
         format: &'static str,
-        /// What the format requires.
+        /// The content that the format requires.
         expected: String,
-        /// What the file contains instead.
+        /// The content found instead.
         found: String,
     },
     /// The file's format can't be determined from its contents.
@@ -37,7 +37,7 @@ pub enum ExchangeError {
         path: PathBuf,
         /// Description of the file's contents.
         found: String,
-        /// The formats that the file may have, from which the user has to choose.
+        /// The possible formats of the file, from which the user has to choose.
         remedy: &'static str,
     },
     /// The format can't represent the model.
@@ -62,7 +62,7 @@ pub enum ExchangeError {
         .path.display()
     )]
     WrittenOnly {
-        /// The file that was to be read.
+        /// Path of the file to be read.
         path: PathBuf,
         /// Name of the package.
         package: &'static str,
@@ -70,11 +70,11 @@ pub enum ExchangeError {
     /// The files of one model have different degrees.
     #[error("{}: the file has degree {found}, but {} has degree {expected}; all channels of a model must have the same degree", .path.display(), .first.display())]
     Degrees {
-        /// The file whose degree differs.
+        /// Path of the file whose degree differs.
         path: PathBuf,
         /// Degree of this file.
         found: usize,
-        /// The first file of the model.
+        /// Path of the first file of the model.
         first: PathBuf,
         /// Degree of the first file.
         expected: usize,
@@ -82,11 +82,11 @@ pub enum ExchangeError {
     /// The files of one model have different formats.
     #[error("{}: the file is {found}, but {} is {expected}; all channels of a model must be in one format", .path.display(), .first.display())]
     Formats {
-        /// The file whose format differs.
+        /// Path of the file whose format differs.
         path: PathBuf,
         /// Format of this file, with its indefinite article.
         found: &'static str,
-        /// The first file of the model.
+        /// Path of the first file of the model.
         first: PathBuf,
         /// Format of the first file, with its indefinite article.
         expected: &'static str,

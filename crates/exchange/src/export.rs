@@ -23,13 +23,13 @@ pub struct ExportOptions {
 /// Result of an export.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exported {
-    /// The files written: one, or one per channel.
+    /// Paths of the files written: one file, or one per channel.
     pub files: Vec<PathBuf>,
     /// Warnings about the files written.
     pub warnings: Vec<ExportWarning>,
 }
 
-/// A limitation when the other package uses an exported file.
+/// A limitation on the use of an exported file by the other package.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ExportWarning {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::error::ExchangeError;
 
-/// A violation of a file's format: what was expected, and what was found.
+/// A violation of a file's format: the expected content and the content found.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Flaw {
     expected: String,

@@ -17,16 +17,16 @@ use crate::{beta, coef, fits, mat, npy, shtools, table};
 /// Options of [`import()`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct ImportOptions {
-    /// The format of the files; `None` (default) to determine it from their contents.
+    /// The format of the files, or `None` (default) to determine it from their contents.
     pub format: Option<Format>,
-    /// Normalisation of pyshtools' files, which the files don't state.
+    /// Normalisation of pyshtools' files, which isn't recorded in the files.
     pub normalization: Normalization,
 }
 
 /// Result of an import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// Canonical coefficients, (K, c), finite.
+    /// Canonical coefficients of shape (K, c). All are finite.
     pub coefficients: Coefficients,
     /// The sphere of a SPHARM-MAT file; the other formats don't contain a sphere.
     pub sphere: Option<Sphere>,
@@ -97,8 +97,8 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
 /// block.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = spharm_files::open(path)?;
-    // Needed memory: the bytes of the file, and the numbers, which for text take about as many bytes as the text.
-    // Checked before reading, because a sparse file can be far larger than its size on disk.
+    // Check the memory for the bytes of the file and for the numbers, which take about as many bytes as their text.
+    // The check comes before reading, because a sparse file can be far larger than its size on disk.
     check_room(file.metadata()?.len().saturating_mul(2))
         .map_err(|room| io::Error::other(format!("the contents need {room}")))?;
     let mut bytes = Vec::new();

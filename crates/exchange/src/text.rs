@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use crate::flaw::Flaw;
 
-/// Writes the numbers of a row with 17 significant digits, separated by a separator.
+/// Writes the numbers of a row with 17 significant digits, separated by `separator`.
 pub(crate) fn write_row<'a>(
     out: &mut dyn Write,
     values: impl IntoIterator<Item = &'a f64>,

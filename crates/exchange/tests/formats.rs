@@ -1,4 +1,4 @@
-//! Tests round trips of every format, the formulas of its convention, and malformed files.
+//! Tests round trips in every format, the formulas of each format's convention, and malformed files.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -96,7 +96,7 @@ fn conventions_are_those_of_the_documentation() {
         assert!((s2fft[[0, l, 3 - n]] - sign(m) * complex.conj()).norm() < 1e-15);
         assert_eq!(alm[[0, at.iter().position(|&place| place == (l, n)).unwrap()]], complex);
     }
-    // healpy's order is by order, then by degree: all degrees of order 0, then all degrees of order 1, ...
+    // healpy sorts by order, then by degree: all degrees of order 0, then all degrees of order 1, ...
     assert_eq!(at[..6], [(0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1)]);
 }
 
@@ -162,9 +162,9 @@ fn what_is_cut_short_is_an_error() {
         for length in (0..last).filter(|length| length % 7 == 0 || *length > last - 9) {
             std::fs::write(&path, &whole[..length]).unwrap();
             match read(&path, format) {
-                // Truncation can't be noticed within the last number of a table, because the remaining digits are still
-                // a number; nor where only the last tables of a FITS file or the last degrees of a CSV table are
-                // missing.
+                // Truncation can't be detected within the last number of a table, because the remaining digits are
+                // still a number. It can't be detected either if the last tables of a FITS file or the last degrees of
+                // a CSV table are missing as a whole.
                 Ok(found) => assert!(
                     length > last - 40
                         || (format == Format::Healpy && length >= 6000)
@@ -229,7 +229,7 @@ fn bombs_and_lying_headers_are_refused() {
         "bytes of data",
     );
     refused(&changed("TFORM1  = 'K       '", "TFORM1  = 'A       '"), Format::Healpy, "column 1 of numbers");
-    // An index of degree 1000, in a table whose rows suffice for degree 2.
+    // The index is of degree 1000, in a table whose number of rows suffices only for degree 2.
     let mut far = fits.clone();
     far[5760..5768].copy_from_slice(&1_001_001_i64.to_be_bytes());
     refused(&far, Format::Healpy, "rows up to degree 1000");

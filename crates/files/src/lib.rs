@@ -95,7 +95,7 @@ pub fn first_input<'i, 'a>(
 ///
 /// # Errors
 ///
-/// The errors of [`open`]; if the file is longer than `most` bytes; if reading fails.
+/// Returns the errors of [`open`], and an error if the file is longer than `most` bytes or reading fails.
 pub fn read(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
     let file = open(path)?;
     let length = file.metadata()?.len();
@@ -115,7 +115,7 @@ pub fn read(path: impl AsRef<Path>, most: u64) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 ///
-/// The errors of [`read`]; if the text isn't UTF-8.
+/// Returns the errors of [`read`], and an error if the text isn't UTF-8.
 pub fn read_text(path: impl AsRef<Path>, most: u64) -> io::Result<String> {
     let text = String::from_utf8(read(path, most)?).map_err(|error| {
         let at = error.utf8_error().valid_up_to();
@@ -202,7 +202,7 @@ mod tests {
         assert_eq!(message(read_text(&path, 10)), "expected UTF-8 text, found byte 0xff at 2");
     }
 
-    /// Files in `/proc` have no known length before they are read; the limit applies to them too.
+    /// The size limit also applies to files in `/proc`, whose length isn't known before they are read.
     #[cfg(target_os = "linux")]
     #[test]
     fn files_without_a_length_are_read_within_the_bound() {

@@ -14,7 +14,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use crate::HarmonicsError;
 use crate::index::{basis_size, column, max_degree_of};
 
-/// Canonical coefficients of c functions: (K, c), row `l^2 + l + m`; in the unit of the functions.
+/// Canonical coefficients of c functions, (K, c), in the unit of the functions. Row `l^2 + l + m` has degree l and
+/// order m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coefficients {
     values: Array2<f64>,
@@ -22,7 +23,7 @@ pub struct Coefficients {
 }
 
 impl Coefficients {
-    /// Wraps an array, (K, c).
+    /// Wraps an array of canonical coefficients, (K, c).
     ///
     /// # Errors
     ///
@@ -118,7 +119,8 @@ mod tests {
         }
     }
 
-    /// Both sums give the same function; the complex harmonics are written out from their definition.
+    /// Checks that the real and the complex sum give the same function. The complex harmonics are written out from
+    /// their definition.
     #[test]
     fn complex_coefficients_describe_the_same_function() {
         let coefficients = sample();

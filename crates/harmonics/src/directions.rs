@@ -26,14 +26,14 @@ pub struct Radii {
     pub max: f64,
 }
 
-/// Vertices that a thread takes at a time.
+/// Number of vertices per parallel task.
 const PART: usize = 1 << 13;
 
 impl Radii {
-    /// The range of no radii.
+    /// The empty range, the neutral element of `and`.
     const NONE: Self = Self { min: f64::INFINITY, max: 0.0 };
 
-    /// Returns the range that holds both.
+    /// Returns the smallest range that contains both ranges.
     fn and(self, other: Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
@@ -59,9 +59,9 @@ impl Directions {
         let mut vectors = vec![[0.0; 3]; vertices.len()];
         let parts = vectors.chunks_mut(PART).zip(vertices.chunks(PART)).enumerate();
         let parts = parts.map(|(part, (units, vertices))| (part * PART, units, vertices));
-        // Outside of a pool the global one would be used, which a forked process doesn't have.
+        // Outside of a rayon pool the global pool would be used, which a forked process doesn't have.
         let radii: Result<Vec<Radii>, HarmonicsError> = if rayon::current_thread_index().is_some() {
-            // The first error in the order of the vertices is the one to report.
+            // Results are collected in the order of the vertices, so that the first error is the one reported.
             let parts: Vec<_> = parts.collect();
             let radii: Vec<_> =
                 parts.into_par_iter().map(|(first, units, of)| normalise_all(first, units, of)).collect();
@@ -78,8 +78,8 @@ impl Directions {
     ///
     /// # Errors
     ///
-    /// As for [`from_vertices`](Self::from_vertices), and [`HarmonicsError::NotUnit`]: a squared length differs from 1
-    /// by more than 1e-9.
+    /// The errors of [`from_vertices`](Self::from_vertices), and [`HarmonicsError::NotUnit`]: a squared length
+    /// differs from 1 by more than 1e-9.
     pub fn from_unit_vectors(vectors: Vec<[f64; 3]>) -> Result<Self, HarmonicsError> {
         let checked = Self::from_vertices(&vectors)?;
         let off = |v: &[f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - 1.0).abs() > 1e-9;
@@ -153,14 +153,15 @@ impl Directions {
         self.radii
     }
 
-    /// Returns the number of directions that repeat an earlier one, bit for bit. Cost: one pass over the directions by
-    /// all threads of the caller's pool, and 9 bytes a direction.
+    /// Returns the number of directions that repeat an earlier one, bit for bit. Cost: one pass over the directions
+    /// by all threads of the caller's pool, and 9 bytes per direction.
     pub fn duplicates(&self) -> usize {
         duplicates::count(&self.vectors)
     }
 }
 
-/// Normalises vertices, of which the first has the number `first`, and returns the range of their radii.
+/// Normalises `vertices` into `units` and returns the range of their radii. `first` is the index of the first vertex,
+/// for errors.
 fn normalise_all(first: usize, units: &mut [[f64; 3]], vertices: &[[f64; 3]]) -> Result<Radii, HarmonicsError> {
     let mut radii = Radii::NONE;
     for (offset, (unit, &vertex)) in units.iter_mut().zip(vertices).enumerate() {
@@ -191,11 +192,12 @@ pub fn normalise(vector: [f64; 3], index: usize) -> Result<([f64; 3], f64), Harm
     if largest == 0.0 {
         return Err(HarmonicsError::AtOrigin { index });
     }
-    // Scaled by a power of two first, which is exact, so that the squares neither overflow nor underflow.
+    // The vector is first scaled by a power of two, which is exact, so that the squares neither overflow nor
+    // underflow.
     let scale = power_of_two_near(largest);
     let scaled = vector.map(|c| c / scale);
     let norm = (scaled[0] * scaled[0] + scaled[1] * scaled[1] + scaled[2] * scaled[2]).sqrt();
-    // + 0.0 turns -0 into +0, so that equal points have equal bits.
+    // Adding 0.0 turns -0 into +0, so that equal points have equal bits.
     Ok((scaled.map(|c| c / norm + 0.0), norm * scale))
 }
 
@@ -243,7 +245,7 @@ mod tests {
             let (sine, phi) = ((1.0 - z * z).sqrt(), golden * i as f64);
             [3.0 * sine * phi.cos(), 3.0 * sine * phi.sin(), 3.0 * z]
         };
-        // Every seventh direction comes twice, and one three times.
+        // Every seventh direction occurs twice, and one direction three times.
         let mut vertices: Vec<[f64; 3]> = (0..30_000).map(point).collect();
         vertices.extend((0..30_000).step_by(7).map(point));
         vertices.push(point(7));
@@ -258,8 +260,8 @@ mod tests {
         assert!(matches!(error, HarmonicsError::NotFinite { index: 9_000, .. }));
     }
 
-    /// Every tenth of the sphere along x has a tenth of the directions (a random sample would be off by 13 or more),
-    /// and no two of them are close.
+    /// Checks that each of ten slices of equal thickness along x contains a tenth of the directions, to within 8 (a
+    /// random sample would be off by 13 or more), and that no two directions are close.
     #[test]
     fn a_fibonacci_spiral_is_even() {
         let n = 2_000;

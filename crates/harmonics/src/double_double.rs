@@ -12,9 +12,9 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// Dekker's splitting, which gives the same bits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubleDouble<const FMA: bool> {
-    /// The leading double.
+    /// The leading double, the number rounded.
     pub hi: f64,
-    /// The remainder.
+    /// The trailing double, the remainder.
     pub lo: f64,
 }
 
@@ -25,7 +25,7 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
     (s, (a - (s - t)) + (b - t))
 }
 
-/// Needs `|a| >= |b|` or `a == 0`.
+/// Returns the rounded sum of two doubles and its rounding error. Needs `|a| >= |b|` or `a == 0`.
 #[inline(always)]
 fn quick_two_sum(a: f64, b: f64) -> (f64, f64) {
     let s = a + b;
@@ -47,7 +47,7 @@ fn two_product<const FMA: bool>(a: f64, b: f64) -> (f64, f64) {
 #[inline(always)]
 fn split(a: f64) -> (f64, f64) {
     const SPLITTER: f64 = 134_217_729.0; // 2^27 + 1
-    // Above this the product with the splitter would overflow; scaling by powers of two is exact.
+    // Above `LARGE`, the product with the splitter would overflow. Scaling by powers of two is exact.
     const LARGE: f64 = 6.696_928_794_914_17e299;
     const DOWN: f64 = 1.0 / (1u64 << 28) as f64;
     if a.abs() > LARGE {
@@ -65,7 +65,7 @@ impl<const FMA: bool> DoubleDouble<FMA> {
     /// Zero.
     pub const ZERO: Self = Self { hi: 0.0, lo: 0.0 };
 
-    /// Converts a double.
+    /// Returns a double as a double-double.
     #[inline(always)]
     #[must_use]
     pub fn new(value: f64) -> Self {

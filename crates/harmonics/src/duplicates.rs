@@ -1,20 +1,20 @@
 //! Counts directions that repeat earlier ones.
 //!
-//! Each direction has a hash. Hashes are sorted into buckets by their leading bits, so that the bits of a bucket's table
-//! stay in a core's cache: one table for all directions would be as large as the memory bus is slow. Only directions
-//! whose hash occurs twice are compared.
+//! Each direction is hashed. The hashes are sorted into buckets by their leading bits, so that the bit table of one
+//! bucket stays in a core's cache; lookups in a single table for all directions would be as slow as main memory. Only
+//! directions whose hash occurs twice are compared.
 
 use rayon::prelude::*;
 
-/// Directions that a thread takes at a time.
+/// Number of directions per parallel task.
 const PART: usize = 1 << 13;
-/// Hashes in a bucket, on average at most, so that its table of 16 bits a hash is in the second-level cache.
+/// Largest average number of hashes per bucket. A bucket's table, 16 bits per hash, then fits the second-level cache.
 const BUCKET: usize = 1 << 16;
-/// Most buckets; with more, a part would have too few hashes in each.
+/// Largest number of buckets. With more, a part would have too few hashes in each.
 const MOST_BUCKETS: usize = 256;
 
-/// Returns the number of directions that repeat an earlier one, bit for bit, where -0 is 0. Cost: one pass over the
-/// directions by all threads of the caller's pool, and 9 bytes a direction.
+/// Returns the number of directions that repeat an earlier one, bit for bit, with -0 equal to 0. Cost: one pass over
+/// the directions by all threads of the caller's pool, and 9 bytes per direction.
 pub(crate) fn count(vectors: &[[f64; 3]]) -> usize {
     let buckets = vectors.len().div_ceil(BUCKET).next_power_of_two().min(MOST_BUCKETS);
     let parts = map(vectors.chunks(PART).collect(), |part: &[[f64; 3]]| Part::of(part, buckets));
@@ -35,8 +35,8 @@ pub(crate) fn count(vectors: &[[f64; 3]]) -> usize {
     keys.windows(2).filter(|pair| pair[0] == pair[1]).count()
 }
 
-/// Maps items on all threads of the caller's pool if there is one. Outside of a pool the global one would be used,
-/// which a forked process doesn't have.
+/// Maps items on all threads of the caller's rayon pool, or on the current thread outside of a pool. There the global
+/// pool would be used, which a forked process doesn't have.
 fn map<I: Send, T: Send>(items: Vec<I>, map: impl Fn(I) -> T + Send + Sync) -> Vec<T> {
     if rayon::current_thread_index().is_some() {
         items.into_par_iter().map(map).collect()
@@ -58,19 +58,19 @@ fn hash(v: &[f64; 3]) -> u64 {
 
 /// Returns the `bits` leading bits of a hash.
 fn leading(hash: u64, bits: u32) -> usize {
-    // A shift by 64 bits would overflow.
+    // Shifts in two steps, since a shift by 64 bits, for `bits` equal to 0, would overflow.
     (hash >> 1 >> (63 - bits)) as usize
 }
 
-/// Hashes of some consecutive directions, sorted into buckets.
+/// Hashes of a run of consecutive directions, sorted into buckets.
 struct Part {
     hashes: Vec<u64>,
-    /// First hash of each bucket, and the number of hashes.
+    /// Position of the first hash of each bucket, followed by the number of hashes.
     starts: Vec<u32>,
 }
 
 impl Part {
-    /// `buckets` is a power of two.
+    /// Hashes directions and sorts the hashes into `buckets` buckets, a power of two.
     fn of(vectors: &[[f64; 3]], buckets: usize) -> Self {
         let bits = buckets.trailing_zeros();
         let unsorted: Vec<u64> = vectors.iter().map(hash).collect();
@@ -93,11 +93,11 @@ impl Part {
     }
 }
 
-/// Returns the hashes of a bucket that occur more than once, each once.
+/// Returns the distinct hashes that occur more than once in a bucket.
 fn repeated(parts: &[Part], bucket: usize) -> Vec<u64> {
     let hashes = || parts.iter().flat_map(|part| part.bucket(bucket).iter().copied());
     let mut taken = BitSet::new(16 * hashes().count());
-    // All but the first hash of each bit, some one in 32.
+    // Hashes whose bit an earlier hash has set; about one in 32 if no direction repeats.
     let later: Vec<u64> = hashes().filter(|&hash| !taken.insert(hash)).collect();
     if later.is_empty() {
         return later;
@@ -113,30 +113,31 @@ fn repeated(parts: &[Part], bucket: usize) -> Vec<u64> {
     repeated
 }
 
-/// A set of hashes by some of their bits.
+/// An approximate set of hashes. Each hash sets one bit of a table, and several hashes may share a bit.
 struct BitSet {
     words: Vec<u64>,
     bits: u32,
 }
 
 impl BitSet {
-    /// Creates an empty set of `bits` bits or up to twice as many, at least 64.
+    /// Creates an empty set with a table of `bits` bits, rounded up to a power of two, at least 64.
     fn new(bits: usize) -> Self {
         let bits = bits.next_power_of_two().max(64);
         Self { words: vec![0; bits / 64], bits: bits.trailing_zeros() }
     }
 
-    /// Returns a hash of the place of a hash's bit, for a smaller set.
+    /// Returns a new hash that depends only on the bit of `hash`, to be used in a smaller set.
     fn place(&self, hash: u64) -> u64 {
         (self.bit(hash) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
     }
 
-    /// Returns the number of a hash's bit. The leading bits of hashes are those of their bucket, so they are mixed.
+    /// Returns the index of a hash's bit. All hashes of a bucket have the same leading bits, so the bits are mixed
+    /// first.
     fn bit(&self, hash: u64) -> usize {
         leading(hash.wrapping_mul(0xd6e8_feb8_6659_fd93), self.bits)
     }
 
-    /// Adds a hash; returns whether its bit wasn't set before.
+    /// Adds a hash and returns whether its bit was unset before.
     fn insert(&mut self, hash: u64) -> bool {
         let place = self.bit(hash);
         let (bit, word) = (1 << (place % 64), &mut self.words[place / 64]);
@@ -155,7 +156,8 @@ impl BitSet {
 mod tests {
     use super::*;
 
-    /// More buckets than one, hashes that are shared by different directions, and all directions the same.
+    /// Counts repeated directions among many different ones, in several buckets, and counts directions that are all
+    /// equal.
     #[test]
     fn repeated_directions_are_counted_in_every_bucket() {
         let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());

@@ -15,7 +15,7 @@ pub enum HarmonicsError {
     /// A direction with a coordinate that is NaN or infinite.
     #[error("direction {index}: coordinates must be finite, found ({}, {}, {})", .found[0], .found[1], .found[2])]
     NotFinite {
-        /// Position in the list, from 0.
+        /// Position of the direction in the list, from 0.
         index: usize,
         /// The vector found.
         found: [f64; 3],
@@ -23,13 +23,13 @@ pub enum HarmonicsError {
     /// A vertex at the origin, which has no direction.
     #[error("vertex {index} lies at the origin, which has no direction; centre the sphere at the origin")]
     AtOrigin {
-        /// Position in the list, from 0.
+        /// Position of the vertex in the list, from 0.
         index: usize,
     },
     /// A vector that doesn't have unit length.
     #[error("direction {index}: expected a unit vector, found ({}, {}, {})", .found[0], .found[1], .found[2])]
     NotUnit {
-        /// Position in the list, from 0.
+        /// Position of the direction in the list, from 0.
         index: usize,
         /// The vector found.
         found: [f64; 3],

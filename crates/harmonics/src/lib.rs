@@ -1,6 +1,6 @@
 //! Real orthonormal spherical harmonics at arbitrary directions.
 //!
-//! A closed surface is three functions on the sphere, each a sum of harmonics,
+//! A closed surface is described by three functions on the sphere, each a sum of harmonics,
 //!
 //! ```text
 //! f(theta, phi) = sum over l <= L, |m| <= l of a_{l,m} S_{l,m}(theta, phi).
@@ -32,14 +32,14 @@
 //! | [`coefficients`] | canonical coefficients, and the complex ones of Shen and Chung |
 //! | [`quadrature`] | Gauss-Legendre rings |
 //! | [`recurrence`] | the normalised Legendre recurrence and its coefficients |
-//! | [`rings`] | the same for one order at a time, for transforms over rings |
-//! | [`polar`] | the recurrence next to the poles |
+//! | [`rings`] | the Legendre recurrence for one order at a time, for transforms over rings |
+//! | [`polar`] | the Legendre recurrence next to the poles |
 //! | [`double_double`] | arithmetic with 32 digits |
 //! | [`textbook`] | a plain implementation, against which the fast one is tested |
 //!
 //! # Examples
 //!
-//! A function from its coefficients:
+//! Evaluate a function from its coefficients:
 //!
 //! ```
 //! use ndarray::array;
@@ -52,7 +52,7 @@
 //! # Ok::<(), spharm_harmonics::HarmonicsError>(())
 //! ```
 //!
-//! The harmonics themselves:
+//! Evaluate the harmonics themselves:
 //!
 //! ```
 //! use spharm_harmonics::{Directions, Recurrence, Sweep};

@@ -1,9 +1,10 @@
 //! The recurrence in double-double, for the rows next to the poles.
 //!
-//! Near a pole the plain recurrence loses digits in two ways: `cos theta` as a double determines theta only to `eps /
-//! sin theta`, and rounding errors, which grow like `min(l, 1 / sin theta)` from one degree on, add up to about `eps
-//! l^1.5`. At degree 2,000 that is a relative error of 1e-11. Very few directions of a sampling are near a pole, so ten
-//! times the work for these is not noticeable.
+//! Near a pole the plain recurrence loses digits in two ways. First, `cos theta` as a double determines theta only to
+//! `eps / sin theta`. Second, a rounding error at one degree grows like `min(l, 1 / sin theta)` in the following
+//! degrees, and the errors of all degrees add up to about `eps l^1.5`. At degree 2,000 that is a relative error of
+//! 1e-11. Very few directions of a sampling scheme are near a pole, so that ten times the work for each of them isn't
+//! noticeable.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -12,13 +13,13 @@ use crate::recurrence::{SCALE, seeds, squares};
 
 type Dd = DoubleDouble<false>;
 
-/// A row is polar if the sine of its colatitude is below this times the degree: there the relative error of the plain
+/// Largest ratio of the sine of a polar row's colatitude to the degree. Below it, the relative error of the plain
 /// recurrence, about `eps l / sin theta`, would exceed a few 1e-13.
 const POLAR_SINE_PER_DEGREE: f64 = 5e-5;
-/// Up to this degree no row is polar: the plain recurrence's error at the poles, `eps l^1.5`, is below 2e-13.
+/// Highest degree at which no row is polar: the plain recurrence's error at the poles, `eps l^1.5`, is below 2e-13.
 const PLAIN_DEGREE: usize = 100;
 
-/// Returns whether the plain recurrence to `max_degree` is too inaccurate at a colatitude with this sine.
+/// Returns whether the plain recurrence to `max_degree` is too inaccurate at colatitudes with this `sine`.
 pub fn is_polar(sine: f64, max_degree: usize) -> bool {
     max_degree > PLAIN_DEGREE && sine < POLAR_SINE_PER_DEGREE * max_degree as f64
 }
@@ -27,7 +28,7 @@ pub fn is_polar(sine: f64, max_degree: usize) -> bool {
 #[derive(Debug)]
 pub(crate) struct Polar {
     rows: Vec<Row>,
-    /// `q_{m,m} / SCALE`.
+    /// Seeds of the recurrence, `q_{m,m} / SCALE` for each m.
     seeds: Vec<Dd>,
 }
 
@@ -35,9 +36,9 @@ pub(crate) struct Polar {
 struct Row {
     index: usize,
     z: Dd,
-    /// `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, up to the order from which on both are zero.
+    /// `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)` for m from 0 until both are zero.
     azimuth: Vec<[f64; 2]>,
-    /// `q_{l,m} / SCALE` of even and of odd l.
+    /// Values `q_{l,m} / SCALE` for the latest even and the latest odd l.
     q: [Vec<Dd>; 2],
 }
 

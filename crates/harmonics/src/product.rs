@@ -8,7 +8,7 @@
 
 use multiversion::{multiversion, target::target_cfg_f};
 
-/// Lanes of an accumulator: two AVX-512 or four AVX2 registers hide the latency of their additions.
+/// Number of lanes of an accumulator: two AVX-512 or four AVX2 registers hide the latency of their additions.
 const LANES: usize = 8;
 
 /// A column-major matrix in a slice: entry (i, j) at `j * leading + i`.
@@ -208,7 +208,7 @@ synthesis_for!(synthesis_1, 1);
 synthesis_for!(synthesis_2, 2);
 synthesis_for!(synthesis_3, 3);
 
-/// `out_c += sum_j columns_j factors_jc`.
+/// Computes `out_c += sum_j columns_j factors_jc`.
 #[inline(always)]
 fn axpys<const J: usize, const C: usize, const FMA: bool>(
     columns: [&[f64]; J],
@@ -247,7 +247,7 @@ fn load(values: &[f64], start: usize) -> [f64; LANES] {
     lanes
 }
 
-/// `a b + sum`; with `FMA` rounded once, which is one instruction on processors that have it.
+/// Computes `a b + sum`. With `FMA` it is rounded once, in one instruction on processors that have it.
 #[inline(always)]
 fn fused<const FMA: bool>(a: f64, b: f64, sum: f64) -> f64 {
     if FMA { a.mul_add(b, sum) } else { a * b + sum }
@@ -261,7 +261,8 @@ mod tests {
         (0..count).map(|i| ((i as f64 + 1.0) * seed).sin()).collect()
     }
 
-    /// Against the sums written out, for every remainder of rows, columns and channels by the kernels' steps.
+    /// Compares the products with sums written out, for every remainder of rows, columns and channels modulo the
+    /// kernels' steps.
     #[test]
     fn products_are_the_sums_written_out() {
         for rows in [1, 7, 8, 9, 23, 40] {

@@ -22,10 +22,10 @@ use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::double_double::DoubleDouble;
 
-/// Nodes computed together: enough to hide the latency of the recurrence's dependent operations.
+/// Number of nodes computed together, enough to hide the latency of the recurrence's dependent operations.
 const LANES: usize = 16;
-/// Steps of Newton's method in doubles. The guess is worst at the first node, where it is off by about 1 % of the
-/// spacing; 4 steps are enough there.
+/// Number of steps of Newton's method in doubles. The guess is worst at the first node, where it is off by about 1 %
+/// of the spacing; 4 steps are enough there.
 const STEPS: usize = 5;
 
 /// Nodes and weights of Gauss-Legendre quadrature as rings of the sphere, from north to south.
@@ -77,7 +77,7 @@ pub fn gauss_legendre(n: usize) -> GaussLegendre {
         for (lane, [cosine, sine, weight]) in nodes(n, first).into_iter().enumerate().take(north - first) {
             let (j, mirror) = (first + lane, n - 1 - first - lane);
             rings.cosines[mirror] = -cosine;
-            // Written after the mirror's cosine, so that the equator gets +0.
+            // The northern cosine is written after its mirror, so that the equator gets +0.
             rings.cosines[j] = cosine;
             (rings.sines[j], rings.sines[mirror]) = (sine, sine);
             (rings.weights[j], rings.weights[mirror]) = (weight, weight);
@@ -116,8 +116,8 @@ fn nodes_of<const FMA: bool>(n: usize, first: usize) -> [[f64; 3]; LANES] {
         let one_minus = |square: DoubleDouble<FMA>| DoubleDouble::new(1.0).sub(square);
         let sine2 = one_minus(DoubleDouble::product(x, x)).value();
         let slope = degree * (previous[lane].value() - x * p) / sine2;
-        // From Legendre's equation. The error of x, some eps, is a large part of 1 - x^2 at the pole, so the slope
-        // changes as well.
+        // The second derivative, from Legendre's equation. Near a pole the error of x, a few eps, is a large part of
+        // 1 - x^2, so the slope is corrected as well.
         let curvature = (2.0 * x * slope - degree * (degree + 1.0) * p) / sine2;
         let step = -p / slope;
         let node = DoubleDouble::new(x).add(DoubleDouble::new(step));
@@ -141,7 +141,7 @@ fn legendre(n: usize, x: &[f64; LANES]) -> ([f64; LANES], [f64; LANES]) {
     (older, old)
 }
 
-/// Computes the same in double-double.
+/// Returns `P_{n-1}(x)` and `P_n(x)` as `legendre` does, but in double-double.
 #[inline(always)]
 fn legendre_exact<const FMA: bool>(
     n: usize,
@@ -162,7 +162,7 @@ fn legendre_exact<const FMA: bool>(
 mod tests {
     use super::*;
 
-    /// Count, ring, [cosine, sine, weight] from mpmath with 45 digits.
+    /// Number of rings, index of the ring, and its [cosine, sine, weight] computed by mpmath with 45 digits.
     const KNOWN: [(usize, usize, [f64; 3]); 15] = [
         (100, 0, [0.999_713_726_773_441_3, 0.023_926_230_391_712_11, 0.000_734_634_490_505_671_7]),
         (100, 1, [0.998_491_950_639_595_8, 0.054_898_310_610_937_27, 0.001_709_392_653_518_105_2]),

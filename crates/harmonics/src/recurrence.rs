@@ -33,10 +33,10 @@ pub(crate) const SCALE: f64 = f64::from_bits((1023 + 930) << 52);
 #[derive(Debug, Clone)]
 pub struct Recurrence {
     max_degree: usize,
-    /// `a_{l,m}` for `m < l` at `l (l - 1) / 2 + m`.
+    /// Coefficients `a_{l,m}` for `m < l`, at index `l (l - 1) / 2 + m`; `b` has the same layout.
     a: Vec<f64>,
     b: Vec<f64>,
-    /// `q_{m,m} / SCALE`.
+    /// Seeds `q_{m,m} / SCALE` for each m.
     seeds: Vec<f64>,
 }
 
@@ -73,7 +73,7 @@ impl Recurrence {
         self.max_degree
     }
 
-    /// `(a_{l,m}, b_{l,m})` for `m = 0..l`.
+    /// Returns `a_{l,m}` and `b_{l,m}` for `m = 0..l`.
     pub(crate) fn degree(&self, l: usize) -> (&[f64], &[f64]) {
         let start = l * l.saturating_sub(1) / 2;
         (&self.a[start..start + l], &self.b[start..start + l])
@@ -84,11 +84,11 @@ impl Recurrence {
     }
 }
 
-/// Numerator and denominator of `a^2` and of `b^2`; integers below 2^53, so exact.
+/// Returns numerator and denominator of `a^2` and of `b^2`, which are integers below 2^53 and therefore exact.
 pub(crate) fn squares(l: usize, m: usize) -> [f64; 4] {
     let (l, m) = (l as f64, m as f64);
     let denominator = (l - m) * (l + m);
-    // b multiplies q_{l-2,m}, which is zero where b would not be defined: l - m = 1.
+    // b multiplies q_{l-2,m}, which is zero for l - m = 1, when b would not be defined.
     let b_numerator = ((2.0 * l + 1.0) * (l + m - 1.0) * (l - m - 1.0)).max(0.0);
     [4.0 * l * l - 1.0, denominator, b_numerator, (2.0 * l - 3.0).abs() * denominator]
 }
@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn the_sphere_constant_is_exact_to_double_double() {
-        // 4 pi with pi as a double-double.
+        // pi as a double-double; the product with 4 and the inverse of 4 pi must be 1.
         let pi = DoubleDouble::<false> { hi: std::f64::consts::PI, lo: 1.224_646_799_147_353_2e-16 };
         let product = seeds::<false>(0)[0];
         let scaled = DoubleDouble::<false> { hi: product.hi * SCALE, lo: product.lo * SCALE };

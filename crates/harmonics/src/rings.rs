@@ -19,13 +19,13 @@ use crate::recurrence::{MAX_DEGREE, SCALE, seeds, squares};
 
 type Dd = DoubleDouble<false>;
 
-/// The start value of r, instead of one: `2^-930`.
+/// The start value of r: `2^-930` instead of one.
 pub const SEED: f64 = 1.0 / SCALE;
 
 /// The recurrences of all orders up to a degree.
 #[derive(Debug, Clone)]
 pub struct MonicRecurrence {
-    /// `q_{m,m}`.
+    /// Seeds `q_{m,m}` for each m.
     seeds: Vec<f64>,
 }
 

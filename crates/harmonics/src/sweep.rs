@@ -21,12 +21,12 @@ pub struct Sweep<'r> {
     recurrence: &'r Recurrence,
     rows: usize,
     next: usize,
-    /// `cos theta`, (rows).
+    /// Cosine of each row's colatitude, (rows).
     z: Vec<f64>,
-    /// `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, (rows, L + 1) column-major.
+    /// Azimuth factors `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, (rows, L + 1) column-major.
     azimuth_cos: Vec<f64>,
     azimuth_sin: Vec<f64>,
-    /// `q_{l,m} / SCALE` of even and of odd l, (rows, L + 1) column-major.
+    /// Values `q_{l,m} / SCALE` for the latest even and the latest odd l, (rows, L + 1) column-major.
     q: [Vec<f64>; 2],
     polar: Polar,
 }
@@ -114,7 +114,7 @@ fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin:
 
 #[inline(always)]
 fn azimuth_factors_of<const FMA: bool>(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
-    /// Rows processed together: their powers stay in registers and the L1 cache.
+    /// Number of rows processed together. Their powers stay in registers and the L1 cache.
     const LANES: usize = 16;
     let rows = directions.len();
     for start in (0..rows).step_by(LANES) {
@@ -142,7 +142,7 @@ fn azimuth_factors_of<const FMA: bool>(directions: &[[f64; 3]], z: &mut [f64], c
     }
 }
 
-/// `newest_m = a_m z previous_m - b_m newest_m` for every order m below the degree.
+/// Computes `newest_m = a_m z previous_m - b_m newest_m` for every order m below the degree.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn recur(newest: &mut [f64], previous: &[f64], z: &[f64], a: &[f64], b: &[f64]) {
     let rows = z.len();
@@ -158,7 +158,7 @@ fn recur(newest: &mut [f64], previous: &[f64], z: &[f64], a: &[f64], b: &[f64]) 
     }
 }
 
-/// `S_{l,m} = q_{l,m} u^m cos(m phi)`, `S_{l,-m} = q_{l,m} u^m sin(m phi)`.
+/// Writes the block of degree l: `S_{l,m} = q_{l,m} u^m cos(m phi)`, `S_{l,-m} = q_{l,m} u^m sin(m phi)`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn emit(block: &mut [f64], rows: usize, l: usize, q: &[f64], cos: &[f64], sin: &[f64]) {
     let (negative, rest) = block.split_at_mut(l * rows);

@@ -12,10 +12,10 @@ use crate::recurrence::Recurrence;
 use crate::sweep::Sweep;
 use crate::{Directions, HarmonicsError};
 
-/// Rows of a run: up to degree 100 the sweep's state and the run's block fit a core's L2 cache together.
+/// Number of rows per run. Up to degree 100 the sweep's state and the run's block fit a core's L2 cache together.
 const RUN: usize = 256;
 
-/// Returns the samples, (n, c), at `directions` of the c functions with the canonical coefficients `coefficients`, (K,
+/// Evaluates c functions at `directions` from their canonical `coefficients`, (K, c), and returns the samples, (n,
 /// c).
 ///
 /// Runs on the rayon pool from which it is called; the result is the same bits on any number of threads.
@@ -28,7 +28,7 @@ pub fn synthesis(directions: &Directions, coefficients: ArrayView2<'_, f64>) -> 
     let (rows, channels) = coefficients.dim();
     let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
     let recurrence = Recurrence::new(max_degree)?;
-    // Row-major (K, c): the rows of one degree are then one slice.
+    // In row-major order, (K, c), the rows of one degree are one slice.
     let coefficients = coefficients.as_standard_layout();
     let x = coefficients.as_slice().unwrap_or_default();
     let mut samples = Array2::zeros((directions.len(), channels));

@@ -48,7 +48,7 @@ fn normalised_legendre(degree: usize, m: usize, theta: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The first degrees as polynomials in x, y, z.
+    /// Compares the first degrees with their polynomials in x, y, z.
     #[test]
     fn low_degrees_are_the_known_polynomials() {
         let pi = std::f64::consts::PI;
@@ -65,7 +65,7 @@ mod tests {
             (s(2, 1), (15.0 / pi).sqrt() / 2.0 * x * z),
             (s(2, 2), (15.0 / pi).sqrt() / 4.0 * (x * x - y * y)),
         ];
-        // harmonic(2, -2) is sqrt2 N P_2^2 sin(2 phi) = sqrt(15/pi)/2 x y: sin(2 phi) = 2 sin cos.
+        // harmonic(2, -2) is sqrt2 N P_2^2 sin(2 phi) = sqrt(15/pi)/2 x y, since sin(2 phi) = 2 sin(phi) cos(phi).
         for (found, expected) in known {
             assert!((found - expected).abs() < 1e-15, "{found} {expected}");
         }

@@ -1,11 +1,13 @@
-//! Leaves out most of OpenBLAS's kernels, for build scripts of the installed program and Python extension.
+//! Keeps most of OpenBLAS's kernels out of the linked binary. Used by the build scripts of the installed program and of
+//! the Python extension.
 //!
 //! # Processors
 //!
-//! Debian's static OpenBLAS chooses among the kernels of twenty processors at run time, which are 40 of its 55 MB. Each
-//! set is reachable only through its table, `gotoblas_NAME`. If a table is linked as an alias of an older processor's
-//! table, its kernels are dropped, and the installed binaries still run everywhere: each processor uses the best
-//! remaining set that it can execute. Processors without AVX2, from before 2013, lose speed in large factors.
+//! Debian's static OpenBLAS contains kernels for twenty processors, 40 of its 55 MB, and chooses among them at run
+//! time. Each processor's kernels are reachable only through its table, `gotoblas_NAME`. If a table is linked as an
+//! alias of an older processor's table, its kernels are dropped, and the installed binaries still run everywhere: each
+//! processor uses the best remaining kernels that it can execute. Processors without AVX2, from before 2013, lose speed
+//! in large factors.
 //!
 //! # Precisions
 //!
@@ -22,9 +24,9 @@ use std::env;
 use std::fs;
 use std::path::PathBuf;
 
-/// Tables that are kept, each with the left-out tables whose processors it serves.
+/// Kernel tables that are linked, each with the dropped tables that it replaces.
 const SERVED_BY: [(&str, &[&str]); 3] = [
-    // Without AVX2 and FMA: instructions that all 64-bit processors have had since 2004.
+    // Kernels without AVX2 and FMA. Their instructions are those that all 64-bit processors have had since 2004.
     (
         "PRESCOTT",
         &[
@@ -44,9 +46,9 @@ const SERVED_BY: [(&str, &[&str]); 3] = [
             "STEAMROLLER",
         ],
     ),
-    // With AVX2 and FMA: the same kernels.
+    // Kernels with AVX2 and FMA. The dropped tables have the same kernels.
     ("HASWELL", &["ZEN", "EXCAVATOR"]),
-    // With AVX-512; the left-out set additionally has only bfloat16.
+    // Kernels with AVX-512. The dropped table adds only kernels for bfloat16.
     ("SKYLAKEX", &["COOPERLAKE"]),
 ];
 
@@ -64,7 +66,7 @@ pub fn leave_out_kernels() {
         return;
     }
     let Some(path) = library() else {
-        // rustc's own message, minutes later, names neither the package nor the alternative.
+        // Warn here: rustc's own message comes minutes later and names neither the missing package nor the alternative.
         println!(
             "cargo::warning=libopenblas.a is in none of the folders listed in .cargo/config.toml; if linking fails, \
              install OpenBLAS (Debian, Ubuntu: libopenblas-dev), or build without it: --no-default-features --features \
@@ -72,7 +74,8 @@ pub fn leave_out_kernels() {
         );
         return;
     };
-    // Nothing is left out of a library without run-time choice, or with another list of processors.
+    // Link the whole library if it lacks one of these tables: it then has no run-time choice, or another list of
+    // processors.
     let Ok(library) = fs::read(path) else { return };
     let has = |processor: &str| {
         let table = format!("\0gotoblas_{processor}\0");
@@ -93,15 +96,15 @@ pub fn leave_out_kernels() {
     println!("cargo::rustc-link-arg={option}{}", path.display());
 }
 
-/// Returns the kernels for other types than f64 of the kept processors. Their names, such as `strmm_kernel_LN_HASWELL`,
-/// begin with s, c or z for the type, or with i and one of these for index searches.
+/// Returns the names of the kept processors' kernels for types other than f64. The names, such as
+/// `strmm_kernel_LN_HASWELL`, begin with s, c or z for the type, or with i and one of these letters for index searches.
 fn other_precisions(library: &[u8]) -> BTreeSet<&str> {
     let is_other = |name: &str| {
         let numbers = name.strip_prefix('i').unwrap_or(name);
         let processor = SERVED_BY.iter().any(|(by, _)| name.strip_suffix(by).is_some_and(|name| name.ends_with('_')));
         processor && numbers.starts_with(['s', 'c', 'z'])
     };
-    // Names are separated by zeros in the symbol tables of the objects.
+    // In the symbol tables of the objects, names are separated by zero bytes.
     let words = library.split(|&byte| byte == 0).filter_map(|word| std::str::from_utf8(word).ok());
     words.filter(|word| word.len() < 64 && word.bytes().all(is_of_a_name) && is_other(word)).collect()
 }

@@ -31,7 +31,7 @@ const END: u64 = 1 << 16;
 const CHUNK: usize = 1 << 19;
 const CHUNK_OF_THREAD: usize = 1 << 16;
 
-/// The tables to read, their columns, and the highest degree of the fits that the moments allow.
+/// Request for moments: the tables to read, their columns, and the highest degree of fits from the moments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
     /// Paths of the tables, in order; `-` is standard input.
@@ -42,7 +42,7 @@ pub struct Request {
     pub max_degree: usize,
     /// The part of each table to read.
     pub shard: Shard,
-    /// Bytes of memory that may be used; `None` (default) for as much as needed.
+    /// Memory budget in bytes; `None` (default) for no limit.
     pub memory: Option<usize>,
 }
 
@@ -52,8 +52,8 @@ impl Request {
         Self { files, columns: Columns::default(), max_degree, shard: Shard::WHOLE, memory: None }
     }
 
-    /// Returns the sampling scheme if it gives the positions; each table then has one row per direction of the scheme.
-    /// Otherwise returns `None`.
+    /// Returns the sampling scheme if the positions are given by one, and `None` if they are given by columns. With a
+    /// scheme, each table has one row per direction.
     fn scheme(&self) -> Option<&Directions> {
         match &self.columns.positions {
             Some(Positions::Scheme(directions)) => Some(directions),
@@ -65,9 +65,9 @@ impl Request {
 /// Moments of the samples, with warnings and timings.
 #[derive(Debug, Clone)]
 pub struct Accumulated {
-    /// The moments.
+    /// Moments of the samples.
     pub moments: Moments,
-    /// Possible problems found in the samples.
+    /// Warnings of possible problems in the samples.
     pub warnings: Vec<Warning>,
     /// Wall times of the computation.
     pub seconds: Seconds,
@@ -98,23 +98,23 @@ pub enum Warning {
 /// Wall time in seconds by kind of work. Reading runs at the same time as the other work.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Seconds {
-    /// Reading and parsing.
+    /// Seconds for reading and parsing.
     pub read: f64,
-    /// Checking rows and converting positions.
+    /// Seconds for checking rows and converting positions.
     pub convert: f64,
-    /// Locating samples on the grids, and sorting them.
+    /// Seconds for locating samples on the grids, and sorting them.
     pub place: f64,
-    /// Spreading samples onto the grids.
+    /// Seconds for spreading samples onto the grids.
     pub spread: f64,
-    /// Transforming the grids to spherical-harmonic coefficients.
+    /// Seconds for transforming the grids to spherical-harmonic coefficients.
     pub transform: f64,
-    /// Total time.
+    /// Total time in seconds.
     pub total: f64,
 }
 
 /// Computes the moments of a shard of tables.
 ///
-/// The monitor gets the stage `moments`, counted in rows. The total is announced if the number of rows is known.
+/// Reports the stage `moments`, counted in rows, to the monitor, with the total if it is known.
 ///
 /// # Errors
 ///
@@ -129,7 +129,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let scheme = request.scheme();
     let scheme_key = scheme.map(|directions| SchemeKey::of(directions, Scalar::F64));
     let mut key = Key::new(&request.columns, scheme_key);
-    // Over a sampling scheme, entire tables are opened, and only this range of rows is used.
+    // With a sampling scheme, each table is opened as a whole, and only this range of its rows is used.
     let used = scheme.map_or(0..u64::MAX, |directions| request.shard.range(directions.len() as u64));
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     let mut has_values = vec![false; channels];
@@ -194,7 +194,8 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
 
 /// Returns the memory in bytes needed to compute moments of tables with `channels` channels.
 pub fn bytes(max_degree: usize, channels: usize) -> usize {
-    // Two chunks of rows (one being read, one being converted), a buffer for reading, and a chunk of samples.
+    // The memory holds two chunks of rows (one being read, one being converted), a buffer for reading, and a chunk of
+    // samples.
     let row = 8 * (5 + channels);
     Accumulator::bytes(max_degree, channels) + CHUNK * (3 * row + 8 * (4 + channels))
 }
@@ -285,7 +286,7 @@ impl Key {
     }
 }
 
-/// State of the processing of one table.
+/// State of reading one table.
 struct Reading<'a> {
     path: &'a PathBuf,
     plan: &'a Plan,

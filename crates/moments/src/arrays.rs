@@ -35,7 +35,7 @@ pub struct Samples<'a> {
 pub struct Part {
     /// Name of the larger set. `None` (default) identifies the samples by their own bytes.
     pub whole: Option<String>,
-    /// The part of the larger set that the samples make up.
+    /// Part of the larger set that these samples form.
     pub shard: Shard,
 }
 
@@ -45,16 +45,16 @@ impl Default for Part {
     }
 }
 
-/// Computes the moments of samples in memory, for fits of degrees up to `max_degree`. `channels` has the names of the
-/// channels, (c).
+/// Computes the moments of samples in memory, for fits of degrees up to `max_degree`. `channels` lists the names of the
+/// c channels.
 ///
-/// The monitor gets the stage `moments`, counted in samples. A part without samples is valid, so a set may be divided
-/// into more parts than it has samples.
+/// Reports the stage `moments`, counted in samples, to the monitor. A part without samples is valid, so a set may be
+/// divided into more parts than it has samples.
 ///
 /// # Errors
 ///
 /// [`MomentsError::Arrays`] for arrays whose sizes don't match, [`MomentsError::Sample`] for an invalid sample,
-/// [`MomentsError::Shard`], [`MomentsError::Transform`] for a degree that is too high.
+/// [`MomentsError::Shard`] for an invalid shard, [`MomentsError::Transform`] for a degree that is too high.
 pub fn accumulate_samples(
     samples: &Samples<'_>,
     channels: Vec<String>,

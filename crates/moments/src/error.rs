@@ -1,4 +1,4 @@
-//! Errors of samples and files of moments.
+//! Errors of reading tables of samples, and of reading, adding and writing moments.
 
 use std::io;
 use std::ops::RangeInclusive;
@@ -27,11 +27,11 @@ pub enum MomentsError {
     Malformed {
         /// Path of the file.
         path: PathBuf,
-        /// The format.
+        /// Name of the format.
         format: &'static str,
-        /// What the format requires.
+        /// Content that the format requires.
         expected: String,
-        /// What the file contains instead.
+        /// Content found in the file.
         found: String,
     },
     /// The file name has no supported extension.
@@ -57,7 +57,7 @@ pub enum MomentsError {
     Columns {
         /// Path of the file.
         path: PathBuf,
-        /// The property of the samples that the columns leave undetermined.
+        /// Description of the problem.
         problem: &'static str,
         /// Names of the table's columns.
         there: Vec<String>,
@@ -91,7 +91,7 @@ pub enum MomentsError {
     /// The sizes of the arrays don't match.
     #[error("{what}: expected {expected}, found {found}")]
     Arrays {
-        /// The array or size that doesn't match.
+        /// Name of the array or size that doesn't match.
         what: &'static str,
         /// The required size.
         expected: usize,
@@ -152,9 +152,9 @@ pub enum MomentsError {
     Memory {
         /// The degree of the fits, L.
         max_degree: usize,
-        /// Bytes needed.
+        /// Needed memory in bytes.
         needed: usize,
-        /// Bytes that the budget allows.
+        /// Memory budget in bytes.
         budget: usize,
     },
     /// The file isn't a file of moments, or is damaged.
@@ -162,11 +162,11 @@ pub enum MomentsError {
     Corrupt {
         /// Path of the file.
         path: PathBuf,
-        /// The field or check.
+        /// Name of the invalid field or failed check.
         what: &'static str,
-        /// What the format requires.
+        /// Content that the format requires.
         expected: String,
-        /// What the file contains instead.
+        /// Content found in the file.
         found: String,
     },
     /// The file has a format version that this program can't read.

@@ -19,7 +19,8 @@ const VERSION: u32 = 2;
 const VERSIONS_READ: RangeInclusive<u32> = 1..=VERSION;
 
 const MAGIC: [u8; 8] = *b"SPHMOMNT";
-/// Code of the convention: real orthonormal harmonics without the Condon-Shortley phase, in row `l^2 + l + m`.
+/// Code for the convention of the harmonics: real and orthonormal, without the Condon-Shortley phase, in row
+/// `l^2 + l + m`.
 const CONVENTION: u32 = 1;
 
 const VERSION_AT: usize = 8;
@@ -34,8 +35,8 @@ const CELLS_AT: usize = NAMES_AT + 4;
 const ROWS_AT: usize = CELLS_AT + 4;
 const COUNT_AT: usize = ROWS_AT + 8;
 const WEIGHT_AT: usize = COUNT_AT + 8;
-/// Offset of the scheme's key, from version 2 on; the key is zero without a scheme. In version 1, the reserved bytes
-/// start here.
+/// Offset of the sampling scheme's key, from version 2 on; the key is zero if there is no scheme. In version 1, the
+/// reserved bytes start here.
 const SCHEME_AT: usize = WEIGHT_AT + 8;
 const RESERVED_AT: usize = SCHEME_AT + 32;
 const HEADER_LEN: usize = 160;
@@ -278,7 +279,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     if u32_at(CONVENTION_AT) != CONVENTION {
         return Err(corrupt("convention", &CONVENTION, &u32_at(CONVENTION_AT)));
     }
-    // Version 1 has no key of a scheme; it has reserved bytes at that offset.
+    // Version 1 has no sampling scheme: its reserved bytes start at the offset of the scheme's key.
     let scheme = if u32_at(VERSION_AT) == 1 { None } else { fields[SCHEME_AT..].first_chunk() };
     let reserved = if scheme.is_none() { SCHEME_AT } else { RESERVED_AT };
     let scheme = scheme.copied().filter(|key| *key != [0; 32]).map(SchemeKey);

@@ -1,5 +1,5 @@
-//! Computes moments of samples, from which least-squares fits are made without the samples. Moments of parts of the
-//! data can be stored in files and added, so the samples need not fit in memory, or on one machine.
+//! Computes moments of samples. Least-squares fits can be made from the moments alone, without the samples. Moments of
+//! parts of the data can be stored in files and added, so the samples need not fit in memory, or on one machine.
 //!
 //! A least-squares fit of samples f at directions x with weights w depends on these data only through the moments of
 //! the weights to degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2`, and the number of samples. All of
@@ -11,7 +11,7 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`samples`] | tables of samples, one module per file format; conversion of columns to directions, weights and values |
+//! | [`samples`] | tables of samples, one module per file format; converts columns to directions, weights, values |
 //! | [`mod@accumulate`] | moments of tables, in bounded memory |
 //! | [`arrays`] | moments of samples that are in memory |
 //! | [`moments`] | [`Moments`]: the sums, and the samples they were computed from |

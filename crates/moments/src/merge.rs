@@ -88,7 +88,7 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     }
     let (mut joined, mut missing) = (Vec::new(), Vec::new());
     for (key, mut shards) in by_key {
-        // Sort the shards by their start. The start is a fraction of the whole; comparing cross products is exact.
+        // Sort the shards by their start, which is a fraction of the whole. Cross products compare fractions exactly.
         shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
         for pair in shards.windows(2) {
             let [(a, first), (b, second)] = pair else { continue };
@@ -116,8 +116,8 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     if missing.is_empty() || partial { Ok(joined) } else { Err(MomentsError::Missing { missing }) }
 }
 
-/// If a gap lies between the fractions `from` and `to` of the whole, adds its description to `missing`, as shards of
-/// `of` parts.
+/// Adds the shards between the fractions `from` and `to` of the whole, if any, to the list `missing`. Shards are
+/// numbered within `of` shards.
 fn gap(from: Fraction, to: Fraction, of: u32, missing: &mut Vec<String>) {
     if !from.cmp_to(to).is_lt() {
         return;

@@ -34,7 +34,7 @@ impl Shard {
     }
 }
 
-/// The samples that moments were computed from.
+/// Record of the samples from which moments were computed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Source {
     /// Hash that identifies the input: the names of its columns or its sampling scheme, and the name, size, first and
@@ -57,16 +57,16 @@ pub struct Moments {
     pub rows: u64,
     /// The regions of the sphere that contain samples of nonzero weight.
     pub occupied: Occupied,
-    /// Key, for scalar type f64, of the sampling scheme whose directions the samples have. `None` if the samples have
-    /// their own positions.
+    /// Key, for scalar type f64, of the sampling scheme that gives the directions of the samples. `None` if the table
+    /// has columns for the positions.
     pub scheme: Option<SchemeKey>,
     /// Records of the samples that the moments were computed from, sorted by key and shard.
     pub sources: Vec<Source>,
 }
 
 impl Moments {
-    /// Returns the first channel whose sum of squares is unusable: outside the range of f64, or too small to have all
-    /// its digits although the channel has nonzero values. The error of a fit couldn't be computed from such a sum.
+    /// Returns the first channel whose sum of squares is unusable: outside the range of f64, or too small for full
+    /// precision although the channel has nonzero values. The error of a fit couldn't be computed from such a sum.
     /// Returns `of the weights` if the sums of the weights are unusable.
     pub fn out_of_range(&self) -> Option<&str> {
         let sums = &self.sums;

@@ -31,7 +31,7 @@ pub(crate) use crate::samples::open::{Opened, STDIN, is_table, open, open_over_s
 /// Name of the channel that holds a sample's distance from the centre, if positions are given as vectors.
 pub const RADIUS: &str = "radius";
 
-/// How the positions of the samples are given: by columns, or by a sampling scheme.
+/// Source of the samples' positions: columns of the table, or a sampling scheme.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Positions {
     /// Columns of colatitude and azimuth, in radians.
@@ -82,7 +82,7 @@ pub struct Columns {
     pub centre: [f64; 3],
 }
 
-/// Where to find position, values and weight in the rows that a table returns.
+/// Locations of position, values and weight in the rows that a table returns.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
     positions: Positions,

@@ -7,7 +7,8 @@ use spharm_moments::{Moments, MomentsError, Shard, Source};
 use spharm_store::SchemeKey;
 use spharm_transform::{Occupied, SampleSums};
 
-/// Returns the moments in the committed files. `scheme` is the key stored from version 2 on.
+/// Returns the moments that the committed files contain. `scheme` is the key of the sampling scheme, which files store
+/// from version 2 on.
 fn small(scheme: Option<SchemeKey>) -> Moments {
     let sums = SampleSums {
         max_degree: 1,
@@ -54,14 +55,14 @@ fn check_bytes(version: u32, header: usize) {
     assert_eq!(blake3::hash(&expected[..end]).as_bytes(), &expected[end..]);
 }
 
-/// Files of version 1 can still be read: the committed file was written by version 1 of the format.
+/// Files of version 1 can be read: the committed file was written by version 1 of the format.
 #[test]
 fn version_1_stays_readable() {
     check_bytes(1, 128);
     assert_eq!(Moments::read(&golden(1)).unwrap(), small(None));
 }
 
-/// The same moments are still written as the same bytes: the committed file was written by version 2 of the format.
+/// Moments are written as the same bytes as in the committed file of version 2.
 #[test]
 fn the_bytes_of_version_2_stay() {
     let folder = tempfile::tempdir().unwrap();

@@ -78,7 +78,7 @@ fn positions_of_all_kinds_are_the_same_places() {
     for path in [&angles, &xyz] {
         same(&expected, &read(path, &["f"]));
     }
-    // The same directions as vectors from another centre, with their lengths as values.
+    // A table of the same directions, as vectors from another centre, with the lengths of the vectors as values.
     let moved = table("d.csv", "x,y,z", &|i| {
         let v = vectors()[i];
         let r = (i + 1) as f64;

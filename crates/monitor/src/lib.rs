@@ -73,15 +73,15 @@ impl Stage {
     }
 }
 
-/// Importance of a note to the user.
+/// Importance of a note that is shown to the user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Level {
-    /// The current activity, shown beside the progress until the next status replaces it.
+    /// Note on the current activity, shown beside the progress until the next status replaces it.
     Status,
-    /// Shown only to users who asked for detailed output.
+    /// Note that is shown only to users who asked for detailed output.
     Detail,
-    /// Shown to all users.
+    /// Note that is shown to all users.
     Info,
 }
 
@@ -89,7 +89,7 @@ pub enum Level {
 ///
 /// Warnings about a result aren't sent to the monitor; they are part of the result.
 pub trait Monitor: Sync {
-    /// Ends the previous stage, and begins a stage of `total` steps; 0 if the number of steps is unknown.
+    /// Ends the previous stage, and begins a stage of `total` steps. `total` is 0 if the number of steps is unknown.
     fn begin(&self, stage: Stage, total: u64) {
         let _ = (stage, total);
     }
@@ -143,7 +143,7 @@ impl Monitor for OnlyCancel<'_> {
     }
 }
 
-/// The flag as a monitor: it shows nothing, and cancels the computation when it is set to true.
+/// A flag as a monitor: it shows nothing, and cancels the computation when it is set to true.
 impl Monitor for AtomicBool {
     fn cancelled(&self) -> bool {
         self.load(Ordering::Relaxed)

@@ -1,4 +1,4 @@
-//! Numbers in tables and messages.
+//! Formats numbers for tables and messages.
 
 /// Formats a number with four significant digits, or with all digits before the decimal point if there are more:
 /// `0.2450`, `12.30`, `40962`, `3.100e-6`. Numbers below 0.0001 and from a million get an exponent.

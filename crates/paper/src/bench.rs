@@ -24,7 +24,7 @@ pub(crate) struct Bench<'a> {
     /// Maximum memory of a build or a fit, in bytes.
     pub(crate) memory: usize,
     pub(crate) threads: usize,
-    /// Memory in bytes that the surfaces and the program take.
+    /// Memory of the surfaces and the program in bytes.
     pub(crate) held: usize,
 }
 
@@ -39,7 +39,7 @@ pub(crate) struct Measured {
 const REFINEMENTS: usize = 5;
 
 impl Bench<'_> {
-    /// Tells the monitor which experiment is running.
+    /// Reports to the monitor which experiment is running.
     pub(crate) fn note(&self, text: impl Display) {
         self.monitor.note(Level::Info, format_args!("{text}"));
     }
@@ -48,8 +48,8 @@ impl Bench<'_> {
         self.warnings.borrow_mut().push(text.to_string());
     }
 
-    /// Builds the missing files of a basis in a store. Returns the report, and the time in seconds, which includes
-    /// syncing the files to disk.
+    /// Builds the missing files of a basis in a store. Returns the report and the time in seconds, including the time
+    /// for syncing the files to disk.
     pub(crate) fn build(&self, store: &Path, directions: &Directions, max_degree: usize) -> Result<(BuildReport, f64)> {
         let params = BuildParams { max_degree, memory: self.memory, threads: self.threads, ..BuildParams::default() };
         let started = Instant::now();
@@ -74,8 +74,8 @@ impl Bench<'_> {
         }
     }
 
-    /// Fits a surface. Returns, for each sweep, the accuracy and the cumulative seconds; and the final coefficients.
-    /// Only the sweeps are timed, including the reading of the basis.
+    /// Fits a surface. Returns the accuracy and the cumulative seconds after each sweep, and the final coefficients.
+    /// Only the sweeps are timed, including reading the basis.
     pub(crate) fn fit(
         &self,
         operator: &DiskOperator,

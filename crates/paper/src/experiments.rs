@@ -27,7 +27,7 @@ pub(crate) struct Sirf {
     pub(crate) reference: Option<Quality>,
 }
 
-/// Result for figures 6 and 7: the state after one of the passes, for one granularity.
+/// Result for figures 6 and 7: accuracy and time of a fit after one of its passes, at one granularity.
 #[derive(Debug)]
 pub(crate) struct Pass {
     pub(crate) surface: String,
@@ -39,7 +39,8 @@ pub(crate) struct Pass {
     pub(crate) reference: Option<Quality>,
 }
 
-/// Distance between surface and reconstruction for the last fit of figures 6 and 7, measured between the vertices too.
+/// Distance between surface and reconstruction for the last fit of figures 6 and 7, measured all over the surfaces
+/// instead of at vertices only.
 #[derive(Debug)]
 pub(crate) struct Between {
     pub(crate) surface: String,
@@ -56,20 +57,20 @@ pub(crate) struct Nlsf {
     pub(crate) vertices: usize,
     /// Memory limit in bytes.
     pub(crate) memory: usize,
-    /// Largest degree whose planned memory is within the limit; `None` if even degree 0 exceeds it.
+    /// Largest degree with a planned memory within the limit; `None` if even degree 0 exceeds it.
     pub(crate) max_degree: Option<usize>,
     /// Whether `max_degree` is the highest degree of the basis, so that higher degrees weren't tried.
     pub(crate) capped: bool,
     /// Planned memory in bytes at `max_degree`.
     pub(crate) planned: Option<usize>,
-    /// Degree and result of a fit that was run within the limit.
+    /// Degree and result of a fit within the limit, if one was run.
     pub(crate) fitted: Option<(usize, Measured)>,
 }
 
-/// A point of figure 3: a basis built from scratch, and its time and size.
+/// A point of figure 3: the time and size of a basis built from scratch.
 #[derive(Debug)]
 pub(crate) struct Basis {
-    /// Quantity that varies along this curve of figure 3: `degree` or `vertices`.
+    /// Quantity that varies along the curve: `degree` or `vertices`.
     pub(crate) along: &'static str,
     pub(crate) vertices: usize,
     pub(crate) max_degree: usize,
@@ -88,8 +89,8 @@ pub(crate) struct Results {
     pub(crate) basis: Vec<Basis>,
 }
 
-/// Runs the fits of figure 5. Although SIRF's fit to a degree contains its fits to all lower degrees, each degree is
-/// fitted anew, because msd and time are measured for each fit.
+/// Runs the fits of figure 5. A fit by SIRF contains the fits to all lower degrees, but each degree is fitted
+/// separately, to measure msd and time.
 pub(crate) fn sirf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -111,8 +112,8 @@ pub(crate) fn sirf(
     extent.sirf.iter().map(one).collect()
 }
 
-/// Runs the fits of figures 6 and 7. For each granularity g, one fit with the largest number of passes suffices,
-/// because its state after p passes is the result of a fit with p passes.
+/// Runs the fits of figures 6 and 7. One fit per granularity g, with the largest number of passes, suffices: its
+/// state after p passes is the result of a fit with p passes.
 pub(crate) fn grid(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -145,8 +146,8 @@ pub(crate) fn grid(
     Ok((grid, last.map(between).transpose()?))
 }
 
-/// Measures the distance between a surface and its reconstruction at about four times as many vertices. msd and xsd
-/// measure only the fitted vertices, but a fit isn't constrained between the vertices.
+/// Measures the distance between a surface and its reconstruction at about four times as many vertices. In contrast,
+/// msd and xsd measure only the fitted vertices, between which a fit isn't constrained.
 fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<SurfaceDistance> {
     let denser = surface.denser_sphere();
     let values = synthesis(&Directions::from_vertices(&denser.vertices)?, coefficients.values().view())?;
@@ -156,9 +157,9 @@ fn between(surface: &Surface, coefficients: &Coefficients, monitor: &dyn Monitor
     Ok(surface_distance(&given, &found, &SurfaceDistanceParams::default(), monitor)?)
 }
 
-/// Runs table 1. For the memory limit, and 1/2, 1/4 and 1/8 of it, finds the largest degree at which the solver plans
-/// to fit NLSF within the limit. Within the full limit, also runs a fit at that degree, or at `extent.nlsf` if that is
-/// lower.
+/// Runs the experiment of table 1. For the memory limit and 1/2, 1/4 and 1/8 of it, finds the largest degree at which
+/// the solver's plan for NLSF stays within the limit. For the full limit, also runs a fit at this degree, or at
+/// `extent.nlsf` if that is lower.
 pub(crate) fn nlsf(
     bench: &Bench<'_>,
     extent: &Extent,
@@ -186,7 +187,7 @@ pub(crate) fn nlsf(
     Ok(rows)
 }
 
-/// Builds the bases of figure 3, each in its own temporary folder in `store`.
+/// Builds the bases of figure 3, each in a separate temporary folder in `store`.
 pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<Vec<Basis>> {
     let by_degree = extent.basis_degrees.iter().map(|&degree| ("degree", extent.subdivisions, degree));
     let by_vertices = extent.basis_subdivisions.iter().map(|&s| ("vertices", s, extent.basis_degree));
@@ -205,7 +206,7 @@ pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<
 }
 
 impl Pass {
-    /// Returns whether this is the result after `passes` passes at granularity `granularity`.
+    /// Returns whether the result is that after `passes` passes at granularity `granularity`.
     pub(crate) fn is(&self, passes: usize, granularity: usize) -> bool {
         self.pass == passes && self.granularity == granularity
     }

@@ -9,13 +9,13 @@ pub(crate) struct Extent {
     pub(crate) max_degree: usize,
     /// Degrees of the SIRF fits in figure 5.
     pub(crate) sirf: &'static [usize],
-    /// Values of the granularity g in figures 6 and 7; `passes` is the largest number of passes p.
+    /// Granularities g in figures 6 and 7; `passes` is the largest number of passes p.
     pub(crate) granularities: &'static [usize],
     pub(crate) passes: usize,
-    /// Highest degree at which NLSF is run for table 1; for higher degrees, only its memory is planned.
+    /// Highest degree at which NLSF is run for table 1. For higher degrees, only its memory is planned.
     pub(crate) nlsf: usize,
-    /// Degrees of figure 3 at the cortex's number of vertices. `basis_degree` and `basis_subdivisions` are the degree
-    /// and the icospheres for the second part of figure 3.
+    /// Degrees in the first part of figure 3, at the cortex's number of vertices. `basis_degree` and
+    /// `basis_subdivisions` are the degree and the icospheres in the second part.
     pub(crate) basis_degrees: &'static [usize],
     pub(crate) basis_degree: usize,
     pub(crate) basis_subdivisions: &'static [u32],
@@ -23,7 +23,7 @@ pub(crate) struct Extent {
     pub(crate) families: &'static [usize],
 }
 
-/// The sizes used in the paper.
+/// Sizes as in the paper.
 const FULL: Extent = Extent {
     subdivisions: 6,
     max_degree: 100,
@@ -37,7 +37,7 @@ const FULL: Extent = Extent {
     families: &[20, 40, 60, 80, 100, 150, 200],
 };
 
-/// Small sizes that take seconds rather than minutes, to check that the experiments work.
+/// Small sizes, for a check that the experiments work that takes seconds instead of minutes.
 const QUICK: Extent = Extent {
     subdivisions: 4,
     max_degree: 20,
@@ -54,9 +54,9 @@ const QUICK: Extent = Extent {
 /// Settings of the experiments.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// Whether to use a small surface and low degrees, to check within seconds that the experiments work.
+    /// Whether to use small surfaces and low degrees, to check within seconds that the experiments work.
     pub quick: bool,
-    /// Memory limit of each build and each fit in bytes, including mapped files.
+    /// Memory limit of each build and of each fit in bytes, including mapped files.
     pub memory: usize,
     /// Number of threads, at least 1.
     pub threads: usize,

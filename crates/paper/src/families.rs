@@ -1,5 +1,5 @@
-//! Compares two families of methods, a comparison that the paper leaves for future work: least squares at the vertices,
-//! and Healy's quadrature on a grid to which the surface is resampled.
+//! Compares least squares at the vertices with Healy's quadrature on a grid to which the surface is resampled. The
+//! paper leaves this comparison for future work.
 
 use std::time::Instant;
 
@@ -19,7 +19,7 @@ use crate::extent::Extent;
 use crate::published::Quality;
 use crate::surfaces::Surface;
 
-/// Results of both methods for one surface and one degree.
+/// Results of least squares and quadrature for one surface and one degree.
 #[derive(Debug)]
 pub(crate) struct Family {
     pub(crate) surface: String,
@@ -31,7 +31,7 @@ pub(crate) struct Family {
     pub(crate) quadrature: Measured,
 }
 
-/// Accuracy of the transforms, equal to the value in `fit`.
+/// Accuracy of the transforms, equal to that in `fit`.
 const ACCURACY: f64 = 1e-12;
 
 pub(crate) fn families(bench: &Bench<'_>, extent: &Extent, surface: &Surface) -> Result<Vec<Family>> {

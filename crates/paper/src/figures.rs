@@ -1,10 +1,10 @@
-//! Selects the curves of each figure.
+//! Selects the data of each figure's curves.
 
 use crate::experiments::{Basis, Nlsf, Pass, Results, Sirf};
 use crate::extent::Extent;
 use crate::plots::{Axis, Curve, Panel, svg};
 
-/// Returns the file names of all figures: first the figures that show all surfaces, then figures 6 and 7 of each
+/// Returns the file names of all figures: first those of the figures for all surfaces, then figures 6 and 7 of each
 /// surface.
 pub(crate) fn names(surfaces: &[String]) -> Vec<String> {
     let of_all = ["figure3.svg", "figure5.svg", "table1.svg"].map(str::to_owned);
@@ -19,7 +19,7 @@ pub(crate) fn all(results: &Results, extent: &Extent, surfaces: &[String]) -> Ve
 }
 
 const DEGREE: Axis = Axis::linear("largest degree L");
-/// Logarithmic axis of the degree, on which a power of the degree is a straight line.
+/// Logarithmic axis of the degree, on which powers of the degree are straight lines.
 const LOG_DEGREE: Axis = Axis::log("largest degree L");
 const PASSES: Axis = Axis::linear("passes p");
 const MSD: Axis = Axis::log("msd (bounding-box volume 1)");

@@ -1,18 +1,18 @@
 //! Repeats the experiments of a paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using
 //! spherical harmonics", 3DPVT 2006.
 //!
-//! [`Experiments::new`] reads the surfaces, and [`Experiments::run`] makes the measurements. [`Experiments::documents`]
-//! returns the results as text: tables as CSV, figures as SVG and a summary in Markdown. The caller writes them to
-//! files.
+//! [`Experiments::new`] reads the surfaces, and [`Experiments::run`] makes the measurements.
+//! [`Experiments::documents`] returns the results as text: tables as CSV, figures as SVG and a summary in Markdown.
+//! The caller writes these documents to files.
 //!
 //! | module | contents |
 //! |---|---|
 //! | `surfaces` | the surfaces of the experiments |
-//! | `published` | the paper's own numbers, and the reference file in the data folder |
-//! | `extent` | size of the experiments |
+//! | `published` | the paper's results, and the reference file in the data folder |
+//! | `extent` | settings and sizes of the experiments |
 //! | `bench` | construction of bases and fits of surfaces, with timing |
-//! | `experiments`, `families` | figures 3, 5, 6 and 7, table 1, and least squares against quadrature: the measurements |
-//! | `store` | the bases, in a permanent or temporary folder |
+//! | `experiments`, `families` | measurements of figures 3, 5, 6, 7, table 1, and least squares against quadrature |
+//! | `store` | permanent or temporary folder of the bases |
 //! | `tables`, `figures`, `plots`, `summary` | the documents |
 
 mod bench;

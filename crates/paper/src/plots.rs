@@ -8,7 +8,7 @@ use kuva::render::figure::Figure;
 use kuva::render::layout::{Layout, TickFormat};
 use kuva::render::plots::Plot;
 
-/// One axis of a panel.
+/// Axis of a panel.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Axis {
     pub(crate) label: &'static str,
@@ -32,7 +32,7 @@ pub(crate) struct Curve {
     pub(crate) points: Vec<(f64, f64)>,
 }
 
-/// One panel of a figure: curves on a common pair of axes.
+/// Panel of a figure: curves on a common pair of axes.
 #[derive(Debug)]
 pub(crate) struct Panel {
     pub(crate) x: Axis,
@@ -40,8 +40,8 @@ pub(crate) struct Panel {
     pub(crate) curves: Vec<Curve>,
 }
 
-/// Colours that colour-blind people can distinguish (B. Wong, Nature Methods 8, 2011), except the pale yellow. The
-/// markers differ too, for printing in black and white.
+/// Colours of the curves, which colour-blind people can distinguish (B. Wong, Nature Methods 8, 2011), without the
+/// pale yellow. Markers differ too, for printing in black and white.
 const STYLES: [(&str, MarkerShape); 7] = [
     ("#0072B2", MarkerShape::Circle),
     ("#D55E00", MarkerShape::Square),
@@ -91,7 +91,7 @@ fn draw(panel: &Panel) -> (Vec<Plot>, Layout) {
             ScatterPlot::new().with_data(points).with_color(*color).with_marker(*marker).with_size(4.0),
         ));
     }
-    // kuva's automatic margins don't account for the labels of logarithmic ticks, so set the margins here.
+    // The automatic margins of kuva don't account for the labels of logarithmic ticks, so margins are set explicitly.
     let mut layout = Layout::auto_from_plots(&plots)
         .with_x_label(panel.x.label)
         .with_y_label(panel.y.label)
@@ -108,10 +108,10 @@ fn draw(panel: &Panel) -> (Vec<Plot>, Layout) {
 const LEFT_MARGIN: f64 = 75.0;
 const RIGHT_MARGIN: f64 = 20.0;
 
-/// Formats the label of a logarithmic tick with one significant digit; short numbers are written without an exponent.
+/// Formats the label of a logarithmic tick with one significant digit, and without an exponent if the number is short.
 fn tick(value: f64) -> String {
     if (0.009..99_999.0).contains(&value) {
-        // Format with one digit and parse again, to remove rounding errors such as 0.30000000000000004.
+        // Formatting with one digit and parsing again removes rounding errors such as 0.30000000000000004.
         format!("{}", format!("{value:.0e}").parse::<f64>().unwrap_or(value))
     } else {
         format!("{value:.0e}")

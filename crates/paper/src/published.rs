@@ -1,4 +1,4 @@
-//! Provides values for comparison: the paper's results, and expected results from a reference file in the data folder.
+//! Provides results for comparison: the paper's results, and expected results from a reference file in the data folder.
 //!
 //! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006.
 
@@ -8,7 +8,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use serde::Deserialize;
 
-/// The surfaces of the paper.
+/// Surfaces of the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
     Cortex,
@@ -34,7 +34,7 @@ const fn fit(kind: Kind, name: &'static str, vertices: usize, p: usize, g: usize
     Published { kind, name, vertices, passes: p, granularity: g, seconds, msd, xsd }
 }
 
-/// The fits whose time the paper reports.
+/// Fits for which the paper reports the time.
 pub(crate) const PUBLISHED: [Published; 3] = [
     fit(Kind::Cortex, "cortex", 40_962, 1, 100, [555.0, 4.57e-5, 6.54e-4]),
     fit(Kind::Head, "head", 27_618, 1, 400, [568.0, 1.16e-5, 2.46e-4]),
@@ -44,7 +44,7 @@ pub(crate) const PUBLISHED: [Published; 3] = [
 /// Approximate degree that a full least-squares fit (NLSF) reached at 40,962 vertices in 2006.
 pub(crate) const NLSF_DEGREE: usize = 24;
 
-/// Accuracy of a fit: mean (msd) and maximal (xsd) squared distance.
+/// Accuracy of a fit: mean (msd) and maximum (xsd) of the squared distances, relative to a bounding box of volume 1.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 pub(crate) struct Quality {
     pub(crate) msd: f64,

@@ -17,7 +17,7 @@ use crate::summary::{Circumstances, summary};
 use crate::surfaces::{Surface, among, generated};
 use crate::{families, figures, tables};
 
-/// A text to be written to a file by the caller.
+/// A document that the caller writes to a file.
 #[derive(Debug, Clone)]
 pub struct Document {
     /// Name of the file.
@@ -28,7 +28,7 @@ pub struct Document {
 
 const SUMMARY: &str = "paper.md";
 
-/// The surfaces of the experiments, and the expected results of the fits.
+/// Experiments with their surfaces, and the expected results of the fits.
 pub struct Experiments {
     settings: Settings,
     surfaces: Vec<Surface>,
@@ -41,7 +41,7 @@ impl Experiments {
     ///
     /// # Errors
     ///
-    /// If the folder or a file in it can't be read.
+    /// An error if the folder or a file in it can't be read.
     pub fn new(settings: Settings, data: Option<&Path>, monitor: &dyn Monitor) -> Result<Self> {
         let mut surfaces = vec![generated(settings.extent().subdivisions)?];
         let mut reference = Reference::default();
@@ -52,21 +52,21 @@ impl Experiments {
         Ok(Self { settings, surfaces, reference })
     }
 
-    /// Returns the file names of all documents. They are known before the experiments are run.
+    /// Returns the file names of all documents, which are known before the experiments are run.
     pub fn document_names(&self) -> Vec<String> {
         let empty = Results::default();
         let tables = tables::all_csv(&empty).into_iter().map(|(name, _)| name.to_owned());
         tables.chain(figures::names(&self.names())).chain([SUMMARY.to_owned()]).collect()
     }
 
-    /// Runs all experiments. The bases are stored in the folder `store`, or, for `None`, in a temporary folder within
+    /// Runs all experiments. Bases are stored in the folder `store`; if it is `None`, in a temporary folder within
     /// `beside`.
     ///
     /// # Errors
     ///
-    /// If a basis can't be built, a fit fails, or the monitor cancels.
+    /// An error if a basis can't be built, a fit fails, or the monitor cancels.
     pub fn run(&self, store: Option<&Path>, beside: &Path, monitor: &dyn Monitor) -> Result<Measurements> {
-        /// Memory in bytes of the program, its stacks and its allocator, equal to the estimate in `fit`.
+        /// Memory of the program, its stacks and its allocator in bytes, equal to the estimate in `fit`.
         const BASE: usize = 12 << 20;
         let Settings { memory, threads, .. } = self.settings;
         let store = Store::new(store, beside)?;
@@ -100,7 +100,7 @@ impl Experiments {
         Ok(results)
     }
 
-    /// Returns the tables, then the figures, then the summary.
+    /// Returns all documents: tables, figures and the summary, in this order.
     pub fn documents(&self, measured: &Measurements, circumstances: &Circumstances) -> Vec<Document> {
         let (results, extent) = (&measured.results, self.settings.extent());
         let tables = tables::all_csv(results).into_iter().map(|(name, text)| Document { name: name.to_owned(), text });
@@ -115,7 +115,7 @@ impl Experiments {
     }
 }
 
-/// The results of all experiments.
+/// Results of all experiments.
 #[derive(Debug)]
 pub struct Measurements {
     results: Results,

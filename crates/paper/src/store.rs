@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 /// A folder that holds bases.
 pub(crate) struct Store {
     pub(crate) folder: PathBuf,
-    /// The temporary folder, which is removed when dropped; `None` for a permanent folder.
+    /// Handle that removes the temporary folder when dropped; `None` for a permanent folder.
     temporary: Option<tempfile::TempDir>,
 }
 
@@ -25,8 +25,8 @@ impl Store {
         Ok(Self { folder: temporary.path().to_path_buf(), temporary: Some(temporary) })
     }
 
-    /// Removes a basis from a temporary store. The store then holds only one basis at a time, which limits the space
-    /// needed on disk and in the system's file cache.
+    /// Removes a basis from a temporary store, so that the store holds only one basis at a time. This limits the
+    /// space needed on disk and in the system's file cache.
     pub(crate) fn done_with(&self, basis: &Path) -> Result<()> {
         if self.temporary.is_some() {
             std::fs::remove_dir_all(basis).with_context(|| format!("{}: cannot remove", basis.display()))?;

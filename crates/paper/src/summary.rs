@@ -1,4 +1,4 @@
-//! Writes the summary, which compares the measurements with the paper.
+//! Writes the summary, which compares the measurements with the paper's.
 
 use crate::experiments::{Pass, Results};
 use crate::extent::{Extent, Settings};
@@ -112,7 +112,7 @@ fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> Str
                 published.granularity.to_string(),
                 seconds(pass.measured.seconds),
                 format!("{}", published.seconds),
-                // The quick experiments are smaller than the paper's, so a ratio of the times would be meaningless.
+                // Quick experiments are smaller than the paper's, so the ratio of times would be meaningless.
                 if quick { "-".to_owned() } else { format!("{:.0}", published.seconds / pass.measured.seconds) },
                 short(quality.msd),
                 short(published.msd),

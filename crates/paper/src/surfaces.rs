@@ -15,13 +15,13 @@ use crate::published::Kind;
 pub(crate) struct Surface {
     /// Short name of the surface, for file names and tables.
     pub(crate) name: String,
-    /// The surface of the paper with which this surface is compared.
+    /// Surface of the paper with which this surface is compared.
     pub(crate) kind: Kind,
     /// Vertices of the sphere, one for each vertex of the surface.
     pub(crate) directions: Directions,
     /// Positions of the surface's vertices.
     pub(crate) vertices: Vec<[f64; 3]>,
-    /// Triangles, which surface and sphere share.
+    /// Triangles of the surface and of the sphere.
     pub(crate) faces: Vec<[u32; 3]>,
     /// Cube root of the volume of the surface's bounding box.
     pub(crate) scale: f64,
@@ -34,23 +34,23 @@ impl Surface {
         Ok(Self { name: name.to_owned(), kind, directions, vertices, faces, scale })
     }
 
-    /// Returns the sphere subdivided once, with about four times as many vertices.
+    /// Returns the sphere after one subdivision, with about four times as many vertices.
     pub(crate) fn denser_sphere(&self) -> Mesh {
         subdivide_sphere(&Mesh::new(self.directions.as_slice().to_vec(), self.faces.clone()))
     }
 
-    /// Returns the memory that the surface takes, in bytes.
+    /// Returns the memory of the surface in bytes.
     pub(crate) fn bytes(&self) -> usize {
         2 * 24 * self.vertices.len() + 12 * self.faces.len()
     }
 }
 
-/// A surface that the data folder may contain: name, files of surface and sphere, the paper's surface, and whether to
-/// subdivide it.
+/// A surface that the data folder may contain: its name, the files of surface and sphere, the corresponding surface
+/// of the paper, and whether to subdivide it.
 type Known = (&'static str, &'static str, &'static str, Kind, bool);
 
-/// The hippocampi are subdivided, because their files have about 2,400 vertices, whereas the paper's hippocampus has
-/// 10,082.
+/// Surfaces that the data folder may contain. Hippocampi are subdivided, because their files have about 2,400
+/// vertices, whereas the paper's hippocampus has 10,082.
 const KNOWN: [Known; 5] = [
     ("cort40962", "cort40962.surf.gii", "cort40962.sphere.surf.gii", Kind::Cortex, false),
     ("head27618", "head27618.surf.gii", "head27618.sphere.surf.gii", Kind::Head, false),

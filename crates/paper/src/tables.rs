@@ -11,7 +11,7 @@ fn cell<T: ToString>(value: Option<T>) -> String {
 }
 
 fn csv(header: &str, rows: impl Iterator<Item = Vec<String>>) -> String {
-    // No quoting is needed: the cells are numbers and names without commas or quotes.
+    // Cells needn't be quoted, because they are numbers and names without commas or quotes.
     std::iter::once(header.to_owned()).chain(rows.map(|row| row.join(","))).map(|line| line + "\n").collect()
 }
 
@@ -111,8 +111,8 @@ pub(crate) fn all_csv(results: &Results) -> Vec<(&'static str, String)> {
     ]
 }
 
-/// Formats a Markdown table whose columns are aligned, so that it is also readable in a terminal. The first row is the
-/// header, the first column is left-aligned and the others right-aligned.
+/// Formats a Markdown table with padded columns, so that it is also readable in a terminal. The first row is the
+/// header. The first column is left-aligned, and the others are right-aligned.
 pub(crate) fn markdown(rows: &[Vec<String>]) -> String {
     let columns = rows.first().map_or(0, Vec::len);
     let length = |row: &Vec<String>, column: usize| row.get(column).map_or(0, |cell| cell.chars().count());

@@ -31,7 +31,7 @@ pub fn auto(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
 ///
 /// # Errors
 ///
-/// As [`auto`].
+/// The errors of [`auto`].
 pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrization, ParametrizeError> {
     auto(surface, params, &Silent)
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::local::NUMBERS;
 
-/// Numbers kept per triangle: the gradient (6) and the lower triangle of the Hessian (21).
+/// Number of results kept per triangle: the gradient (6) and the lower triangle of the Hessian (21).
 pub(crate) const KEPT: usize = NUMBERS - 1;
 
 /// Number of matrix rows per parallel task.

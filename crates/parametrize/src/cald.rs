@@ -53,7 +53,8 @@ const SMALLEST_STEP: f64 = 0.03;
 /// error of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
-/// A round is kept if the residual falls below this share of the previous one. For a sphere, no round is kept.
+/// Largest ratio of a round's residual to the previous one at which the round is kept. For a sphere, no round is
+/// kept.
 const WORTHWHILE: f64 = 0.99;
 
 /// Settings of [`cald`].
@@ -79,8 +80,8 @@ impl Default for CaldParams {
 }
 
 impl CaldParams {
-    /// Returns settings for a map that only serves as the domain of a fit of degree `max_degree`: up to 0.8 of area
-    /// distortion is allowed as long as it lowers the error of the fit.
+    /// Returns settings for a map that only serves as the domain of a fit of degree `max_degree`. They allow an area
+    /// distortion of up to 0.8, as long as it lowers the error of the fit.
     #[must_use]
     pub fn for_degree(max_degree: usize) -> Self {
         Self { area: 0.8, degree: Some(max_degree), ..Self::default() }
@@ -137,8 +138,8 @@ fn adapt_areas(
     params: &CaldParams,
     monitor: &dyn Monitor,
 ) -> Result<Option<f64>, ParametrizeError> {
-    // The squares of the distortions spent and left are taken to sum to the square of the allowed one, which is nearly
-    // true.
+    // The squares of the distortions spent and left are assumed to sum to the square of the allowed distortion, which
+    // is nearly true.
     let left = |descent: &Descent| {
         let spent = descent.area_distortion(domain);
         (AIM * params.area * AIM * params.area - spent * spent).max(0.0).sqrt()

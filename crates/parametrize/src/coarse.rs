@@ -29,8 +29,9 @@ const LEAST_RADIUS: usize = 4;
 /// Approximate largest number of patches. It is limited because the coarse matrix is factored repeatedly.
 const MOST_PATCHES: usize = 10_000;
 
-/// A vertex with more neighbours than this gets its own patch, and other patches exclude it. Otherwise all patches near
-/// it would contain it and become neighbours of each other, and the coarse matrix would get a large dense block.
+/// Largest number of neighbours of an ordinary vertex. A vertex with more neighbours gets its own patch, and other
+/// patches exclude it. Otherwise all patches near it would contain it and become neighbours of each other, and the
+/// coarse matrix would get a large dense block.
 const HUB: usize = 64;
 
 /// Shift of the coarse matrix's diagonal, relative to the trace of the diagonal block. Without it the matrix can be
@@ -152,7 +153,7 @@ impl Coarse {
             for at in pattern.range(v as usize) {
                 let w = pattern.columns[at];
                 let [a, b, c, d] = blocks[at];
-                // P_v^T H_vw P_w, 3 x 3.
+                // The 3 x 3 product P_v^T H_vw P_w.
                 let left = [add(scale(own[0], a), scale(own[1], c)), add(scale(own[0], b), scale(own[1], d))];
                 let right = turns[w as usize];
                 let mut product = [0.0; 9];

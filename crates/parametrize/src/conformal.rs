@@ -6,8 +6,8 @@
 //! Each of these is a rotation followed by a boost (see [`boost`]), and the boost is chosen to minimise the mean
 //! squared log area ratio.
 //!
-//! A conformal map makes the end of an arm exponentially small in the arm's length. The map approaches this limit with
-//! a weight on equal areas that is lowered from stage to stage, and stops where triangles would become too small for
+//! A conformal map makes the end of an arm exponentially small in the arm's length. The map approaches this limit
+//! with a weight on equal areas that is lowered from stage to stage, and stops before triangles become too small for
 //! 64-bit numbers.
 
 use std::time::Instant;
@@ -27,7 +27,7 @@ use crate::report::{Parametrization, Warning};
 /// Weight of equal areas in the energy, by stage.
 const STAGES: [f64; 6] = [0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4];
 
-/// Final rounds, each of which applies the best boost and then descends the conformal energy.
+/// Number of final rounds. Each applies the best boost and then descends the conformal energy.
 const ROUNDS: usize = 2;
 
 /// Settings of [`conformal`].
@@ -49,7 +49,7 @@ impl Default for ConformalParams {
 ///
 /// # Errors
 ///
-/// As [`cald`](crate::cald()), except for `Argument` and `Solver`.
+/// The errors of [`cald`](crate::cald()), except for `Argument` and `Solver`.
 pub fn conformal(
     surface: &Mesh,
     params: &ConformalParams,

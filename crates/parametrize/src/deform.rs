@@ -66,7 +66,7 @@ pub struct DeformParams {
     pub stretch: f64,
     /// Weight of the bending force. Default 0.1.
     pub bending: f64,
-    /// Sweeps over the vertices at each level. Default 15.
+    /// Number of sweeps over the vertices at each level. Default 15.
     pub sweeps: usize,
 }
 
@@ -240,7 +240,7 @@ impl Level {
         (0..ring.len()).map(of).fold(1.0, f64::min)
     }
 
-    /// Whether the triangles around a vertex are positively oriented on the sphere.
+    /// Returns whether all triangles around a vertex are positively oriented on the sphere.
     fn is_positive(&self, v: usize) -> bool {
         let ring = self.rings.of(v);
         (0..ring.len()).all(|k| {

@@ -5,7 +5,7 @@ pub(crate) trait Density: Copy {
     fn at(self, q: f64, r: f64) -> [f64; 6];
 }
 
-/// F(q, r) = a (r + 1/r) / 2 + b q / r + c (q / r)^3 with a = `area`, b = `shape` and c = `bound`.
+/// The integrand F(q, r) = a (r + 1/r) / 2 + b q / r + c (q / r)^3 with a = `area`, b = `shape` and c = `bound`.
 #[derive(Clone, Copy)]
 pub(crate) struct Balanced {
     pub(crate) area: f64,
@@ -33,7 +33,7 @@ impl Density for Balanced {
     }
 }
 
-/// F(q, r) = q / r^2 + `shrink` q.
+/// The integrand F(q, r) = q / r^2 + `shrink` q.
 #[derive(Clone, Copy)]
 pub(crate) struct Stretch {
     pub(crate) shrink: f64,

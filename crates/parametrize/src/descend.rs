@@ -18,7 +18,7 @@ use crate::star::{Classes, sweep};
 /// The monitor's stage for [`Descent::descend`], in Newton steps. Their number isn't known in advance.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
-/// If less than this share of a Newton step can be taken, single vertices block the step. A sweep over single vertices
+/// Share of a Newton step below which single vertices are assumed to block the step. A sweep over single vertices
 /// then helps more than another Newton step.
 const BLOCKED: f64 = 0.2;
 

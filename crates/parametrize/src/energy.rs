@@ -10,10 +10,10 @@
 //!
 //! Each energy is the sum over triangles of A F(q, r), where
 //!
-//! | energy | F(q, r) | least where |
+//! | energy | F(q, r) | minimal if |
 //! |---|---|---|
 //! | [`Energy::balanced`] | a (r + 1/r) / 2 + b q / r | areas are equal (a), angles are kept (b) |
-//! | [`Energy::bounded`] | the same + c (q / r)^3 | and no triangle is much longer than the others (c) |
+//! | [`Energy::bounded`] | that of `balanced` + c (q / r)^3 | also no triangle is much longer than the others (c) |
 //! | [`Energy::CONFORMAL`] | q / r | angles are kept (the MIPS of Hormann and Greiner, 2000) |
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!
@@ -78,19 +78,19 @@ pub(crate) fn set_areas(shapes: &mut [Shape], areas: &[f64]) {
     shapes.iter_mut().zip(areas).for_each(|(shape, area)| shape.area = area.max(least));
 }
 
-/// An energy, by its integrand F(q, r).
+/// An energy, given by its integrand F(q, r).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Energy {
-    /// a (r + 1/r) / 2 + b q / r + c (q / r)^3.
+    /// The energy with integrand a (r + 1/r) / 2 + b q / r + c (q / r)^3.
     Balanced {
-        /// The coefficient a.
+        /// Coefficient a, the weight of equal areas.
         area: f64,
-        /// The coefficient b.
+        /// Coefficient b, the weight of equal angles.
         shape: f64,
-        /// The coefficient c.
+        /// Coefficient c, the weight of the bound on lengths.
         bound: f64,
     },
-    /// q / r^2 + `shrink` q.
+    /// The energy with integrand q / r^2 + `shrink` q.
     Stretch {
         /// Weight of the term that limits the growth of parts of the map in which nothing is stretched.
         shrink: f64,

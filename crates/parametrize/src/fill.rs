@@ -87,7 +87,7 @@ fn neighbours(places: &[u32], unknown: usize, faces: &[[u32; 3]]) -> Vec<Vec<u32
     neighbours
 }
 
-/// Whether every vertex without a value is connected to one with a value.
+/// Returns whether every vertex without a value is connected to one with a value.
 fn reaches_all(neighbours: &[Vec<u32>], places: &[u32]) -> bool {
     let is_edge = |around: &Vec<u32>| around.iter().any(|&v| places[v as usize] == KNOWN);
     let mut reached: Vec<bool> = neighbours.iter().map(is_edge).collect();

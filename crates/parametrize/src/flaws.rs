@@ -10,7 +10,7 @@ use crate::geometry::{Vec3, area, norm, sub};
 pub(crate) struct Flaws {
     /// Descriptions of the problems as phrases; handles aren't among them.
     pub(crate) problems: Vec<String>,
-    /// What the user can do about the problems.
+    /// Advice to the user on the problems.
     pub(crate) remedy: &'static str,
     genus: Option<i64>,
 }
@@ -67,9 +67,10 @@ fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
     format!("{count} {} {rest}", if count == 1 { one } else { many })
 }
 
-/// Whether a triangle's area is distinguishable from 0 in f64.
+/// Returns whether a triangle's area is distinguishable from 0 in f64.
 fn has_area(corners: [Vec3; 3]) -> bool {
     let longest = (0..3).map(|i| norm(sub(corners[i], corners[(i + 1) % 3]))).fold(0.0, f64::max);
-    // Measured relative to the triangle's own size: a tiny triangle is valid, three points on a line are not.
+    // The area is measured relative to the triangle's own size: a tiny triangle is valid, three points on a line are
+    // not.
     area(corners) > 1e-12 * longest * longest
 }

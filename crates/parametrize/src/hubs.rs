@@ -6,10 +6,11 @@
 
 use std::collections::HashMap;
 
-/// A vertex with more triangles than this gets an index: it becomes a hub.
+/// Largest number of triangles of a vertex without an index. With more triangles a vertex gets an index: it becomes a
+/// hub.
 pub(crate) const HUB: usize = 64;
 
-/// A hub keeps its index until it has at most this number of triangles.
+/// Number of triangles at which a hub loses its index.
 const KEPT: usize = HUB / 2;
 
 /// Counts the list entries searched; for tests.
@@ -77,7 +78,7 @@ impl Hubs {
         }
     }
 
-    /// Removes triangle f, which has these corners, from a vertex's list. The order of a list without index is
+    /// Removes triangle f with the given corners from a vertex's list. The order of a list without index is
     /// preserved.
     pub(crate) fn remove(&mut self, vertex: u32, list: &mut Vec<u32>, f: u32, corners: [u32; 3]) {
         let Some(hub) = self.0.get_mut(&vertex) else {

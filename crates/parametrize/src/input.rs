@@ -53,7 +53,7 @@ impl Input {
     ///
     /// # Errors
     ///
-    /// Those of [`cut_handles`].
+    /// The errors of [`cut_handles`].
     pub fn without_handles(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let triangles;
         let mesh = match &self {
@@ -176,7 +176,7 @@ impl Sampling {
     ///
     /// # Errors
     ///
-    /// Those of `spharm_surface::io::read_mesh`.
+    /// The errors of `spharm_surface::io::read_mesh`.
     pub fn sphere(&self) -> Result<Mesh, ParametrizeError> {
         match self {
             Self::Icosphere(subdivisions) => Ok(icosphere(*subdivisions)),

@@ -16,7 +16,7 @@ const BYTES_PER_VERTEX: u64 = 3000;
 /// Bytes per L^2 of samples and transform of a model of degree L. Measured: 2.8 kB (L = 100) to 5.3 kB (L = 34).
 const BYTES_PER_SQUARED_DEGREE: u64 = 5500;
 
-/// Bytes that don't depend on the surface.
+/// Number of bytes that any method needs independently of the surface.
 const FIXED: u64 = 4 << 20;
 
 impl Method {
@@ -34,7 +34,8 @@ impl Method {
             Self::Conformal(_) | Self::Stretch(_) | Self::EqualArea(_) => 0,
             Self::Deform { params, map } => {
                 let subdivisions = params.subdivisions.unwrap_or_else(|| next_icosphere(vertices as u64));
-                // For the neighbours of the vertices, the search tree of the surface, and the vectors of the sweeps.
+                // Covers the neighbours of the vertices, the search tree of the surface, and the vectors of the
+                // sweeps.
                 adapting(map) + 2 * FIXED + 1500 * icosphere_counts(subdivisions)[0]
             }
         })

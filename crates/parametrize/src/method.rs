@@ -49,17 +49,18 @@ impl<'a> From<&'a QuadMesh> for Source<'a> {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Method {
-    /// [`auto`](crate::auto()) for meshes, [`equal_area`](crate::equal_area()) with default settings for quadrangles.
+    /// Maps meshes by [`auto`](crate::auto()), and quadrangles by [`equal_area`](crate::equal_area()) with default
+    /// settings.
     Auto(CaldParams),
-    /// [`cald`](crate::cald()).
+    /// Maps meshes by [`cald`](crate::cald()).
     Cald(CaldParams),
-    /// [`conformal`](crate::conformal()).
+    /// Maps meshes by [`conformal`](crate::conformal()).
     Conformal(ConformalParams),
-    /// [`stretch`](crate::stretch()).
+    /// Maps meshes by [`stretch`](crate::stretch()).
     Stretch(StretchParams),
-    /// [`equal_area`](crate::equal_area()), for quadrangles only.
+    /// Maps quadrangles, but no meshes, by [`equal_area`](crate::equal_area()).
     EqualArea(EqualAreaParams),
-    /// [`deform`](crate::deform()), starting from the map made by [`auto`](crate::auto()).
+    /// Deforms an icosphere by [`deform`](crate::deform()), starting from the map made by [`auto`](crate::auto()).
     Deform {
         /// Settings of the deformation.
         params: DeformParams,
@@ -79,7 +80,8 @@ impl Method {
     ///
     /// # Errors
     ///
-    /// Those of the method; [`ParametrizeError::Argument`] if the method is equal-area and the surface is a mesh.
+    /// The errors of the method; [`ParametrizeError::Argument`] if the method is equal-area and the surface is a
+    /// mesh.
     pub fn run<'a>(
         &self,
         source: impl Into<Source<'a>>,

@@ -273,7 +273,7 @@ mod tests {
                 assert!(step.after <= step.before && step.before == last.after, "{step:?}");
                 last = step;
             }
-            // Near the minimum, up to the error of the quadratic model.
+            // Near the minimum, hardly any decrease of the energy is left, up to the error of the quadratic model.
             assert!(last.left(last.before - last.after) < 1e-6 * last.after, "{last:?}");
             newton.value(energy, &map)
         });

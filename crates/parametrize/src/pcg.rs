@@ -22,7 +22,7 @@ type Vector = Vec<[f64; 2]>;
 /// Number of matrix rows per parallel task.
 const ROWS: usize = 2048;
 
-/// Number of smoothing steps before the coarse correction, and of those after it.
+/// Number of smoothing steps before the coarse correction, and again after it.
 const SMOOTHING: usize = 2;
 
 /// Range of eigenvalues of D^-1 H that the smoother damps. The upper end bounds all eigenvalues.
@@ -31,7 +31,7 @@ const RANGE: [f64; 2] = [0.3, 3.0];
 /// Largest number of iterations.
 const ITERATIONS: usize = 100;
 
-/// Iterations stop when the residual's norm, in the preconditioner's inner product, has fallen to this share.
+/// Share of its initial value to which the residual's norm, in the preconditioner's inner product, must fall.
 const REDUCTION: f64 = 0.01;
 
 /// Counts the matrix blocks that are multiplied; for tests.
@@ -52,7 +52,7 @@ pub(crate) struct System<'a> {
     pub(crate) coarse: &'a Coarse,
     /// Factor of the coarse matrix of H, or of the H of an earlier step.
     pub(crate) factor: &'a Factor,
-    /// For each vertex, [`turns`](crate::coarse::turns) of its position.
+    /// The rows [`turns`](crate::coarse::turns) at each vertex's position.
     pub(crate) turns: &'a [[Vec3; 2]],
 }
 

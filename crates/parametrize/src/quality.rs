@@ -140,7 +140,7 @@ pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
     after.iter().zip(&before).map(|(after, before)| (after / before).ln()).collect()
 }
 
-/// Figures of one triangle.
+/// Quantities measured on one triangle.
 struct Triangle {
     /// Area on the surface, after scaling to 4 pi.
     area: f64,

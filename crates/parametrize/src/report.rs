@@ -150,14 +150,14 @@ pub enum Note {
         /// The largest factor by which a triangle's target area grew.
         factor: f64,
     },
-    /// How closely the quadrangles' areas on the sphere match their targets.
+    /// Agreement of the quadrangles' areas on the sphere with their targets.
     QuadAreas {
         /// The largest relative deviation of an area from its target.
         deviation: f64,
     },
     /// The map was made from another map.
     MadeFrom {
-        /// The method of the other map.
+        /// Name of the method that made the other map.
         method: &'static str,
         /// Number of vertices of the other map.
         vertices: usize,
@@ -202,9 +202,9 @@ impl Serialize for Note {
 pub enum Warning {
     /// The first method failed, so another method made the map.
     FellBack {
-        /// The method that failed.
+        /// Name of the method that failed.
         method: &'static str,
-        /// The error of that method.
+        /// Error message of the method that failed.
         cause: String,
     },
     /// The Moebius transformation of least area distortion would have flipped triangles, so a smaller one was applied.

@@ -67,7 +67,7 @@ impl Parametrization {
     ///
     /// # Errors
     ///
-    /// As [`resample`].
+    /// The errors of [`resample`].
     pub fn resampled(&self, shared: &Mesh, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         Ok(resample(&self.surface, &self.sphere, shared, monitor)?.after(&self.report))
     }

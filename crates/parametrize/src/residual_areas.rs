@@ -38,7 +38,8 @@ const ROUNDS: usize = 2;
 /// Largest number of iterations of the least-squares solver. With samples over the entire surface a few suffice.
 const ITERATIONS: usize = 100;
 
-/// Returns the degree of the model: `asked`, or the default, but no more than `vertices` determine well.
+/// Returns the degree of the model: `asked` or the default, limited to the largest degree that a number of vertices
+/// determines well.
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
@@ -80,7 +81,7 @@ pub(crate) fn residual(
     let positions = Array2::from_shape_fn((map.len(), 3), |(v, k)| domain.positions[v][k] - centre[k]);
     let targets = sampling.interpolate(positions.view(), all);
     let fit = cg::solve(&equations, &targets, &equations.diagonal(), &params, &OnlyCancel(monitor));
-    // After a cancellation `fit` may contain the error of another crate, so the monitor is asked first.
+    // After a cancellation `fit` may contain the error of another crate, so the monitor is checked first.
     monitor.check()?;
     let fit = fit?;
 

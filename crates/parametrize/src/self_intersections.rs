@@ -52,7 +52,7 @@ fn intersect(mesh: &Mesh, one: u32, two: u32) -> bool {
     shared < 2 && (through(a, b) || through(b, a))
 }
 
-/// Whether a segment passes through or touches a triangle. A segment in the plane of the triangle doesn't.
+/// Returns whether a segment passes through or touches a triangle; false for a segment in the triangle's plane.
 fn passes(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     let (above, below) = (side(a, b, c, p), side(a, b, c, q));
     if above * below > 0.0 || (above == 0.0 && below == 0.0) {

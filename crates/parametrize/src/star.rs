@@ -44,7 +44,7 @@ impl Star {
         self.spokes.iter().map(each).sum()
     }
 
-    /// Whether every triangle is positive, by the exact predicate, if the vertex is at x.
+    /// Returns whether every triangle is positive, by the exact predicate, with the vertex at x.
     pub(crate) fn is_positive(&self, x: Vec3) -> bool {
         self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
     }

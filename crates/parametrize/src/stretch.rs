@@ -35,7 +35,7 @@ impl Default for StretchParams {
 ///
 /// # Errors
 ///
-/// As [`cald`](crate::cald()), except for `Argument` and `Solver`.
+/// The errors of [`cald`](crate::cald()), except for `Argument` and `Solver`.
 pub fn stretch(
     surface: &Mesh,
     params: &StretchParams,

@@ -10,7 +10,7 @@ const MOST: f64 = 100.0;
 /// Points with normals in the order of their cells.
 pub(crate) struct Cells {
     pub(crate) columns: Columns,
-    /// For each point, its index in the original order.
+    /// Index of each point in the original order.
     pub(crate) index: Vec<u32>,
     starts: Vec<u32>,
     low: Vec3,

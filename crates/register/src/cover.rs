@@ -13,9 +13,9 @@ const POINTS: usize = 5000;
 /// Distances of a subject's surface from the registered template, in the unit of the coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cover {
-    /// Root mean square over the subject's area.
+    /// Root mean square of the distances over the subject's area.
     pub rms: f64,
-    /// 99th percentile over the subject's area.
+    /// 99th percentile of the distances over the subject's area.
     pub most: f64,
     /// The largest distance measured.
     pub farthest: f64,

@@ -125,7 +125,8 @@ fn run_stage(
         if !next.is_finite() {
             return Err(RegisterError::Singular);
         }
-        // At a smaller sigma no pair would be within the cut-off. The points are on the surface by then.
+        // Sigma is bounded below, because at a smaller sigma no pair would be within the cut-off. At the bound, the
+        // points are on the surface.
         let next = next.max(1e-4 * params.sigma * start_extent(low, high));
         let done = (next - sigma).abs() < params.drift_tolerance * sigma;
         sigma = next;
@@ -140,8 +141,8 @@ fn start_extent(low: Vec3, high: Vec3) -> f64 {
     (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
 }
 
-/// Landmarks: the rows of the kernel's factor at the landmarks on the template, (count, r), and the vectors from there
-/// to the corresponding points of the subject, (count, 3).
+/// Landmarks: the rows of the kernel's factor at the landmarks on the template, (count, r), and the vectors from
+/// these landmarks to the corresponding points of the subject, (count, 3).
 struct Held {
     rows: Mat<f64>,
     off: Mat<f64>,
@@ -223,8 +224,8 @@ fn expectation(
     found
 }
 
-/// Returns, in place of `P x`, the target of each template point times its share: the pull's part along the surface is
-/// multiplied by `along`.
+/// Returns a replacement for `P x`: the target of each template point times its share, with the pull's part along the
+/// surface multiplied by `along`.
 fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec3> {
     let of = |(((weighted, share), point), normal): (((&Vec3, &f64), &Vec3), &Vec3)| {
         let here = scale(*point, *share);

@@ -9,15 +9,15 @@ pub enum RegisterError {
     /// A mesh without area, or with coordinates that aren't finite.
     #[error("{what} has no area to register: expected triangles with finite coordinates and an area above 0")]
     NoArea {
-        /// The mesh, in words.
+        /// Description of the mesh.
         what: &'static str,
     },
     /// A triangle of the template whose index is out of range, or that uses a vertex twice.
     #[error("triangle {face} of the template is {found:?}: expected three different vertices below {vertices}")]
     Triangle {
-        /// The triangle, counted from 0.
+        /// Index of the triangle, from 0.
         face: usize,
-        /// Its corners.
+        /// Corners of the triangle.
         found: [u32; 3],
         /// Number of the template's vertices.
         vertices: usize,
@@ -25,9 +25,9 @@ pub enum RegisterError {
     /// A list of numbers per vertex whose length isn't the number of vertices.
     #[error("expected {expected} values, one per vertex of the template, found {found}")]
     Values {
-        /// Number of vertices.
+        /// Number of vertices of the template.
         expected: usize,
-        /// Number of values.
+        /// Number of values in the list.
         found: usize,
     },
     /// A landmark with coordinates that aren't finite, or on a vertex that the template doesn't have.
@@ -35,7 +35,7 @@ pub enum RegisterError {
         "landmark {index} of a registration: expected finite coordinates and a place on the template, which has {vertices} vertices"
     )]
     Guide {
-        /// The landmark, counted from 0.
+        /// Index of the landmark, from 0.
         index: usize,
         /// Number of the template's vertices.
         vertices: usize,

@@ -42,7 +42,7 @@ pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [
 /// function uses only arithmetic, so that compilers vectorise it.
 #[inline(always)]
 fn exp(t: f64) -> f64 {
-    // Adding 1.5 2^52 rounds to an integer, which is then in the lowest bits of the sum.
+    // Adding 1.5 * 2^52 rounds to an integer, which is then in the lowest bits of the sum.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     const LN_2: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
     let t = t.clamp(-700.0, 700.0);

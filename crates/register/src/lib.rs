@@ -28,7 +28,7 @@
 //! | [`plate`] | the thin plate of the template's triangles, and its factor |
 //! | [`mod@snap`] | nearest points in both directions under a thin plate |
 //! | [`mod@untangle`] | projection, and repair of triangles that are turned over |
-//! | [`cover`] | [`Cover`] |
+//! | [`cover`] | [`Cover`]: distances of the subject's surface from the registered template |
 //! | [`guide`] | [`Guide`]: landmarks that pull places of the template |
 //! | [`error`] | [`RegisterError`] |
 

@@ -18,7 +18,7 @@ pub struct LowRank {
     pub places: Vec<f64>,
 }
 
-/// Number of rows that a thread computes at a time.
+/// Number of rows per parallel task.
 const ROWS: usize = 512;
 
 impl LowRank {

@@ -46,7 +46,7 @@ const QUARTERS: [[f64; 3]; 4] = [
 struct Pair {
     vertices: [u32; 3],
     weights: [f64; 3],
-    /// Vector from the template's point to the subject's.
+    /// Vector from the template's point to the subject's point.
     off: Vec3,
     normal: Vec3,
     weight: f64,
@@ -210,13 +210,13 @@ fn step(template: &Template, pairs: &[Pair], stiffness: f64, tangential: f64) ->
 }
 
 impl Pair {
-    /// Returns `W x`.
+    /// Returns `W x`, with W the pair's 3 x 3 matrix of weights.
     fn weighted(&self, x: Vec3, tangential: f64) -> Vec3 {
         let along = dot(self.normal, x);
         std::array::from_fn(|k| self.weight * (self.normal[k] * along + tangential * x[k]))
     }
 
-    /// Adds `S^T x`.
+    /// Adds `S^T x` to `out`, with S the interpolation at the pair's point of the template.
     fn spread(&self, x: Vec3, out: &mut [Vec3]) {
         for (v, weight) in self.vertices.iter().zip(self.weights).filter(|(_, weight)| *weight != 0.0) {
             let out = &mut out[*v as usize];
@@ -224,7 +224,7 @@ impl Pair {
         }
     }
 
-    /// Returns `S x`.
+    /// Returns `S x`: the vectors x of the vertices, interpolated at the pair's point of the template.
     fn gather(&self, x: &[Vec3]) -> Vec3 {
         let [a, b, c] = self.vertices.map(|v| x[v as usize]);
         std::array::from_fn(|k| self.weights[0] * a[k] + self.weights[1] * b[k] + self.weights[2] * c[k])

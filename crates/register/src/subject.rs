@@ -12,7 +12,7 @@ use crate::error::RegisterError;
 pub struct Subject {
     pub(crate) mesh: Mesh,
     pub(crate) tree: TriangleTree,
-    /// For each triangle, whether the edge opposite each corner belongs to no other triangle, (m).
+    /// Whether the edge opposite each corner of each triangle belongs to no other triangle, (m).
     pub(crate) open: Vec<[bool; 3]>,
 }
 
@@ -74,7 +74,7 @@ impl PointTree {
         Ok(Self { tree, normal })
     }
 
-    /// Returns the index of the nearest point.
+    /// Returns the index of the point nearest in position and normal.
     pub(crate) fn nearest(&self, point: Vec3, normal: Vec3) -> usize {
         let place = place(point, normal, self.normal);
         self.tree.query(&place).nearest_one::<SquaredEuclidean<f64>>().execute().item as usize

@@ -14,7 +14,7 @@ use crate::plate::Plate;
 
 /// Largest number of columns of a kernel's factor.
 const RANK: usize = 200;
-/// A kernel's factorisation ends when no diagonal entry of the remainder exceeds this.
+/// Largest diagonal entry of a kernel's remainder at which its factorisation ends.
 const LEFT: f64 = 1e-3;
 
 /// A mesh to be moved onto subjects, with the factors of its kernels and its thin plate.

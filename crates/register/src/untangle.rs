@@ -108,7 +108,7 @@ fn between(from: Vec3, to: Vec3, share: f64) -> Vec3 {
     std::array::from_fn(|k| from[k] + share * (to[k] - from[k]))
 }
 
-/// Projects the given vertices.
+/// Projects the vertices with the indices `some` onto the subject.
 fn project(vertices: &mut [Vec3], some: &[usize], subject: &Subject) {
     let nearest = |v: &usize| subject.tree.nearest(vertices[*v]).map_or(vertices[*v], |found| found.point);
     let moved: Vec<Vec3> = some.par_iter().map(nearest).collect();

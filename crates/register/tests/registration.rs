@@ -8,7 +8,7 @@ use spharm_surface::generate::icosphere;
 use spharm_surface::geometry::{Vec3, dot, sub};
 use spharm_surface::{Mesh, Place};
 
-/// A box with round edges and a bump on its top; `at`, from -1 to 1, is the bump's position along the box.
+/// Returns a box with round edges and a bump on its top; `at`, from -1 to 1, is the bump's position along the box.
 fn with_bump(level: u32, at: f64, turn: f64) -> Mesh {
     let (s, c) = turn.sin_cos();
     let mesh = icosphere(level);
@@ -81,7 +81,7 @@ fn a_subject_inside_out_is_the_same_subject() {
     assert_eq!((one.turned, other.turned), (0, 0));
 }
 
-/// Half of the box is missing: the template's other half has no counterpart, and is marked as such.
+/// Half of the subject's box is missing, so half of the template has no counterpart and must be marked.
 #[test]
 fn places_that_a_subject_lacks_are_marked() {
     let whole = with_bump(4, 0.0, 0.0);

@@ -1,5 +1,5 @@
-//! Draws surfaces side by side: `cargo run --release -p spharm-render --example draw -- out.png [surface...]`; without
-//! surfaces, two subjects of the generated study and their sphere, viewed from the front.
+//! Draws surfaces side by side: `cargo run --release -p spharm-render --example draw -- out.png [surface...]`.
+//! Without surfaces, draws two subjects of the generated study.
 
 use std::error::Error;
 

@@ -9,7 +9,8 @@ use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
 
 use crate::{Image, Panel, RenderError, Settings, render};
 
-/// Draws the surfaces of one path at a common scale, each as a picture of `settings.width` by `settings.height` pixels.
+/// Draws each surface of a sequence as a picture of `settings.width` by `settings.height` pixels, all at a common
+/// scale.
 ///
 /// # Errors
 ///
@@ -31,13 +32,13 @@ pub fn render_frames(meshes: &[Mesh], settings: &Settings) -> Result<Vec<Image>,
     Ok((0..meshes.len()).map(frame).collect())
 }
 
-/// Writes pictures of equal size atomically as an endlessly repeating animated GIF, each shown for `delay` hundredths
-/// of a second. The name must end in `.gif`.
+/// Writes pictures of equal size as an animated GIF that repeats endlessly, atomically. Each picture is shown for
+/// `delay` hundredths of a second. The name must end in `.gif`.
 ///
 /// # Errors
 ///
-/// [`RenderError::NoPanels`] for no frames, [`RenderError::Size`] for frames whose size differs from the first frame's;
-/// the errors of [`check_output`] and [`write_new`].
+/// [`RenderError::NoPanels`] if there are no frames; [`RenderError::Size`] if a frame's size differs from the first
+/// frame's; the errors of [`check_output`] and [`write_new`].
 pub fn write_gif(
     path: impl AsRef<Path>,
     frames: &[Image],

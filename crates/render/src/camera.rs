@@ -2,29 +2,29 @@
 
 use spharm_surface::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
 
-/// The camera's position, as a direction from the surface's centre. The camera looks at the centre.
+/// Position of the camera, given by a direction from the surface's centre, at which the camera looks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Direction from the centre towards the camera; any length above 0.
     pub from: [f64; 3],
-    /// The direction that is up in the picture; not parallel to `from`.
+    /// Direction that points up in the picture; not parallel to `from`.
     pub up: [f64; 3],
 }
 
 impl View {
-    /// From the left in RAS coordinates (-x), z up: the lateral view of a left hemisphere.
+    /// View from the left in RAS coordinates (-x), with z up: the lateral view of a left hemisphere.
     pub const LEFT: Self = Self::new([-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
-    /// From the right (+x), z up.
+    /// View from the right in RAS coordinates (+x), with z up.
     pub const RIGHT: Self = Self::new([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
-    /// From the front in RAS coordinates (+y), z up.
+    /// View from the front in RAS coordinates (+y), with z up.
     pub const FRONT: Self = Self::new([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]);
-    /// From behind (-y), z up.
+    /// View from behind in RAS coordinates (-y), with z up.
     pub const BACK: Self = Self::new([0.0, -1.0, 0.0], [0.0, 0.0, 1.0]);
-    /// From below (-z), y up.
+    /// View from below in RAS coordinates (-z), with y up.
     pub const BOTTOM: Self = Self::new([0.0, 0.0, -1.0], [0.0, 1.0, 0.0]);
-    /// From above (+z), y up.
+    /// View from above in RAS coordinates (+z), with y up.
     pub const TOP: Self = Self::new([0.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
-    /// From the left, the front and above.
+    /// View from the left, the front and above, with z up.
     pub const CORNER: Self = Self::new([-1.0, 0.6, 0.5], [0.0, 0.0, 1.0]);
 
     /// Returns a view from a direction, with the given up direction.
@@ -34,14 +34,14 @@ impl View {
     }
 }
 
-/// Maps space to pixels: x right, y down, and a depth that grows towards the camera.
+/// Maps points in space to pixels, with x to the right and y down, and to a depth that grows towards the camera.
 pub(crate) struct Camera {
     right: Vec3,
     up: Vec3,
     pub(crate) towards: Vec3,
-    /// Centre of the view in the picture's axes.
+    /// Centre of the view in the picture's axes (right, up, towards the camera).
     centre: Vec3,
-    /// Pixels per unit.
+    /// Number of pixels per unit of length.
     zoom: f64,
     middle: (f64, f64),
 }
@@ -66,13 +66,13 @@ impl Camera {
             up,
             towards,
             centre,
-            // If there is at most a single point, the zoom is arbitrary.
+            // For fewer than two points, the zoom is arbitrary.
             zoom: if zoom.is_finite() { zoom } else { 1.0 },
             middle: (width / 2.0, height / 2.0),
         }
     }
 
-    /// Returns (x, y) in pixels and the depth.
+    /// Returns the position (x, y) of a point in pixels, and its depth.
     pub(crate) fn project(&self, point: Vec3) -> Vec3 {
         let p = [dot(point, self.right), dot(point, self.up), dot(point, self.towards)];
         let [x, y, depth] = scale(sub(p, self.centre), self.zoom);

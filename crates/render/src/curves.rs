@@ -1,31 +1,31 @@
 //! Draws panels of curves with bands over integers, such as measures over the number of modes.
 //!
-//! Shapes are anti-aliased: a curve's coverage of a pixel follows from its distance to the pixel's centre, and a band's
-//! coverage from the covered part of the pixel's column.
+//! Curves and bands are anti-aliased: a curve's coverage of a pixel follows from its distance from the pixel's
+//! centre, and a band's coverage from the fraction of the pixel's height that it covers.
 
 use crate::RenderError;
 use crate::image::Image;
 use crate::text::Label;
 
-/// A curve over 1, 2, ..., m, and its band.
+/// A curve over the integers 1 to m, and its band.
 #[derive(Clone, Copy, Debug)]
 pub struct Curve<'a> {
-    /// The curve's name in the legend.
+    /// Name of the curve in the legend.
     pub label: &'a str,
-    /// Values, (m).
+    /// Values of the curve at 1 to m, (m).
     pub values: &'a [f64],
-    /// The lower and the upper bounds of the curve's band, (m) each, or empty.
+    /// Lower and upper bounds of the curve's band, (m) each, or empty.
     pub band: [&'a [f64]; 2],
 }
 
-/// Axes with curves.
+/// A panel: axes with curves.
 #[derive(Clone, Debug)]
 pub struct CurvePanel<'a> {
     /// Title above the panel.
     pub title: &'a str,
     /// Label of the x axis.
     pub x_label: &'a str,
-    /// The curves, in the order of their colours.
+    /// Curves of the panel, to which colours are assigned in order.
     pub curves: Vec<Curve<'a>>,
 }
 
@@ -33,7 +33,7 @@ pub struct CurvePanel<'a> {
 const COLORS: [[u8; 3]; 4] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167]];
 const INK: [u8; 3] = [51, 51, 51];
 const GRID: [u8; 3] = [226, 226, 226];
-/// Sizes in pixels of a panel and of the margins around its axes: left, right, above, below.
+/// Width and height of a panel in pixels; `MARGINS` holds the margins around its axes: left, right, top, bottom.
 const PANEL: [usize; 2] = [520, 400];
 const MARGINS: [usize; 4] = [78, 20, 44, 62];
 const TEXT: f64 = 18.0;
@@ -60,13 +60,13 @@ pub fn render_curves(panels: &[CurvePanel<'_>]) -> Result<Image, RenderError> {
     Ok(picture)
 }
 
-/// Transform from values to pixels.
+/// Transform from values on the axes to pixels.
 struct Axes {
-    /// Pixels: left, right, top, bottom.
+    /// Area of the axes in pixels: left, right, top, bottom.
     area: [f64; 4],
-    /// The last integer on the x axis.
+    /// Last integer on the x axis.
     last: usize,
-    /// The highest value on the y axis; `step` is the distance between ticks.
+    /// Highest value on the y axis; `step` is the distance between its ticks.
     top: f64,
     step: f64,
 }
@@ -140,7 +140,7 @@ impl Axes {
         }
     }
 
-    /// Returns the value of a curve at a pixel's column, linearly interpolated; `None` beyond its ends.
+    /// Returns the value of a curve at a column of pixels, linearly interpolated; `None` beyond the curve's ends.
     fn at(&self, values: &[f64], column: f64) -> Option<f64> {
         let [left, right, ..] = self.area;
         let number = (column - left - 12.0) / (right - left - 24.0) * (self.last - 1) as f64;
@@ -157,7 +157,8 @@ impl Axes {
         places.iter().for_each(|place| stroke(picture, *place, *place, 4.0, color));
     }
 
-    /// Draws the legend in the empty corner at the right: at the bottom if curves rise, otherwise at the top.
+    /// Draws the legend in the corner that curves leave empty: at the bottom right if the first curve rises,
+    /// otherwise at the top right.
     fn legend(&self, picture: &mut Image, panel: &CurvePanel<'_>) {
         let rising = panel.curves.first().is_some_and(|curve| curve.values.first() < curve.values.last());
         let count = panel.curves.len() as f64;
@@ -171,7 +172,7 @@ impl Axes {
     }
 }
 
-/// Returns a step of 1, 2 or 5 times a power of ten, such that about five steps reach a value.
+/// Returns a step between ticks of 1, 2 or 5 times a power of ten, such that about five steps reach the highest value.
 fn tick_step(highest: f64) -> f64 {
     if highest <= 0.0 {
         return 1.0;
@@ -218,11 +219,11 @@ mod tests {
         assert_eq!((axes.top, axes.step), (10.0, 2.0));
         let at = |picture: &Image, x: f64, y: f64| picture.get(x as usize, y as usize);
         assert_eq!(at(&picture, axes.x(2.5), axes.y(5.0)), COLORS[0]);
-        // A point within the band but not on the curve, and a point outside of both.
+        // The first point is within the band but not on the curve, and the second outside both.
         let [band, above] = [4.5, 7.5].map(|value| at(&picture, axes.x(2.6), axes.y(value)));
         assert!(band[0] < 230 && band[2] > band[0] && band != COLORS[0], "{band:?}");
         assert_eq!(above, [255; 3]);
-        // The second panel repeats the first.
+        // The second panel shows the same curve as the first.
         assert_eq!(at(&picture, 520.0 + axes.x(2.5), axes.y(5.0)), COLORS[0]);
         assert!(matches!(render_curves(&[]), Err(RenderError::NoPanels)));
     }

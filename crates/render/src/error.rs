@@ -6,7 +6,7 @@ use spharm_surface::SurfaceError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// No panels to draw.
+    /// A picture without panels.
     #[error("a picture needs at least one panel, found none")]
     NoPanels,
     /// A picture that is too small or too large.
@@ -17,23 +17,23 @@ pub enum RenderError {
         /// Height, in pixels.
         height: usize,
     },
-    /// The number of values to colour a mesh by differs from its number of vertices.
+    /// The number of values or colours of a mesh differs from its number of vertices.
     #[error("values to colour a mesh by: expected {expected}, found {found}: both must come from the same surface")]
     ValueCount {
-        /// The mesh's number of vertices.
+        /// Number of vertices of the mesh.
         expected: usize,
-        /// The number of values.
+        /// Number of values or colours.
         found: usize,
     },
     /// A colour bar whose ends aren't finite.
     #[error("the range of a colour bar must be two finite numbers, found {low} and {high}")]
     Range {
-        /// The value at the bar's lower end.
+        /// Value at the lower end of the bar.
         low: f64,
-        /// The value at the bar's upper end.
+        /// Value at the upper end of the bar.
         high: f64,
     },
-    /// The file can't be written.
+    /// The file of the picture can't be written.
     #[error(transparent)]
     Write(#[from] SurfaceError),
 }

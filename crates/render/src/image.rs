@@ -1,4 +1,4 @@
-//! Images, and functions that write them as PNG files.
+//! Defines images, and writes them as PNG files.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -8,18 +8,18 @@ use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
 
 use crate::RenderError;
 
-/// A picture.
+/// A picture in RGB colours.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
     pub height: usize,
-    /// Colours, (height, width), row-major from the upper left: red, green, blue (sRGB).
+    /// Colours of the pixels, (height, width), row-major from the upper left: red, green and blue (sRGB).
     pub pixels: Vec<[u8; 3]>,
     /// Resolution in dots per inch, which gives the picture a size on paper.
     pub(crate) dpi: Option<u16>,
-    /// Texts that are kept instead of being drawn, if that was requested.
+    /// Texts that are stored instead of drawn; `None` if texts are drawn.
     pub(crate) texts: Option<Vec<Text>>,
 }
 
@@ -29,7 +29,7 @@ pub(crate) struct Text {
     pub(crate) text: String,
     /// Position of the anchor on the baseline, in pixels.
     pub(crate) at: [f32; 2],
-    /// SVG's `text-anchor`: `start`, `middle` or `end`.
+    /// Value of SVG's `text-anchor`: `start`, `middle` or `end`.
     pub(crate) anchor: &'static str,
     /// Font size in pixels.
     pub(crate) size: f32,
@@ -68,7 +68,7 @@ impl Image {
     }
 }
 
-/// Writes a picture as PNG, atomically. The name must end in `.png`.
+/// Writes a picture as a PNG file, atomically. The name must end in `.png`.
 ///
 /// # Errors
 ///
@@ -82,8 +82,8 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) 
 /// Number of colours of a thumbnail.
 const THUMBNAIL_COLOURS: usize = 64;
 
-/// Writes a picture as PNG with 64 colours, which takes about a third of the bytes of [`write_png`]; atomically. The
-/// name must end in `.png`.
+/// Writes a picture as a PNG file with 64 colours, atomically. The file has about a third of the size of that of
+/// [`write_png`]. The name must end in `.png`.
 ///
 /// # Errors
 ///
@@ -104,11 +104,11 @@ pub fn write_thumbnail(path: impl AsRef<Path>, image: &Image, options: &WriteOpt
     })?)
 }
 
-/// Writes the bytes of a PNG file.
+/// Encodes a picture as PNG, and writes the bytes to `out`.
 ///
 /// # Errors
 ///
-/// The errors of `out`, and an error for a picture of more than 2^32 - 1 pixels on a side.
+/// The errors of `out`; an error if the picture has more than 2^32 - 1 pixels on a side.
 pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
     let mut encoder = encoder(image, out)?;
     encoder.set_pixel_dims(image.dpi.map(|dpi| {
@@ -120,7 +120,7 @@ pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
     write_pixels(encoder, image.pixels.as_flattened())
 }
 
-/// Returns an encoder for a picture's size, with eight bits per value.
+/// Returns an encoder for pictures of this size, with eight bits per value.
 fn encoder<'a>(image: &Image, out: &'a mut dyn Write) -> io::Result<png::Encoder<'a, &'a mut dyn Write>> {
     let size = |n: usize| u32::try_from(n).map_err(io::Error::other);
     let mut encoder = png::Encoder::new(out, size(image.width)?, size(image.height)?);

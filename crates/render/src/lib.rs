@@ -42,19 +42,19 @@ pub use scale::{fit_into, is_probability, scale_label, significance, symmetric_r
 pub use svg::write_svg;
 use text::Label;
 
-/// The colours of a mesh.
+/// Colours of a mesh.
 #[derive(Clone, Copy, Debug)]
 pub enum Paint<'a> {
-    /// One colour (sRGB).
+    /// One colour (sRGB) for the whole mesh.
     Plain([u8; 3]),
-    /// A value per vertex, with a colour bar beneath: mapped through [`diverging`] if the range is symmetric about 0,
-    /// otherwise through [`viridis`].
+    /// One value per vertex, with a colour bar beneath the mesh. Values are mapped to colours by [`diverging`] if the
+    /// range is symmetric about 0, otherwise by [`viridis`].
     Scalar {
         /// One value per vertex.
         values: &'a [f64],
-        /// The values at the bar's ends.
+        /// Values at the ends of the colour bar.
         range: (f64, f64),
-        /// The bar's caption.
+        /// Label of the colour bar.
         label: &'a str,
     },
     /// One colour per vertex (sRGB), without a colour bar.
@@ -64,24 +64,24 @@ pub enum Paint<'a> {
 /// A mesh in a picture.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel<'a> {
-    /// The mesh.
+    /// Mesh of the panel.
     pub mesh: &'a Mesh,
     /// Text beneath the mesh; may be empty.
     pub caption: &'a str,
-    /// The colours of the mesh.
+    /// Colours of the mesh.
     pub paint: Paint<'a>,
-    /// The camera's position, in place of that of the [`Settings`].
+    /// Position of the camera for this panel; `None` for that of the [`Settings`].
     pub view: Option<View>,
-    /// A line on the mesh.
+    /// Contour of a map on the mesh, if any.
     pub contour: Option<Contour<'a>>,
 }
 
-/// The line on a mesh along which a map, linear on each triangle, has a given value.
+/// Line on a mesh along which a map, linear on each triangle, has a given value.
 #[derive(Clone, Copy, Debug)]
 pub struct Contour<'a> {
-    /// One value per vertex. The line has gaps in triangles with a value that isn't a number.
+    /// Values of the map, one per vertex. The line has gaps in triangles with a NaN value.
     pub values: &'a [f64],
-    /// The value along the line.
+    /// Value of the map along the line.
     pub level: f64,
 }
 
@@ -93,23 +93,23 @@ impl<'a> Panel<'a> {
     }
 }
 
-/// Layout and camera, common to all panels.
+/// Layout and camera of a picture, common to all panels.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Width of a panel in pixels.
     pub width: usize,
     /// Height of a panel in pixels, including caption and colour bar.
     pub height: usize,
-    /// Panels per row; 0 puts all in one row.
+    /// Number of panels per row; 0 for a single row.
     pub columns: usize,
-    /// The camera's position.
+    /// Position of the camera.
     pub view: View,
-    /// Whether all meshes are drawn at one scale around one centre, so that they can be compared; otherwise each fills
-    /// its panel.
+    /// Whether all meshes are drawn at one scale around one centre, so that they can be compared; otherwise each mesh
+    /// fills its panel.
     pub common_scale: bool,
-    /// Lowest and highest corner of the box that each panel shows, in place of the extent of the meshes.
+    /// Lowest and highest corner of the box that each panel shows; by default the bounding box of the meshes.
     pub frame: Option<[[f64; 3]; 2]>,
-    /// Whether the picture keeps its texts as text, for [`write_svg`], instead of drawing them. Default false.
+    /// Whether texts are stored for [`write_svg`] instead of drawn. Default false.
     pub keep_text: bool,
     /// Resolution in dots per inch, which gives the picture a size on paper. Default none.
     pub dpi: Option<u16>,
@@ -136,17 +136,17 @@ const BACKGROUND: [u8; 3] = [255; 3];
 const INK: [u8; 3] = [40; 3];
 
 impl Settings {
-    /// Returns the bytes that [`render`] and [`encode_png`] take for `panels` panels with meshes of at most `vertices`
-    /// vertices, including the picture.
+    /// Returns the number of bytes that [`render`] and [`encode_png`] use for `panels` panels with meshes of at most
+    /// `vertices` vertices, including the picture.
     ///
-    /// The sum has 3 bytes per pixel of the picture, twice because of the compressed copy, and 4 for that copy as text
-    /// in an SVG; 80 bytes per pixel of one panel, because panels are drawn one after another, in linear light, at
-    /// twice the resolution and with their depth; and 128 bytes per vertex of a panel's mesh.
+    /// The number is the sum of 3 bytes per pixel of the picture, 3 for its compressed copy, and 4 for this copy as
+    /// text in an SVG; 80 bytes per pixel of one panel, because panels are drawn one after another, in linear light,
+    /// at twice the resolution and with their depth; and 128 bytes per vertex of a panel's mesh.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;
         let columns = if self.columns == 0 { panels } else { self.columns.min(panels) };
-        // An incomplete last row takes as much memory as a complete row.
+        // An incomplete last row takes as much memory as a complete one.
         let places = columns as u64 * panels.div_ceil(columns.max(1)) as u64;
         let pixels = (self.width as u64).saturating_mul(self.height as u64);
         let stored = if self.keep_text { 10 } else { 6 };
@@ -154,12 +154,12 @@ impl Settings {
     }
 }
 
-/// Draws the panels row by row on white.
+/// Draws the panels row by row on a white background.
 ///
 /// # Errors
 ///
-/// [`RenderError`]: no panels, a picture below 16 or above 16,384 pixels on a side, a number of values that differs
-/// from the number of the mesh's vertices, or a range that isn't finite.
+/// [`RenderError`]: there are no panels, the picture has fewer than 16 or more than 16,384 pixels on a side, a number
+/// of values differs from the mesh's number of vertices, or a range isn't finite.
 pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, RenderError> {
     check(panels, settings)?;
     let columns = match settings.columns {
@@ -215,13 +215,13 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     Ok(picture)
 }
 
-/// Returns the colour of a value in a range: that of [`Paint::Scalar`].
+/// Returns the colour with which [`Paint::Scalar`] draws a value in a range.
 #[must_use]
 pub fn color_of(value: f64, range: (f64, f64)) -> [u8; 3] {
     colors_by(map_of(range), &[value], range.0, range.1)[0]
 }
 
-/// Returns a picture with a colour bar beneath it, for the colours of all panels.
+/// Returns a picture with a single colour bar for all panels beneath it.
 #[must_use]
 pub fn with_bar(picture: Image, range: (f64, f64), label: &str) -> Image {
     let line = line_of(&picture);
@@ -241,12 +241,12 @@ pub fn with_note(picture: Image, note: &str) -> Image {
     picture
 }
 
-/// Returns the height of a line beneath all panels of a picture.
+/// Returns the height of a line of text beneath all panels of a picture.
 fn line_of(picture: &Image) -> usize {
     (picture.width / 40).clamp(14, 40)
 }
 
-/// Returns a picture with `more` rows of background beneath it, and the number of the first of these rows.
+/// Returns a picture extended by `more` rows of background at the bottom, and the index of the first new row.
 fn extended(mut picture: Image, more: usize) -> (Image, usize) {
     let top = picture.height;
     picture.height += more;
@@ -270,7 +270,7 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
     if panels.is_empty() {
         return Err(RenderError::NoPanels);
     }
-    // Width and height are checked before their products with numbers of panels can overflow.
+    // Width and height are limited first, so that their products with the numbers of panels can't overflow.
     if settings.width > LARGEST || settings.height > LARGEST {
         return Err(RenderError::Size { width: settings.width, height: settings.height });
     }
@@ -294,7 +294,7 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
     Ok(())
 }
 
-/// Draws a colour bar over half the panel's width, with the values at its ends beside it and its label beneath.
+/// Draws a colour bar over half of the given width, with the values at its ends beside it and its label beneath it.
 fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range: (f64, f64), label: &str) {
     let (left, length) = (x + width / 4, width / 2);
     let thickness = line / 2;
@@ -311,7 +311,7 @@ fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range
     Label::new(label, size).centred(picture, x + width / 2, y + line, INK);
 }
 
-/// Formats a number with three digits.
+/// Formats a number with up to three significant digits.
 fn short(x: f64) -> String {
     if x == 0.0 {
         "0".to_owned()

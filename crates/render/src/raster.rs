@@ -1,4 +1,4 @@
-//! Rasterises triangles into a z-buffer at twice the picture's resolution, and averages it down.
+//! Rasterises triangles into a z-buffer at twice the picture's resolution, and averages the samples of each pixel.
 
 use std::ops::Range;
 
@@ -9,20 +9,20 @@ use crate::camera::Camera;
 use crate::image::Image;
 use crate::{Contour, INK};
 
-/// Samples per pixel along each axis.
+/// Number of samples per pixel along each axis.
 const FINE: usize = 2;
-/// Bytes of the depth and colour of a pixel's samples.
+/// Number of bytes per pixel for the depths and colours of its samples.
 pub(crate) const BYTES_PER_PIXEL: u64 = (FINE * FINE * 20) as u64;
-/// Lights in the picture's axes (right, up, towards the camera) and their strengths: a key light from the upper left,
-/// and a weak light from the right that keeps the shadow side legible.
+/// Directions of the lights in the picture's axes (right, up, towards the camera), and their strengths: a key light
+/// from the upper left, and a weak light from the right that keeps the shadow side legible.
 const LIGHTS: [(Vec3, f64); 2] = [([-0.5, 0.7, 0.8], 0.78), ([0.9, -0.1, 0.4], 0.22)];
 const AMBIENT: f64 = 0.14;
-/// Half the width of contours, as a share of the picture's width.
+/// Half the width of contours, as a fraction of the panel's width.
 const LINE: f64 = 1.0 / 500.0;
-/// Least half width of contours in samples: lines are at least a pixel wide.
+/// Minimum half width of contours in samples, so that lines are at least a pixel wide.
 const THINNEST: f64 = 0.5 * FINE as f64;
 
-/// A frame being drawn.
+/// A panel being drawn, with the depth and colour of each sample.
 pub(crate) struct Raster {
     width: usize,
     height: usize,
@@ -31,14 +31,14 @@ pub(crate) struct Raster {
     color: Vec<[f32; 3]>,
 }
 
-/// A projected vertex.
+/// A vertex projected to the picture, with its normal and colour.
 #[derive(Clone, Copy)]
 struct Corner {
     at: Vec3,
     normal: Vec3,
     /// Colour in linear light.
     color: Vec3,
-    /// Difference of the contour's map from its level; NaN without a contour.
+    /// Difference between the contour's map and its level; NaN without a contour.
     off: f64,
 }
 
@@ -48,8 +48,8 @@ impl Raster {
         Self { width, height, depth: vec![f64::NEG_INFINITY; samples], color: vec![[0.0; 3]; samples] }
     }
 
-    /// Draws a mesh with a colour (sRGB) at each vertex, and a contour on it. Triangles that face away are drawn too,
-    /// lit as if seen from their front, so that the inside of an open or inverted surface is visible.
+    /// Draws a mesh with a colour (sRGB) per vertex, and a contour, if any. Triangles that face away from the camera
+    /// are also drawn, lit as if seen from the front, so that the inside of an open or inverted surface is visible.
     pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], contour: Option<Contour<'_>>, camera: &Camera) {
         let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
         let normals = vertex_normals(mesh);
@@ -67,7 +67,7 @@ impl Raster {
             })
             .collect();
         for face in &mesh.faces {
-            // A mesh built by hand may refer to a missing vertex; its triangle is skipped.
+            // Triangles that refer to a missing vertex are skipped; meshes built by hand may have them.
             let [Some(a), Some(b), Some(c)] = face.map(|i| corners.get(i as usize)) else {
                 continue;
             };
@@ -117,7 +117,8 @@ impl Raster {
         }
     }
 
-    /// Averages the samples over the background and draws the frame with its upper left corner at (x, y).
+    /// Averages the samples of each pixel over the background, and draws the result with its upper left corner at (x,
+    /// y).
     pub(crate) fn paint_on(&self, picture: &mut Image, x: usize, y: usize) {
         let columns = self.width * FINE;
         for row in 0..self.height {
@@ -138,25 +139,26 @@ impl Raster {
     }
 }
 
-/// The part of a contour in a triangle.
+/// Part of a contour within a triangle.
 #[derive(Clone, Copy)]
 struct Line {
-    /// Difference of the map from its level at each corner.
+    /// Difference between the map and the contour's level at each corner.
     off: [f64; 3],
-    /// Difference at the line's edges.
+    /// Absolute difference between map and level at the edges of the line.
     most: f64,
 }
 
 impl Line {
-    /// Returns the line of a contour through a triangle, `half` samples wide on either side; `None` if there is none.
+    /// Returns the part of a contour in a triangle, with a half width of `half` samples; `None` if the contour
+    /// doesn't touch the triangle.
     fn through(corners: [&Corner; 3], half: f64) -> Option<Self> {
         let off = corners.map(|corner| corner.off);
         let [a, b, c] = corners.map(|corner| corner.at);
-        // The gradient of a linear function on a triangle, from its differences along two edges.
+        // Gradient of the linear function on the triangle, computed from its differences along two edges.
         let (along, across) = (off[1] - off[0], off[2] - off[0]);
         let gradient = [along * (c[1] - a[1]) - across * (b[1] - a[1]), across * (b[0] - a[0]) - along * (c[0] - a[0])];
         let most = half * gradient[0].hypot(gradient[1]) / cross(a, b, c).abs();
-        // A line may be nearer than its width to a triangle that it doesn't cross.
+        // The line covers part of a triangle that it doesn't cross if it is nearer than its half width.
         let near = off.iter().any(|x| *x <= most) && off.iter().any(|x| *x >= -most);
         (most.is_finite() && most > 0.0 && near).then_some(Self { off, most })
     }
@@ -167,10 +169,10 @@ impl Line {
     }
 }
 
-/// Returns the columns in which a triangle may have samples in the row at y. A narrow triangle covers only few columns
-/// of its bounding box.
+/// Returns the columns in which a triangle may have samples in the row at height y. A narrow triangle covers only a
+/// few columns of its bounding box.
 fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize> {
-    /// Bound of the rounding error, in samples.
+    /// Upper bound of the rounding error, in samples.
     const SLACK: f64 = 1e-3;
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for k in 0..3 {
@@ -179,7 +181,7 @@ fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize>
             continue;
         }
         let rise = q[1] - p[1];
-        // A horizontal edge spans the row from end to end.
+        // A nearly horizontal edge may cover its whole length within the row.
         let ends = if rise.abs() < 1.0 { [0.0, 1.0] } else { [((y - p[1]) / rise).clamp(0.0, 1.0); 2] };
         for x in ends.map(|t| p[0] + t * (q[0] - p[0])) {
             (low, high) = (low.min(x), high.max(x));
@@ -189,14 +191,14 @@ fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize>
     start..across.end.min((high + 1.0).ceil().max(0.0) as usize).max(start)
 }
 
-/// Returns the brightness by Lambert's cosine law plus ambient light.
+/// Returns the brightness of a point by Lambert's cosine law plus ambient light.
 fn shade(normal: Vec3, lights: &[(Vec3, f64)], towards: Vec3) -> f64 {
     let normal = if dot(normal, towards) < 0.0 { scale(normal, -1.0) } else { normal };
     let lit: f64 = lights.iter().map(|(direction, strength)| strength * dot(normal, *direction).max(0.0)).sum();
     AMBIENT + lit
 }
 
-/// Returns area-weighted means of the triangles' normals, which aren't of unit length.
+/// Returns the unit normals at the vertices, which are area-weighted means of the normals of adjacent triangles.
 fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
     let mut normals = vec![[0.0; 3]; mesh.vertices.len()];
     for face in &mesh.faces {

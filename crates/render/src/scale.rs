@@ -1,9 +1,9 @@
-//! Scales panels to each other, and values to a range of colours.
+//! Scales meshes to the size of others, and values to a range of colours.
 
 use spharm_surface::Mesh;
 
-/// Values beyond twice this percentile's get the last colour: otherwise a few large values would use up the range of
-/// colours.
+/// Percentile of the absolute values, of which twice the value limits the range of colours: otherwise a few large
+/// values would take up most of the range.
 const PERCENTILE: usize = 99;
 
 /// Returns a mesh that is scaled and moved so that its bounding box has the same largest extent and the same centre as
@@ -22,8 +22,8 @@ pub fn fit_into(mesh: &Mesh, other: &Mesh) -> Mesh {
     mesh.with_vertices(mesh.vertices.iter().map(place).collect())
 }
 
-/// Returns a range around 0 that contains all values, or twice the range of the 99 % of the values that are smallest in
-/// magnitude if the largest value is beyond.
+/// Returns a range symmetric about 0 that contains all values, but extends at most to twice the 99th percentile of
+/// the absolute values.
 #[must_use]
 pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
@@ -35,14 +35,14 @@ pub fn symmetric_range(values: &[f64]) -> (f64, f64) {
     (-most, most)
 }
 
-/// Returns whether a map of this name holds p values or false-discovery rates: `p`, `q`, `p-fwe`.
+/// Returns whether a map of this name holds p values or false-discovery rates, such as `p`, `q` or `p-fwe`.
 #[must_use]
 pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and their range, from 0 to the largest value or to 1 if that is larger: significant
-/// values thus have the colours at the end of the scale.
+/// Returns -log10 of p values, and their range, from 0 to the largest value but at least to 1. Significant values
+/// have the colours at the end of the scale.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();
@@ -50,8 +50,8 @@ pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     (values, (0.0, most))
 }
 
-/// Returns the label of a map's scale: its name, `-log10` for p values, and a note that the ends are clipped if values
-/// lie beyond.
+/// Returns the label of a map's scale: the name of the map, preceded by `-log10` for p values, or followed by the
+/// number of values that lie beyond the range.
 #[must_use]
 pub fn scale_label(name: &str, values: &[f64], (low, high): (f64, f64)) -> String {
     if is_probability(name) {

@@ -1,4 +1,4 @@
-//! Writes pictures as SVG: the meshes as an embedded PNG, the text as text that other programs can edit.
+//! Writes pictures as SVG, with the meshes as an embedded PNG, and texts as text elements that other programs can edit.
 
 use std::path::Path;
 
@@ -10,12 +10,12 @@ use spharm_surface::io::{Output, WriteOptions, check_output, write_new};
 use crate::RenderError;
 use crate::image::{Image, Text, encode_png};
 
-/// Millimetres per inch.
+/// Number of millimetres per inch.
 const INCH: f64 = 25.4;
 
-/// Writes a picture as SVG, atomically, with the texts that were kept as text
-/// ([`Settings::keep_text`](crate::Settings::keep_text)). The name must end in `.svg`. With a resolution in dots per
-/// inch, the picture has its size in mm.
+/// Writes a picture as an SVG file, atomically. Texts are text elements if the picture was drawn with
+/// [`Settings::keep_text`](crate::Settings::keep_text). If the picture has a resolution in dots per inch, its size is
+/// given in mm. The name must end in `.svg`.
 ///
 /// # Errors
 ///

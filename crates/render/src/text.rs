@@ -4,7 +4,7 @@ use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
 use crate::image::{Image, Text};
 
-/// A line of text of a given size.
+/// A line of text with a font and a size.
 pub(crate) struct Label<'a> {
     text: &'a str,
     scale: PxScale,
@@ -17,8 +17,8 @@ impl<'a> Label<'a> {
         Self {
             text,
             scale: PxScale::from(size as f32),
-            // Ubuntu Light comes with a crate, so that no font has to be installed. The font is valid; if parsing ever
-            // failed, pictures would be drawn without text.
+            // The font Ubuntu Light is part of a crate, so that no font has to be installed. If it couldn't be
+            // parsed, pictures would have no text.
             font: FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok(),
         }
     }
@@ -29,27 +29,27 @@ impl<'a> Label<'a> {
         self.text.chars().map(|c| font.h_advance(font.glyph_id(c))).sum()
     }
 
-    /// Draws the label centred on x, its top at y.
+    /// Draws the label centred on x, with its top at y.
     pub(crate) fn centred(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.put(picture, "middle", [x, y], color);
     }
 
-    /// Draws the label with its left end at x, its top at y.
+    /// Draws the label with its left end at x and its top at y.
     pub(crate) fn starting(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.put(picture, "start", [x, y], color);
     }
 
-    /// Draws the label with its right end at x, its top at y.
+    /// Draws the label with its right end at x and its top at y.
     pub(crate) fn ending(&self, picture: &mut Image, x: usize, y: usize, color: [u8; 3]) {
         self.put(picture, "end", [x, y], color);
     }
 
-    /// Draws the label, or keeps it as text if the picture does so.
+    /// Draws the label, or stores it as text if the picture keeps texts.
     fn put(&self, picture: &mut Image, anchor: &'static str, at: [usize; 2], color: [u8; 3]) {
         let ([x, y], Some(font)) = (at.map(|x| x as f32), &self.font) else { return };
         if let Some(texts) = picture.texts.as_mut() {
             if !self.text.is_empty() {
-                // The scale is the height of a line; a font's size is that of its em.
+                // The label's scale is the height of a line, whereas SVG's font size is the size of an em.
                 let em = font.units_per_em().unwrap_or(1000.0) / font.height_unscaled();
                 let (at, size) = ([x, y + font.as_scaled(self.scale).ascent()], self.scale.y * em);
                 texts.push(Text { text: self.text.to_owned(), at, anchor, size, color });

@@ -1,4 +1,4 @@
-//! Tests of the pictures' contents.
+//! Tests the contents of pictures.
 
 use spharm_render::{
     Contour, Image, Paint, Panel, RenderError, Settings, View, render, with_note, write_png, write_svg, write_thumbnail,
@@ -58,7 +58,7 @@ fn a_thumbnail_has_few_colours_near_those_of_the_picture() {
     let far = |(a, b): (&[u8; 3], &[u8; 3])| a.iter().zip(b).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     let mean = pixels.iter().zip(&image.pixels).map(|pair| f64::from(far(pair))).sum::<f64>() / pixels.len() as f64;
     assert!(mean < 4.0, "{mean}");
-    // A frame twice as large as the ball shows the ball at half the size.
+    // In a frame twice as large as the ball, the ball has half the size.
     let frame = Some([[-2.0; 3], [2.0; 3]]);
     let half = render(&[Panel::new(&ball, "")], &Settings { frame, ..small() }).unwrap();
     assert!((covered(&half) / covered(&image) - 0.25).abs() < 0.02, "{}", covered(&half));
@@ -66,7 +66,7 @@ fn a_thumbnail_has_few_colours_near_those_of_the_picture() {
 
 #[test]
 fn what_is_nearer_hides_what_is_farther_in_any_order() {
-    // Two squares across the line of sight (y); the nearer square is smaller.
+    // The mesh has two squares perpendicular to the line of sight (y), of which the nearer one is smaller.
     let square = |y: f64, half: f64| [[-half, y, -half], [half, y, -half], [half, y, half], [-half, y, half]];
     let vertices = [square(0.0, 2.0), square(1.0, 1.0)].concat();
     let (far, near) = ([[0, 1, 2], [0, 2, 3]], [[4, 5, 6], [4, 6, 7]]);
@@ -112,7 +112,8 @@ fn pictures_are_stored_as_png() {
     assert_eq!(pixels, image.pixels.as_flattened());
 }
 
-/// The line z = 0.5 on the unit ball, seen from the side, is a horizontal line half way between centre and top.
+/// Seen from the side, the contour z = 0.5 on the unit ball is a horizontal line half way between the centre and the
+/// top.
 #[test]
 fn contours_are_where_the_map_has_the_level() {
     let ball = icosphere(5);
@@ -124,7 +125,7 @@ fn contours_are_where_the_map_has_the_level() {
     };
     let plain =
         render(&[Panel::new(&ball, "")], &Settings { frame: Some([[-1.25; 3], [1.25; 3]]), ..small() }).unwrap();
-    // Returns the rows in which a column is darker than without the contour.
+    // Returns the rows in which a column of pixels is darker than without the contour.
     let dark = |image: &Image, x: usize| {
         let sum = |image: &Image, y: usize| at(image, x, y).iter().map(|&c| u32::from(c)).sum::<u32>();
         (0..100).filter(|&y| sum(image, y) + 60 < sum(&plain, y)).collect::<Vec<_>>()
@@ -162,7 +163,7 @@ fn text_stays_text_in_svg_and_resolutions_are_stored() {
         assert!(line.is_some_and(|line| line.contains(&format!("text-anchor=\"{anchor}\""))), "{text}: {svg}");
     }
     assert!(svg.contains(">a note</text>"));
-    // Nothing is drawn where the text is.
+    // The picture is blank at the position of the caption, which is stored as text.
     let caption = (0..100).flat_map(|x| (84..100).map(move |y| (x, y)));
     assert!(caption.clone().all(|(x, y)| at(&image, x, y) == [255; 3]));
 
@@ -182,13 +183,14 @@ fn senseless_requests_are_told() {
     let paint = Paint::Scalar { values: &[1.0], range: (0.0, 1.0), label: "" };
     let error = render(&[Panel { paint, ..Panel::new(&ball, "") }], &small()).unwrap_err();
     assert!(matches!(error, RenderError::ValueCount { expected: 12, found: 1 }), "{error}");
-    // Triangles with vertices that aren't finite aren't drawn.
+    // Triangles with a vertex that isn't finite aren't drawn.
     let mut broken = ball.clone();
     broken.vertices[3] = [f64::NAN; 3];
     render(&[Panel::new(&broken, "")], &small()).unwrap();
 }
 
-/// Values of both signs are blue and red with grey at 0, and each panel may have a view of its own.
+/// In a symmetric range, negative values are blue, positive values red and values near 0 grey. Each panel may have a
+/// different view.
 #[test]
 fn signed_values_are_blue_and_red_and_panels_have_their_own_views() {
     let ball = icosphere(3);
@@ -201,13 +203,13 @@ fn signed_values_are_blue_and_red_and_panels_have_their_own_views() {
         let image = render(&[panel(range, view)], &small()).expect("a picture");
         at(&image, image.width / 2, image.height / 3)
     };
-    // The ball is seen from the side where x is least or greatest.
+    // The ball is seen from the side with the smallest x, and from the side with the largest x.
     let ([red, _, blue], [more_red, _, less_blue]) =
         (centre((-1.0, 1.0), View::LEFT), centre((-1.0, 1.0), View::RIGHT));
     assert!(blue > red && more_red > less_blue, "{blue} {red}, {more_red} {less_blue}");
     let [red, green, blue] = centre((-1.0, 1.0), View::FRONT);
     assert!(red.abs_diff(blue) < 30 && red.abs_diff(green) < 30, "{red} {green} {blue}");
-    // A range of one sign keeps the colours from dark blue to yellow.
+    // A range that isn't symmetric about 0 has colours from dark blue to yellow.
     let [red, green, blue] = centre((-1.0, 0.5), View::RIGHT);
     assert!(red > blue && green > blue, "{red} {green} {blue}");
 }

@@ -13,12 +13,12 @@ use crate::ReportError;
 const SCRIPT: &[u8] = include_bytes!("../assets/page.js.gz");
 /// `crates/viewer` as WebAssembly, gzipped.
 pub(crate) const WASM: &[u8] = include_bytes!("../assets/viewer.wasm.gz");
-/// The style sheets.
+/// The page's style sheets, concatenated.
 pub(crate) const STYLE: &str = concat!(include_str!("page.css"), include_str!("chart.css"), include_str!("check.css"));
 /// The HTML elements of the view, which the script fills in.
 pub(crate) const VIEW: &str = include_str!("view.html");
 
-/// Returns the text of the script.
+/// Returns the text of the page's script.
 pub(crate) fn script() -> Result<String, ReportError> {
     let mut text = String::new();
     GzDecoder::new(SCRIPT).read_to_string(&mut text).map_err(ReportError::Assets)?;
@@ -35,7 +35,7 @@ mod tests {
 
     use super::*;
 
-    /// Returns the files under a folder, sorted, without `node_modules`.
+    /// Returns the files in a folder and its subfolders, sorted, except for `node_modules`.
     fn files(folder: &Path) -> Vec<PathBuf> {
         let mut entries: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
         entries.sort();
@@ -44,7 +44,8 @@ mod tests {
         all.flatten().collect()
     }
 
-    /// The comparison is skipped in a published package, which doesn't contain the sources of the script.
+    /// The assets are compared with the current sources. In a published package, which doesn't contain the sources of
+    /// the script, the comparison is skipped.
     #[test]
     fn the_assets_are_built_from_these_sources() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");

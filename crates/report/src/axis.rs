@@ -2,15 +2,15 @@
 
 use crate::text::number;
 
-/// Range in decades below the largest value; smaller values are rounding errors and aren't shown.
+/// Number of decades shown below the largest value; smaller values are rounding errors.
 const DECADES: f64 = 18.0;
 
-/// The scale of an axis.
+/// Scale of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Scale {
-    /// Logarithmic, for values above 0.
+    /// Logarithmic scale, for values above 0.
     Logarithmic,
-    /// Linear from 0, for non-negative values.
+    /// Linear scale from 0, for non-negative values.
     Linear,
 }
 
@@ -28,9 +28,9 @@ impl Scale {
 /// An axis that covers a set of values.
 pub(crate) struct Axis {
     scale: Scale,
-    /// The smallest value shown.
+    /// Smallest value shown.
     floor: f64,
-    /// The lower end of the axis, in the units of the scale; `upper` is the upper end.
+    /// Lower end of the axis, in the units of the scale; `upper` is the upper end.
     bottom: f64,
     upper: f64,
 }
@@ -53,8 +53,8 @@ impl Axis {
         Some(Self { scale, floor, bottom, upper })
     }
 
-    /// Returns the position of a value between the ends, 0 to 1; `None` if it isn't shown. Values above the upper end
-    /// are clamped.
+    /// Returns the position of a value on the axis, from 0 at the lower end to 1 at the upper end; `None` for values
+    /// that aren't shown. Values above the upper end are clamped.
     pub(crate) fn share(&self, y: f64) -> Option<f64> {
         let shown = self.scale.has(y) && y >= self.floor;
         shown.then(|| ((self.scale.of(y) - self.bottom) / (self.upper - self.bottom)).min(1.0))

@@ -1,7 +1,7 @@
-//! Encodes arrays in a page: they are split into byte planes, gzipped, and written in base64.
+//! Encodes the arrays of a page, which are split into byte planes, gzipped and written in base64.
 //!
 //! The first bytes of all numbers come first, then the second bytes of all numbers, and so on. Bytes at the same
-//! position, such as exponents, are similar in all numbers, so that this order halves the compressed size.
+//! position, such as exponents, are similar in all numbers, so this order halves the compressed size.
 
 use std::io::Write;
 
@@ -14,7 +14,7 @@ use serde::Serialize;
 /// Reference to an array in a page: its block and the type of its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub(crate) struct Block {
-    /// Number N of the element `data-N`.
+    /// Number N in the id `data-N` of the block's HTML element.
     id: usize,
     /// Type of the numbers: `f32`, `i32` or `i16`.
     kind: &'static str,
@@ -22,7 +22,7 @@ pub(crate) struct Block {
     length: usize,
 }
 
-/// The arrays of a page. Equal arrays are stored once.
+/// Encoded arrays of a page. Equal arrays are stored only once.
 #[derive(Debug, Default)]
 pub(crate) struct Blocks {
     packed: Vec<(blake3::Hash, String)>,
@@ -39,8 +39,8 @@ impl Blocks {
         self.add("i16", 2, &bytes)
     }
 
-    /// Adds triangles, each as the differences of its vertices from the preceding triangle's. The differences compress
-    /// well, because triangles that follow each other in a file are mostly neighbours on the surface.
+    /// Adds triangles, each as the differences between its vertices and those of the preceding triangle. Differences
+    /// compress well, because consecutive triangles in a file are mostly neighbours on the surface.
     pub(crate) fn faces(&mut self, faces: &[[u32; 3]]) -> Block {
         let mut before = [0u32; 3];
         let mut bytes = Vec::with_capacity(12 * faces.len());
@@ -74,10 +74,10 @@ impl Blocks {
     }
 }
 
-/// Compresses bytes by gzip, without a time in the header.
+/// Compresses bytes by gzip, without a timestamp in the header.
 fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
-    // Writing to a vector can't fail.
+    // Writing to a vector never fails.
     let _ = encoder.write_all(bytes);
     encoder.finish().unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Draws line charts as SVG without scripts or styles of their own: the page's style sheet defines the lines' colours,
+//! Draws line charts as SVG without scripts or embedded styles. The page's style sheet defines the colours of lines,
 //! for light and dark mode.
 
 use std::fmt::Write;
@@ -8,33 +8,33 @@ use crate::text::{escape, number};
 
 const WIDTH: f64 = 460.0;
 const HEIGHT: f64 = 250.0;
-/// Margins: left, right, top, bottom.
+/// Margins of a chart around its axes: left, right, top, bottom.
 const MARGINS: [f64; 4] = [52.0, 12.0, 12.0, 38.0];
 
-/// A line: its class in the style sheet, its name, its points.
+/// A line of a chart.
 #[derive(Default)]
 pub(crate) struct Line {
     pub(crate) class: &'static str,
     pub(crate) name: String,
-    /// Points (x, y); points whose y can't be shown on the axis are skipped.
+    /// Points (x, y) of the line; points with a y that can't be shown on the axis are skipped.
     pub(crate) points: Vec<[f64; 2]>,
-    /// The line's band: x, and the lowest and the highest y at x. May be empty.
+    /// Band of the line, as triples of x and the lowest and highest y at x; may be empty.
     pub(crate) band: Vec<[f64; 3]>,
 }
 
-/// A chart.
+/// A line chart with axes.
 pub(crate) struct Chart<'a> {
     pub(crate) title: &'a str,
     pub(crate) x: &'a str,
     pub(crate) y: &'a str,
     pub(crate) lines: Vec<Line>,
     pub(crate) scale: Scale,
-    /// Whether points are marked, which suits a small number of points.
+    /// Whether points are marked, which is suitable for few points.
     pub(crate) marks: bool,
 }
 
 impl Chart<'_> {
-    /// Returns the figure; `None` if no line has a point.
+    /// Returns the chart as an HTML figure; `None` if no value is above 0.
     pub(crate) fn html(&self) -> Option<String> {
         let axis = Axis::new(self.scale, || self.points().map(|p| p[1]))?;
         let (left, right) = self.points().fold((f64::MAX, f64::MIN), |(a, b), p| (a.min(p[0]), b.max(p[0])));
@@ -47,7 +47,7 @@ impl Chart<'_> {
             "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"{}\">",
             escape(&format!("{}: {} by {}", self.title, self.y, self.x))
         );
-        // Writing to a string can't fail.
+        // Writing to a string never fails.
         let mut put = |text: std::fmt::Arguments<'_>| {
             let _ = svg.write_fmt(text);
         };
@@ -78,7 +78,7 @@ impl Chart<'_> {
                 axis.share(of[k]).map(|share| format!("{:.1},{:.1}", at_x(of[0]), on_height(share)))
             };
             let (low, high) = (line.band.iter().map(|of| edge(1, of)), line.band.iter().rev().map(|of| edge(2, of)));
-            // The band is drawn only if all of its corners can be shown.
+            // A band is drawn only if all its corners can be shown.
             if let Some(corners) = low.chain(high).collect::<Option<Vec<_>>>().filter(|corners| !corners.is_empty()) {
                 put(format_args!("<polygon class=\"{}\" points=\"{}\"/>", line.class, corners.join(" ")));
             }
@@ -120,7 +120,7 @@ impl Chart<'_> {
     }
 }
 
-/// Returns round numbers between two values, at most six.
+/// Returns at most six round numbers between two values, for ticks.
 fn ticks(low: f64, high: f64) -> Vec<f64> {
     let span = high - low;
     if span <= 0.0 {
@@ -128,7 +128,7 @@ fn ticks(low: f64, high: f64) -> Vec<f64> {
     }
     let power = 10f64.powf((span / 5.0).log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|factor| factor * power);
-    // Degrees and passes are integers.
+    // The step is at least 1, because degrees and passes are integers.
     let step = steps.into_iter().find(|step| span / step <= 5.0).unwrap_or(span).max(1.0);
     let first = (low / step).ceil() as i64;
     (first..=(high / step).floor() as i64).map(|k| k as f64 * step).collect()

@@ -1,5 +1,5 @@
-//! The section on the quality of a group's subjects: a table with the flagged values marked, and a picture of each
-//! subject.
+//! Creates the section on quality control of a group: a table of the subjects in which flagged values are marked, and
+//! a picture of each subject.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -11,49 +11,49 @@ use crate::text::{escape, name, number};
 /// Quality control of a group, from `spharm shape check`.
 #[derive(Debug, Clone, Default)]
 pub struct Check {
-    /// The columns' names.
+    /// Names of the columns.
     pub columns: Vec<String>,
-    /// The subjects, the worst first.
+    /// Subjects, the worst first.
     pub subjects: Vec<CheckedSubject>,
-    /// Distance between surface and model at which the pictures are red, in the surfaces' unit.
+    /// Distance between surface and model that is drawn in red in the pictures, in the surfaces' unit.
     pub red_at: Option<f64>,
 }
 
 /// A subject of a group.
 #[derive(Debug, Clone, Default)]
 pub struct CheckedSubject {
-    /// The subject's id.
+    /// Id of the subject.
     pub id: String,
-    /// `ok`, `flagged`, `accepted`, `failed` or `excluded`.
+    /// State of the subject: `ok`, `flagged`, `accepted`, `failed` or `excluded`.
     pub state: String,
-    /// Why it is flagged, or why it has no model.
+    /// Reasons why the subject is flagged or has no model.
     pub flags: Vec<String>,
-    /// A cell for each column.
+    /// Values of the subject, one per column.
     pub cells: Vec<CheckedCell>,
-    /// PNG of the surface.
+    /// Picture of the surface as PNG, if any.
     pub picture: Option<Vec<u8>>,
-    /// Scale of the picture relative to the others', if it is smaller.
+    /// Scale of the picture relative to the other pictures, if it is smaller.
     pub scale: Option<f64>,
 }
 
-/// A value of a subject.
+/// Value of a subject in a column.
 #[derive(Debug, Clone, Default)]
 pub struct CheckedCell {
-    /// The value; empty if unknown.
+    /// Text of the value; empty if unknown.
     pub text: String,
-    /// Robust z of the value, if it is compared with the others.
+    /// Robust z of the value, if it is compared with the other subjects.
     pub z: Option<f64>,
-    /// Whether the value is far from the others', and marked.
+    /// Whether the value is marked because it is far from those of other subjects.
     pub far: bool,
 }
 
-/// Robust z above which a value is marked more strongly.
+/// Absolute robust z above which a value is marked more strongly.
 const VERY_FAR: f64 = 3.0 * FAR;
 
-/// Scale of a picture below which the caption says so.
+/// Scale of a picture below which the caption states the scale.
 const SMALLER: f64 = 0.95;
 
-/// Returns the section as HTML.
+/// Returns the section on quality control as HTML.
 pub(crate) fn section(check: &Check) -> Result<String, ReportError> {
     let expected = check.columns.len();
     if let Some((row, subject)) = check.subjects.iter().enumerate().find(|(_, of)| of.cells.len() != expected) {
@@ -117,7 +117,7 @@ fn row((index, subject): (usize, &CheckedSubject)) -> String {
     )
 }
 
-/// Returns the grid of pictures.
+/// Returns the grid of the subjects' pictures as HTML.
 fn pictures(check: &Check) -> String {
     let one = |(index, subject): (usize, &CheckedSubject)| {
         let png = STANDARD.encode(subject.picture.as_ref()?);

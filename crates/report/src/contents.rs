@@ -1,4 +1,4 @@
-//! The input of a page.
+//! Defines the contents of a page and its settings.
 
 use serde_json::Value;
 use spharm_model::Model;
@@ -12,55 +12,56 @@ use crate::table::Table;
 /// The contents of a page, in display order.
 #[derive(Debug, Clone, Default)]
 pub struct Contents {
-    /// The page's heading.
+    /// Heading of the page.
     pub title: String,
-    /// Warnings, shown first.
+    /// Warnings, shown at the top of the page.
     pub warnings: Vec<String>,
     /// Quality control of the subjects, shown after the warnings.
     pub check: Option<Check>,
     /// Models of surfaces.
     pub models: Vec<Shown>,
-    /// Modes of groups, with their names.
+    /// Modes of groups, with the names of the groups.
     pub modes: Vec<(String, ShapeModel)>,
-    /// Maps of tests.
+    /// Maps of statistical tests.
     pub tests: Vec<Maps>,
     /// Quality of several alignments of one group, for comparison; the first is the main alignment.
     pub quality: Vec<Quality>,
-    /// Tables shown as they are, such as the status of a study's subjects.
+    /// Tables shown unchanged, such as the status of a study's subjects.
     pub tables: Vec<Table>,
     /// Paragraphs on methods, for a paper.
     pub methods: Vec<String>,
-    /// What is needed to make the contents again, such as commands: name and text.
+    /// Information needed to reproduce the contents, such as commands, as pairs of name and text.
     pub provenance: Vec<(String, String)>,
-    /// The version of the program, for the page's footer.
+    /// Version of the program, for the page's footer.
     pub version: String,
 }
 
-/// A model in a page.
+/// A model to show in a page.
 #[derive(Debug, Clone)]
 pub struct Shown {
     /// Name of the model.
     pub name: String,
     /// The model, which must be of a surface.
     pub model: Model,
-    /// A surface for comparison, and its name.
+    /// Name and mesh of a surface to compare the model with, if any.
     pub surface: Option<(String, Mesh)>,
-    /// The model's entry under `surfaces` in the report of `spharm fit`.
+    /// Entry of the model under `surfaces` in the report of `spharm fit`, if any.
     pub fit: Option<Value>,
 }
 
-/// Maps on a surface: an effect, a statistic, p values.
+/// Maps of a test on a surface, such as an effect, a statistic and p values.
 #[derive(Debug, Clone)]
 pub struct Maps {
     /// Name of the test.
     pub name: String,
     /// The tested effect, such as `a - b`; may be empty.
     pub meaning: String,
-    /// Further information, such as the subjects and the covariates: name and text.
+    /// Further information, such as subjects and covariates, as pairs of name and text.
     pub about: Vec<(String, String)>,
-    /// The surface.
+    /// Surface on which the maps are shown.
     pub mesh: Mesh,
-    /// Names and values, one per vertex; maps of p values are called `p`, `q` or begin with `p-`.
+    /// Name and values of each map, with one value per vertex. Names of maps of p values are `p`, `q` or begin with
+    /// `p-`.
     pub maps: Vec<(String, Vec<f64>)>,
 }
 
@@ -70,19 +71,19 @@ pub struct Maps {
 pub struct Quality {
     /// Name of the alignment.
     pub name: String,
-    /// Variance along all modes, in the square of the unit.
+    /// Variance along all modes, in the square of the surfaces' unit.
     pub variance: f64,
-    /// Share of the variance along the first modes.
+    /// Fraction of the variance along the first modes.
     pub compactness: Curve,
-    /// Distance of a member from the modes of the other members.
+    /// Mean distance of a member from the modes of the other members.
     pub generalisation: Curve,
-    /// Distance of a random shape from the nearest member.
+    /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
-    /// Generalisation by the distance between surfaces.
+    /// Generalisation by the distance between surfaces, if measured.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces.
+    /// Specificity by the distance between surfaces, if measured.
     pub surface_specificity: Option<Curve>,
-    /// Mean and median distance of corresponding landmarks.
+    /// Mean and median distance between corresponding landmarks, if measured.
     pub landmarks: Option<[f64; 2]>,
 }
 

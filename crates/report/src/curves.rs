@@ -8,7 +8,7 @@ use crate::chart::{Chart, Line};
 
 const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 
-/// Returns the chart of the power of each degree from 1 on, per channel and in total: `sum_m a_lm^2 / 4 pi`.
+/// Returns the chart of the power of each degree from 1 on, `sum_m a_lm^2 / 4 pi`, per channel and in total.
 pub(crate) fn spectrum(coefficients: &Coefficients) -> Option<String> {
     let names = [("x", "x"), ("y", "y"), ("z", "z"), ("all", "all")];
     let lines = names.iter().enumerate().map(|(channel, &(class, name))| {
@@ -27,7 +27,7 @@ pub(crate) fn spectrum(coefficients: &Coefficients) -> Option<String> {
     .html()
 }
 
-/// Returns the chart of the root mean square distance caused by truncation after each degree, by Parseval's identity.
+/// Returns the chart of the root mean square distance that truncation after each degree causes, by Parseval's identity.
 pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
     let degrees = coefficients.max_degree();
     let mut left_out = 0.0;
@@ -44,7 +44,7 @@ pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
     Chart { title: "Detail left out", x: "highest degree", y, lines, scale: Scale::Logarithmic, marks: false }.html()
 }
 
-/// Returns the power of a degree, for channel 0, 1 or 2, or in total for `channel` 3.
+/// Returns the power of a degree in channel 0, 1 or 2, or the total power if `channel` is 3.
 fn power(coefficients: &Coefficients, l: usize, channel: usize) -> f64 {
     let rows = l * l..(l + 1) * (l + 1);
     let values = coefficients.values();
@@ -55,8 +55,8 @@ fn power(coefficients: &Coefficients, l: usize, channel: usize) -> f64 {
     rows.map(square).sum::<f64>() / SPHERE
 }
 
-/// Returns the chart of the mean and largest squared distance after each pass, from a surface's entry in the report of
-/// `fit`; `None` if the fit wasn't made in passes.
+/// Returns the chart of the mean and the largest squared distance after each pass, from a surface's entry in the
+/// report of `fit`; `None` for fewer than two passes.
 pub(crate) fn convergence(entry: &Value) -> Option<String> {
     let passes = entry.get("passes")?.as_array()?;
     if passes.len() < 2 {

@@ -5,14 +5,14 @@ use spharm_render::RenderError;
 use spharm_shape::ShapeError;
 use spharm_surface::SurfaceError;
 
-/// Errors of this crate; `name` is the item's name in the page.
+/// Errors of this crate. `name` is the name of an item in the page.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
     /// The page has no contents.
     #[error("a page needs a model, modes, a test, a quality or a table; found none")]
     Empty,
-    /// A map whose number of values differs from the number of vertices.
+    /// A map whose number of values differs from its mesh's number of vertices.
     #[error("{name}: map {map} has {found} values, expected one for each of {expected} vertices")]
     ValueCount {
         /// Name of the test.
@@ -29,11 +29,11 @@ pub enum ReportError {
     Cells {
         /// Name of the table.
         name: String,
-        /// Number of the row, from 1, without the header.
+        /// Number of the row, from 1, not counting the header.
         row: usize,
-        /// Number of columns.
+        /// Number of columns of the table.
         expected: usize,
-        /// Number of cells.
+        /// Number of cells of the row.
         found: usize,
     },
     /// A mesh with too many vertices for a page.
@@ -46,12 +46,12 @@ pub enum ReportError {
         /// Maximum number of vertices.
         most: usize,
     },
-    /// A model that can't be evaluated, or isn't of a surface.
+    /// A model that can't be evaluated, or isn't a model of a surface.
     #[error("{name}: {source}")]
     Model {
         /// Name of the model.
         name: String,
-        /// The cause.
+        /// Underlying error.
         source: ModelError,
     },
     /// A surface from which distances can't be measured.
@@ -59,15 +59,15 @@ pub enum ReportError {
     Surface {
         /// Name of the model.
         name: String,
-        /// The cause.
+        /// Underlying error.
         source: SurfaceError,
     },
-    /// Modes that can't be turned into shapes.
+    /// Modes from which shapes can't be computed.
     #[error("{name}: {source}")]
     Shape {
         /// Name of the modes.
         name: String,
-        /// The cause.
+        /// Underlying error.
         source: ShapeError,
     },
     /// A picture that can't be drawn.
@@ -76,7 +76,7 @@ pub enum ReportError {
     /// A picture that can't be encoded.
     #[error("the picture can't be encoded: {0}")]
     Picture(std::io::Error),
-    /// An asset built into the library is damaged.
+    /// An asset embedded in the library is damaged.
     #[error("the page's script can't be unpacked: {0}; build the program again")]
     Assets(std::io::Error),
     /// Data that can't be represented in JSON.

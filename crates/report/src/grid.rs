@@ -7,17 +7,17 @@ use spharm_surface::generate::icosphere;
 
 use crate::blocks::{Block, Blocks};
 
-/// Maximum difference, in each coordinate, between a direction in an f32 file and the same direction in f64.
+/// Maximum difference in each coordinate between a direction read from an f32 file and the same direction in f64.
 const SAME_DIRECTION: f64 = 1.2e-7;
-/// Subdivisions of the coarsest icosphere in a page.
+/// Number of subdivisions of the coarsest icosphere for models in a page.
 const COARSEST: u32 = 4;
 
 /// Directions and triangles, in the form passed to the page.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Grid {
     vertices: usize,
-    /// Subdivisions of the icosphere with the same triangles, if any. Its directions are used unless `directions` is
-    /// given.
+    /// Number of subdivisions of the icosphere with the same triangles, if any. Its directions are used unless
+    /// `directions` is set.
     icosphere: Option<u32>,
     directions: Option<Block>,
     faces: Option<Block>,
@@ -50,13 +50,13 @@ fn count(level: u32) -> usize {
     10 * (1 << (2 * level)) + 2
 }
 
-/// Returns the icosphere for models of a degree: with at least four vertices per coefficient of one channel, but at
-/// most `max_vertices`.
+/// Returns the icosphere at which models of a degree are evaluated. It has at least four vertices per coefficient of
+/// a channel, unless `max_vertices` limits the number.
 pub(crate) fn icosphere_for(max_degree: usize, max_vertices: usize) -> Sphere {
     Sphere::icosphere(level_for(max_degree, max_vertices))
 }
 
-/// Returns the number of vertices of [`icosphere_for`].
+/// Returns the number of vertices of the icosphere that [`icosphere_for`] returns.
 pub(crate) fn vertices_for(max_degree: usize, max_vertices: usize) -> usize {
     count(level_for(max_degree, max_vertices))
 }
@@ -77,7 +77,7 @@ mod tests {
         let mut blocks = Blocks::default();
         let grid = Grid::of_sphere(&Sphere::icosphere(2), &mut blocks);
         assert_eq!((grid.icosphere, grid.directions, grid.faces), (Some(2), None, None));
-        // Directions rounded as in an f32 file of a sphere of radius 100.
+        // The directions are rounded as in an f32 file of a sphere of radius 100.
         let mesh = icosphere(2);
         let rounded = mesh.vertices.iter().map(|v| v.map(|x| f64::from((100.0 * x) as f32))).collect();
         let read = Sphere::from_mesh(&mesh.with_vertices(rounded)).unwrap();

@@ -1,30 +1,29 @@
-//! Writes models as a page for the browser: a single self-contained HTML file, which evaluates the models at any
-//! degree.
+//! Writes models as a page for the browser: a single self-contained HTML file that evaluates the models at any degree.
 //!
-//! [`page()`] creates it from [`Contents`]: models compared with the surfaces to which they were fitted, modes of a
-//! group, maps of a test, tables of status. The page contains coefficients, directions and triangles as arrays;
-//! WebAssembly from `crates/viewer` evaluates the models, and the script from `viewer/` draws them. Without scripts or
-//! WebGL, the page shows pictures instead of views.
+//! [`page()`] creates the page from [`Contents`]: models compared with the surfaces to which they were fitted, modes
+//! of a group, maps of a test, and tables. The page contains coefficients, directions and triangles as arrays;
+//! WebAssembly from `crates/viewer` evaluates the models, and the script from `viewer/` draws them. Without scripts
+//! or WebGL, the page shows pictures instead of views.
 //!
-//! A surface with the triangles of its model's sphere is stored as offsets from the model, in steps of 1/32,767 of the
-//! largest offset, so that distances in the page are accurate to 3e-5 of the largest distance. Coefficients and
-//! directions are f32.
+//! A surface with the same triangles as its model's sphere is stored as offsets from the model, in steps of 1/32,767
+//! of the largest offset. Distances in the page are therefore accurate to 3e-5 of the largest distance. Coefficients
+//! and directions are stored as f32.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`contents`] | the input of a page |
+//! | [`contents`] | contents and settings of a page |
 //! | [`page`](mod@page) | the page and its content security policy |
-//! | `model_item`, `modes_item`, `maps_item` | the script's data for a model, for modes, for a test |
+//! | `model_item`, `modes_item`, `maps_item` | data of a model, of modes, and of a test for the script |
 //! | `grid` | directions and triangles, or the equivalent icosphere |
-//! | `blocks` | arrays as text |
+//! | `blocks` | encoding of arrays as text |
 //! | `curves`, `chart`, `axis` | the charts of a model, as SVG |
 //! | `quality` | curves and a table that compare alignments |
 //! | [`check`] | quality control of the subjects |
 //! | [`table`], `provenance` | tables |
 //! | `still` | pictures that replace views |
-//! | `text` | escaping |
+//! | `text` | escaping of text |
 //! | `assets` | script, WebAssembly, style sheet |
 //!
 //! # Example

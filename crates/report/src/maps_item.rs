@@ -10,10 +10,10 @@ use crate::model_item::Drawn;
 use crate::still::still;
 use crate::text::number;
 
-/// Level of significance for counting vertices.
+/// Level of significance at which vertices are counted.
 const LEVEL: f64 = 0.05;
 
-/// Maps, in the form passed to the page's script.
+/// Maps of a test, in the form passed to the page's script.
 #[derive(Debug, Serialize)]
 pub(crate) struct MapsItem {
     kind: &'static str,
@@ -27,11 +27,11 @@ pub(crate) struct MapsItem {
 struct Map {
     name: String,
     values: Block,
-    /// Whether these are p values or false-discovery rates, which are shown as logarithms.
+    /// Whether the values are p values or false-discovery rates, which are shown as logarithms.
     probability: bool,
-    /// The values of the first and the last colour, before taking logarithms.
+    /// Values of the first and the last colour, before taking logarithms.
     range: [f64; 2],
-    /// Label of the scale.
+    /// Label of the colour scale.
     label: String,
 }
 
@@ -87,7 +87,7 @@ impl MapsItem {
     }
 }
 
-/// Returns a description of each map, for the table under the view.
+/// Returns rows that describe the test and each map, for the table under the view.
 pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
     let mut rows = vec![("Vertices".to_owned(), test.mesh.vertices.len().to_string())];
     if !test.meaning.is_empty() {
@@ -108,8 +108,8 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
     rows
 }
 
-/// Returns a range symmetric about 0 if values have both signs, otherwise the range from the smallest to the largest
-/// value.
+/// Returns a range symmetric about 0 if there are negative values, otherwise the range from the smallest to the
+/// largest value.
 fn range(values: &[f64]) -> (f64, f64) {
     let finite = || values.iter().copied().filter(|value| value.is_finite());
     let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));

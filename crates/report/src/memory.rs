@@ -1,23 +1,22 @@
-//! Estimates the memory that creating a page needs.
+//! Estimates the memory for creating a page.
 
 use spharm_model::Model;
 
 use crate::contents::{Contents, Params};
 use crate::grid::vertices_for;
 
-/// Bytes per vertex of a mesh in the page: positions and triangles as evaluated, in binary, and as text, which needs
-/// twice its size while it grows. Measured: 270 bytes per vertex for a model of 40,962 vertices, and as many for its
-/// surface.
+/// Number of bytes per vertex of a mesh in the page: evaluated positions and triangles, their binary form, and their
+/// text, which takes twice its size while it grows. Measured were 270 bytes per vertex for a model of 40,962
+/// vertices, and 270 for its surface.
 const BYTES_PER_VERTEX: u64 = 320;
-/// Bytes per vertex of the search tree for distances from a surface with other triangles, which exists for one model at
-/// a time.
+/// Number of bytes per vertex of the search tree for distances from a surface with other triangles. Only one tree
+/// exists at a time.
 const TREE: u64 = 520;
-/// Bytes that every page takes, including a picture while it is drawn.
+/// Number of bytes for any page, including a picture while it is drawn.
 const FIXED: u64 = 12 << 20;
 
 impl Contents {
-    /// Returns the approximate maximum number of bytes for creating the page, including the page, in addition to the
-    /// contents.
+    /// Returns the approximate maximum number of bytes for creating the page, including the page but not its contents.
     #[must_use]
     pub fn bytes(&self, params: Params) -> u64 {
         let most = params.max_vertices;
@@ -31,15 +30,15 @@ impl Contents {
             add(shown.surface.as_ref().map_or(0, |(_, mesh)| mesh.vertices.len()));
         }
         for (_, group) in &self.modes {
-            // The page has a model of the modes' degree, and the modes' coefficients as text.
+            // The page evaluates a model of the modes' degree, and contains the modes' coefficients as text.
             add(vertices_for(group.modes.mean.nrows().isqrt(), most));
             add(group.modes.modes.len() / 16);
         }
         self.tests.iter().for_each(|test| add(test.mesh.vertices.len() * (1 + test.maps.len() / 8)));
         let pictures =
             self.check.iter().flat_map(|check| &check.subjects).filter_map(|subject| subject.picture.as_ref());
-        // While the section is made, a picture is held up to three times as text of 4/3 of its size, in strings that
-        // may have twice the capacity.
+        // During the creation of its section, a picture exists up to three times as text of 4/3 of its size, in
+        // strings with up to twice the capacity.
         let pictures = 8 * pictures.map(|png| png.len() as u64).sum::<u64>();
         let meshes = BYTES_PER_VERTEX.saturating_mul(all).saturating_add(TREE.saturating_mul(largest));
         meshes.saturating_add(pictures).saturating_add(FIXED)

@@ -1,4 +1,5 @@
-//! Prepares a model for a page: coefficients, the grid for evaluation, and the surface for comparison.
+//! Prepares a model for a page: its coefficients, the directions at which it is evaluated, and the surface for
+//! comparison.
 
 use serde::Serialize;
 use spharm_model::Model;
@@ -24,20 +25,21 @@ pub(crate) struct ModelItem {
     reference: Reference,
 }
 
-/// The reference from which the page shows the model's distances.
+/// Reference from which the page shows distances of the model.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum Reference {
-    /// The model itself: distances are from the model at its highest degree.
+    /// The model itself at its highest degree.
     Model,
-    /// The surface, vertex by vertex: its offset from the model at its highest degree, in steps.
+    /// A surface with the same triangles, given by the offset of each vertex from the model at its highest degree, in
+    /// steps.
     Vertices { name: String, offsets: Block, step: f64 },
-    /// A surface with other triangles: the distance of each vertex of the model, at its highest degree, from the
+    /// A surface with other triangles, with the distance of each vertex of the model at its highest degree from the
     /// nearest point of the surface. The distance is NaN for vertices without a counterpart on the surface.
     Surface { name: String, mesh: Option<Drawn>, distances: Block },
 }
 
-/// A static mesh.
+/// A mesh with fixed positions, in the form passed to the page's script.
 #[derive(Debug, Serialize)]
 pub(crate) struct Drawn {
     grid: Grid,
@@ -53,17 +55,17 @@ impl Drawn {
     }
 }
 
-/// A model with its picture, and its distances if there is a surface.
+/// Item of a model with its picture, and its distances from the surface, if any.
 pub(crate) struct Made {
     pub(crate) item: ModelItem,
-    /// Picture as PNG.
+    /// Picture of the model as PNG.
     pub(crate) still: Vec<u8>,
-    /// Root mean square and largest distance from the surface.
+    /// Root mean square and largest distance from the surface, if any.
     pub(crate) errors: Option<[f64; 2]>,
 }
 
 impl ModelItem {
-    /// Creates the item, its picture and its distances.
+    /// Creates the item of a model, its picture and its distances.
     pub(crate) fn make(
         shown: &Shown,
         max_vertices: usize,
@@ -86,7 +88,7 @@ impl ModelItem {
                 reference = Reference::Vertices { name: surface_name, offsets: blocks.i16(offsets), step };
             } else {
                 found = distances_to_surface(surface, &mesh.vertices, monitor).map_err(of_surface)?;
-                // Vertices that fill cut handles have no counterpart on the surface.
+                // Vertices that close cut handles have no counterpart on the surface.
                 if let Some(seam) = &sphere.seam {
                     found.iter_mut().skip(seam.vertices + seam.copies.len()).for_each(|distance| *distance = f64::NAN);
                 }
@@ -121,8 +123,8 @@ impl ModelItem {
     }
 }
 
-/// Returns the model's own sphere if it has triangles and at most `max_vertices` vertices, otherwise an icosphere. A
-/// surface whose handles were cut always has its own sphere, and is shown with the cuts.
+/// Returns the sphere of the model if it has triangles and at most `max_vertices` vertices, otherwise an icosphere.
+/// The model of a surface whose handles were cut always has a sphere, and is shown with the cuts.
 fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     match &model.sphere {
         Some(own) if !own.faces.is_empty() && own.directions.len() <= max_vertices => own.clone(),
@@ -130,7 +132,8 @@ fn sphere_of(model: &Model, max_vertices: usize) -> Sphere {
     }
 }
 
-/// Returns the surface minus the model, in steps chosen such that the largest offset is the maximum of i16.
+/// Returns the offsets of the surface from the model in steps, and the step, chosen such that the largest offset is
+/// the maximum of i16.
 fn offsets(surface: &[[f64; 3]], model: &[[f64; 3]]) -> (Vec<i16>, f64) {
     let apart: Vec<f64> =
         surface.as_flattened().iter().zip(model.as_flattened()).map(|(surface, model)| surface - model).collect();

@@ -12,28 +12,28 @@ use crate::blocks::{Block, Blocks};
 use crate::grid::{Grid, icosphere_for};
 use crate::still::still;
 
-/// Maximum number of modes with a slider.
+/// Maximum number of modes in the page, each with a slider.
 const MOST: usize = 10;
 
-/// Modes, in the form passed to the page's script.
+/// Modes of a group, in the form passed to the page's script.
 #[derive(Debug, Serialize)]
 pub(crate) struct ModesItem {
     kind: &'static str,
     name: String,
     degree: usize,
     grid: Grid,
-    /// The mean, (K, 3).
+    /// Coefficients of the mean, (K, 3).
     coefficients: Block,
-    /// The modes, (m, K - 1, 3), each of norm sqrt(4 pi).
+    /// Coefficients of the modes without row 0, (m, K - 1, 3), each of norm sqrt(4 pi).
     modes: Block,
     /// Standard deviation along each mode.
     deviations: Vec<f64>,
-    /// Share of each mode in the total variance.
+    /// Fraction of the total variance along each mode.
     shares: Vec<f64>,
     members: Vec<Member>,
 }
 
-/// A member of the group: its position along the modes in standard deviations.
+/// A member of the group, with its position along the modes in standard deviations.
 #[derive(Debug, Serialize)]
 struct Member {
     name: String,

@@ -24,11 +24,11 @@ use crate::quality;
 use crate::table::{Table, pairs};
 use crate::text::{escape, json, name, number};
 
-/// Data read by the script.
+/// Data that the page's script reads.
 #[derive(Serialize)]
 struct Info<'a> {
     items: &'a [Item],
-    /// Colours at equal steps.
+    /// Colours of the map at equal steps.
     viridis: Vec<[u8; 3]>,
     diverging: [[u8; 3]; 9],
 }
@@ -41,19 +41,19 @@ enum Item {
     Maps(MapsItem),
 }
 
-/// Returns the page. Equal contents give identical bytes.
+/// Returns the page as HTML. Equal contents give identical bytes.
 ///
 /// # Errors
 ///
-/// [`ReportError`]: no contents; a model of a signal; maps that don't match their mesh; an interruption by the monitor,
-/// as an error of the surface.
+/// [`ReportError`] if there are no contents, a model isn't a model of a surface, maps don't match their mesh, or the
+/// monitor interrupts, which is reported as an error of the surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
     let Contents { title, warnings, check, models, modes, tests, quality: measured, tables, version, .. } = contents;
     if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] && check.is_none() {
         return Err(ReportError::Empty);
     }
     let (mut blocks, mut items, mut sections) = (Blocks::default(), Vec::new(), String::new());
-    // A single item with the page's title has no heading of its own.
+    // A single item with the same name as the page has no separate heading.
     let alone = models.len() + modes.len() + tests.len() == 1;
     let mut section = |name: &str, still: &[u8], details: &str| {
         let heading = if alone && name == title.as_str() { None } else { Some(name) };
@@ -81,7 +81,7 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
     }
     let mut rows = quality::section(measured)?;
     if models.len() > 1 {
-        // The script turns the names in this table into buttons.
+        // The page's script turns the names in this table into buttons.
         rows += &models_table(models, &errors).html()?.replace("class=\"sortable\"", "class=\"sortable models\"");
     }
     for table in tables {
@@ -150,7 +150,7 @@ fn hash(text: &str) -> String {
     format!("sha256-{}", STANDARD.encode(Sha256::digest(text.as_bytes())))
 }
 
-/// Returns the HTML of an item without its view, which the script creates; the picture is removed once the view exists.
+/// Returns the HTML of an item with a picture. The page's script creates the view, which replaces the picture.
 fn item(heading: Option<&str>, title: &str, still: &[u8], details: &str) -> String {
     let png = STANDARD.encode(still);
     let heading = heading.map_or_else(String::new, |heading| format!("<h2>{}</h2>", name(heading)));
@@ -161,7 +161,7 @@ fn item(heading: Option<&str>, title: &str, still: &[u8], details: &str) -> Stri
     )
 }
 
-/// Returns charts and provenance of a model.
+/// Returns the charts and the provenance of a model as HTML.
 fn details(shown: &Shown) -> String {
     let coefficients = &shown.model.coefficients;
     let charts = [spectrum(coefficients), detail(coefficients), shown.fit.as_ref().and_then(convergence)];
@@ -174,7 +174,7 @@ fn details(shown: &Shown) -> String {
     html
 }
 
-/// Returns the modes' shares of the variance, and information on the group.
+/// Returns a table of the group's size and variance, and of the fraction of the variance along each mode.
 fn spectrum_of_variance(shapes: &spharm_shape::pca::file::ShapeModel) -> String {
     let total = shapes.modes.total_variance;
     let (shares, cumulative) = (shapes.modes.shares(), shapes.modes.compactness());
@@ -194,7 +194,7 @@ fn spectrum_of_variance(shapes: &spharm_shape::pca::file::ShapeModel) -> String 
     pairs("Modes", &rows)
 }
 
-/// Returns the table of the models.
+/// Returns the table that compares the models of the page.
 fn models_table(models: &[Shown], errors: &[Option<[f64; 2]>]) -> Table {
     let columns = ["model", "degree", "method", "msd", "xsd", "rms error", "largest error"];
     let row = |(shown, errors): (&Shown, &Option<[f64; 2]>)| {

@@ -1,11 +1,11 @@
-//! Lists the origin of a model as readable rows.
+//! Lists the provenance of a model as readable rows.
 
 use serde_json::Value;
 use spharm_model::Model;
 
 use crate::text::number;
 
-/// Returns names and values of a model's provenance; unknown values are left out.
+/// Returns the names and values of a model's provenance; unknown values are omitted.
 pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     let mut rows: Vec<(String, String)> = Vec::new();
     let mut add = |key: &str, value: Option<String>| rows.extend(value.map(|value| (key.to_owned(), value)));

@@ -1,4 +1,4 @@
-//! Shows the quality of correspondence in a page: curves and a table that compare alignments.
+//! Shows the quality of a group's correspondence in a page, by curves and a table that compare alignments.
 
 use spharm_shape::Curve;
 
@@ -9,12 +9,12 @@ use crate::contents::Quality;
 use crate::table::Table;
 use crate::text::number;
 
-/// Style sheet classes of each alignment's line by points, and of its line by distances between surfaces.
+/// Style sheet classes for the lines of each alignment: by distances at points, and by distances between surfaces.
 const CLASSES: [(&str, &str); 4] = [("y", "y beside"), ("x", "x beside"), ("z", "z beside"), ("all", "all beside")];
-/// Numbers of modes for which the table has columns.
+/// Numbers of modes that are columns of the table.
 const SHOWN: [usize; 2] = [1, 3];
 
-/// Returns the section; empty if there is nothing to show.
+/// Returns the section as HTML; empty without alignments.
 pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     if measured.is_empty() {
         return Ok(String::new());
@@ -38,7 +38,7 @@ pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     ))
 }
 
-/// Returns a chart of a measure for all alignments, by the number of modes, together with the same measure by distances
+/// Returns a chart of a measure by the number of modes, for all alignments. It includes the same measure by distances
 /// between surfaces, if any.
 fn chart(
     measured: &[Quality],
@@ -51,7 +51,7 @@ fn chart(
         let (points, surfaces) = of(quality);
         lines.push(line(class, quality.name.clone(), points));
         if let Some(surfaces) = surfaces {
-            // The band by surfaces isn't shown, because it would overlap the band by points.
+            // The band by distances between surfaces isn't shown, because it would overlap the band by points.
             let name = format!("{}, between surfaces", quality.name);
             lines.push(Line { band: Vec::new(), ..line(beside, name, surfaces) });
         }
@@ -71,7 +71,7 @@ fn line(class: &'static str, name: String, curve: &Curve) -> Line {
     }
 }
 
-/// Returns the table of the measures with the numbers of modes in [`SHOWN`].
+/// Returns the table of the measures for the numbers of modes in [`SHOWN`].
 fn table(measured: &[Quality]) -> Table {
     let surfaces = measured.iter().any(|of| of.surface_generalisation.is_some() || of.surface_specificity.is_some());
     let landmarks = measured.iter().any(|of| of.landmarks.is_some());

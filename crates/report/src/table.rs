@@ -8,9 +8,9 @@ use crate::text::{escape, name};
 pub struct Table {
     /// Title of the table.
     pub title: String,
-    /// The columns' names.
+    /// Names of the columns.
     pub columns: Vec<String>,
-    /// Rows, with one cell per column.
+    /// Rows of the table, with one cell per column.
     pub rows: Vec<Vec<String>>,
 }
 

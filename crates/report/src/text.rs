@@ -1,8 +1,9 @@
-//! Escapes text for HTML and scripts. Names come from files, and are always treated as text.
+//! Escapes text for HTML and scripts. Names come from files and are never interpreted as HTML.
 
 use serde::Serialize;
 
-/// Returns text escaped for HTML, between tags or in quotes. Control characters, invalid in HTML, become U+FFFD.
+/// Returns text escaped for HTML, between tags or in quotes. Control characters, which are invalid in HTML, become
+/// U+FFFD.
 pub(crate) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
@@ -20,13 +21,13 @@ pub(crate) fn escape(text: &str) -> String {
     escaped
 }
 
-/// Returns text for HTML with isolated direction: a right-to-left name doesn't affect the text after it.
+/// Returns escaped text with isolated writing direction, so that a right-to-left name doesn't affect the text after it.
 pub(crate) fn name(text: &str) -> String {
     format!("<bdi>{}</bdi>", escape(text))
 }
 
-/// Returns JSON for a `<script>` element, without `<`, `>` or `&`, so that nothing in it ends the element or begins a
-/// comment, and without line separators.
+/// Returns JSON for a `<script>` element. It contains no `<`, `>` or `&`, so that it can't end the element or begin a
+/// comment, and no line separators.
 pub(crate) fn json(value: &impl Serialize) -> Result<String, serde_json::Error> {
     let mut escaped = String::new();
     for character in serde_json::to_string(value)?.chars() {
@@ -40,7 +41,7 @@ pub(crate) fn json(value: &impl Serialize) -> Result<String, serde_json::Error> 
     Ok(escaped)
 }
 
-/// Formats a number with five digits in a readable form.
+/// Formats a number with up to five significant digits in a readable form.
 pub(crate) fn number(x: f64) -> String {
     if !x.is_finite() {
         return "–".to_owned();

@@ -1,6 +1,6 @@
 //! Refines the correspondence of a group whose coefficients are in a `.npy` file of f64, (N, K, 3 + c).
 //!
-//! Writes the images of an icosphere's directions under each member's map, (N, n, 3), and prints the outcome of each
+//! Writes the images of an icosphere's directions under each member's map, (N, n, 3), and prints the report of each
 //! stage.
 
 use std::time::Instant;

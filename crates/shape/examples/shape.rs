@@ -1,9 +1,9 @@
-//! Rotates and aligns coefficient arrays and measures the time. `benches/shape.py` runs it and compares it with other
-//! programs on the same arrays.
+//! Rotates and aligns arrays of coefficients, and measures the time. `benches/shape.py` runs this program and
+//! compares it with other programs on the same arrays.
 //!
-//! Arrays are `.npy` files of f64: coefficients (K, 3) or, of many surfaces, (n, K, 3); a rotation (3, 3). Each command
-//! prints JSON with the CPU seconds and the seconds of its repetitions or pairs, and writes its results for
-//! verification.
+//! Arrays are `.npy` files of f64: coefficients of one surface, (K, 3), or of n surfaces, (n, K, 3), and a rotation,
+//! (3, 3). Each command prints JSON with the CPU seconds and the elapsed seconds of each repetition or pair, and
+//! writes its results for verification.
 
 use std::path::Path;
 use std::time::Instant;
@@ -38,7 +38,7 @@ fn main() -> Result<()> {
             println!("{}", times.json(&json!({})));
         }
         ["align", moving, targets, bandwidth, starts, out] => {
-            // A bandwidth or a number of starts of 0 selects the default.
+            // A value of 0 selects the default bandwidth or the default number of starts.
             let (bandwidth, starts): (usize, usize) = (bandwidth.parse()?, starts.parse()?);
             let mut params = AlignParams { bandwidth: (bandwidth > 0).then_some(bandwidth), ..Default::default() };
             params.starts = if starts > 0 { starts } else { params.starts };

@@ -16,7 +16,7 @@
 //! bandwidth 8 and 6 starts the best optimum known was found for all of 30 random pairs of hippocampi at degree 12; for
 //! these pairs bandwidth 5 and 3 starts were enough.
 //!
-//! A mirror image is never matched unless `mirror` asks for it.
+//! Mirror images are matched only if `mirror` is set.
 //!
 //! Aligning a pair takes 2 ms of CPU time at degree 12 and 10 ms at degree 60.
 //!
@@ -67,7 +67,7 @@ use crate::transform::{SQRT_4_PI, Similarity, Transform, rmsd};
 /// sampled points, and determines the pose to rounding error.
 const NEAR: f64 = 2.0;
 
-/// Report of an alignment.
+/// Transform, distances and warnings of an alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignReport {
     /// Transform applied to the moving surface.
@@ -76,19 +76,19 @@ pub struct AlignReport {
     pub degree: usize,
     /// Root mean square distance before the alignment, in the surfaces' unit.
     pub rmsd_before: f64,
-    /// Root mean square distance after the alignment.
+    /// Root mean square distance after the alignment, in the surfaces' unit.
     pub rmsd_after: f64,
-    /// Root mean square distance that the refinement of each start reached, without scaling: first the starts from the
-    /// grid, the start with the highest score first, then four rotations between the axes of the ellipsoids. Above
-    /// degree 40, starts that reach the same pose at degree 20 are listed once. Methods without a search have a single
-    /// value.
+    /// Root mean square distance reached from each start of the refinement, without scaling: first from the starts of
+    /// the grid, in order of decreasing score, then from the four rotations between the axes of the ellipsoids. Above
+    /// degree 40, starts that reach the same pose at degree 20 are listed once. Methods without a search have a
+    /// single value.
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
     /// Distance between the surfaces in the final pose, excluding the farthest tenth of the points; only for
     /// [`Method::Surfaces`].
     pub surface_distance: Option<f64>,
-    /// Warnings.
+    /// Warnings about the alignment.
     pub warnings: Vec<AlignWarning>,
 }
 
@@ -101,7 +101,7 @@ pub struct Alignment {
     pub report: AlignReport,
 }
 
-/// Aligns a surface to another, see the [module](self). Both surfaces are (K, 3).
+/// Aligns a surface to another; see the [module](self). The coefficients of both surfaces are (K, 3).
 ///
 /// # Errors
 ///
@@ -146,7 +146,7 @@ pub fn align(
         return Ok(Alignment { coefficients, report });
     }
     let (f, g) = (Unit::new(moving, degree), Unit::new(target, degree));
-    // [`Method::Surfaces`] gets here only if a surface has no area; such surfaces are aligned by the joint search.
+    // [`Method::Surfaces`] reaches this point only if a surface has no area; the joint search aligns such surfaces.
     let plan = match params.method {
         Method::Joint | Method::Surfaces => Some(params.plan(degree)?),
         _ => None,
@@ -174,7 +174,7 @@ pub fn align(
         }
     };
     warnings.extend(undetermined(&fit, f.norm.min(g.norm), params));
-    // Without scaling 4 pi times the squared distance is (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2.
+    // Without scaling, 4 pi times the squared distance is (|f| - |g|)^2 + |f| |g| |Qf/|f| - g/|g||^2.
     let left = |end: f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
     // The best scale is |g|/|f| times the cosine of the angle between f and g.
     let cosine = 1.0 - fit.distance * fit.distance / 2.0;
@@ -216,15 +216,16 @@ fn reported(
     })
 }
 
-/// Returns the fit with identity rotations.
+/// Returns the fit of surfaces that can't be rotated: both rotations are the identity.
 pub(crate) fn nothing_to_turn() -> Fit {
     let (rotation, orthogonal) = (Rotation::IDENTITY, Rotation::IDENTITY.matrix());
     Fit { rotation, orthogonal, distance: 0.0, stiffness: 0.0, singular_values: [0.0; 3] }
 }
 
-/// Returns a warning if the singular values and the second derivatives at the optimum leave a rotation undetermined.
+/// Returns a warning if a rotation is undetermined, judged by the singular values and second derivatives at the
+/// optimum.
 pub(crate) fn undetermined(fit: &Fit, norm: f64, params: &AlignParams) -> Option<AlignWarning> {
-    /// Singular values and second derivatives below this count as zero, for coefficients of norm 1.
+    /// Threshold below which singular values and second derivatives are treated as zero, for coefficients of norm 1.
     const NONE: f64 = 1e-7;
     let [_, second, third] = fit.singular_values;
     let third = if params.mirror { third.abs() } else { third };

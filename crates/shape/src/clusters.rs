@@ -1,45 +1,46 @@
 //! Groups models by their shapes: hierarchical clustering with Ward's linkage.
 //!
-//! Ward's linkage merges, step by step, the two clusters whose merger adds least to the sum of squared distances from
-//! the clusters' means (J. H. Ward, "Hierarchical grouping to optimize an objective function", JASA 58, 1963), by
-//! kodama. The number of clusters may be chosen by the mean silhouette (P. J. Rousseeuw, "Silhouettes", Journal of
-//! Computational and Applied Mathematics 20, 1987). Nothing is random.
+//! Ward's linkage, computed by the crate kodama, repeatedly merges the two clusters whose merger adds least to the
+//! sum of squared distances from the clusters' means (J. H. Ward, "Hierarchical grouping to optimize an objective
+//! function", JASA 58, 1963). The number of clusters may be chosen by the mean silhouette (P. J. Rousseeuw,
+//! "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987). The result is deterministic.
 //!
-//! Cost: O(n^2) time and 8 n^2 bytes for n models, the distances of all pairs twice.
+//! Cost: O(n^2) time and 8 n^2 bytes for n models; the bytes hold the distances of all pairs twice.
 
 use crate::error::ShapeError;
 
-/// The largest number of clusters that is tried if the number is to be chosen.
+/// Largest number of clusters tried if the number isn't given.
 const MOST: usize = 10;
 
 /// A partition of models into clusters.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Clusters {
-    /// Cluster of each model, counted from 0; clusters are in order of falling size, ties in the order of their first
-    /// models.
+    /// Cluster of each model, counted from 0. Clusters are in order of decreasing size, and clusters of equal size in
+    /// the order of their first models.
     pub of: Vec<usize>,
-    /// Silhouette of each model, -1 to 1: 1 if its cluster is much nearer than the next one, 0 between the two. 0 in a
-    /// cluster of one model.
+    /// Silhouette of each model, -1 to 1: 1 if the model's own cluster is much nearer than the next one, 0 if both
+    /// are equally near, and 0 in a cluster of one model.
     pub silhouettes: Vec<f64>,
-    /// Most typical model of each cluster: the one with the least sum of squared distances from the others.
+    /// Most typical model of each cluster: the model with the smallest sum of squared distances from the other models
+    /// in the cluster.
     pub typical: Vec<usize>,
-    /// Mean silhouette.
+    /// Mean silhouette of all models.
     pub mean: f64,
-    /// Numbers of clusters that were tried, with their mean silhouettes; empty if the number was given.
+    /// Numbers of clusters tried, with their mean silhouettes; empty if the number was given.
     pub tried: Vec<(usize, f64)>,
 }
 
-/// Distances between all pairs of n models: those of model 0 to the models 1, 2, ..., then those of model 1 to 2, ...
+/// Distances between all pairs of n models.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PairDistances {
     count: usize,
-    /// Those of model 0 to the models 1, 2, ..., then those of model 1 to 2, ...
+    /// Distances from model 0 to the models 1, 2, ..., then from model 1 to the models 2, 3, ..., and so on.
     values: Vec<f64>,
 }
 
 impl PairDistances {
-    /// Computes the distances between `count` models; `distance` returns that of two.
+    /// Computes the distances between all pairs of `count` models; `distance` returns the distance between two of them.
     pub fn new(count: usize, distance: impl Fn(usize, usize) -> f64) -> Self {
         let pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
         Self { count, values: pairs.map(|(a, b)| distance(a, b)).collect() }
@@ -52,12 +53,13 @@ impl PairDistances {
         if first == second { 0.0 } else { self.values[first * (2 * self.count - first - 1) / 2 + second - first - 1] }
     }
 
-    /// Groups the models into `clusters` clusters, or into the number from 2 to 10 whose mean silhouette is largest.
+    /// Groups the models into `clusters` clusters; if `None`, into the number of clusters from 2 to 10 with the
+    /// largest mean silhouette.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Setting`] for fewer than three models, for fewer than two clusters or more than models, and for
-    /// distances that aren't finite.
+    /// [`ShapeError::Setting`] for fewer than three models, for fewer than two clusters or more clusters than models,
+    /// and for distances that aren't finite.
     pub fn clusters(&self, clusters: Option<usize>) -> Result<Clusters, ShapeError> {
         let setting = |name, expected, found: String| Err(ShapeError::Setting { name, expected, found });
         if self.count < 3 {
@@ -128,9 +130,9 @@ impl PairDistances {
     }
 }
 
-/// Cuts a tree of mergers into clusters: undoes the last ones.
+/// Cuts a tree of mergers into clusters by undoing the last mergers.
 fn cut(tree: &kodama::Dendrogram<f64>, count: usize, clusters: usize) -> Vec<usize> {
-    // Nodes from `count` on are the mergers, in their order.
+    // Nodes below `count` are the models; the others are the mergers in their order.
     let mut parents: Vec<usize> = (0..2 * count).collect();
     for (step, merger) in tree.steps().iter().enumerate().take(count - clusters) {
         parents[merger.cluster1] = count + step;
@@ -159,7 +161,7 @@ fn cut(tree: &kodama::Dendrogram<f64>, count: usize, clusters: usize) -> Vec<usi
 mod tests {
     use super::*;
 
-    /// Three groups on a line, of 3, 2 and 4 points.
+    /// Points on a line, in three groups of 3, 2 and 4 points.
     const POINTS: [f64; 9] = [0.0, 10.0, 0.2, 30.0, 30.1, 0.1, 10.4, 30.3, 30.2];
 
     fn distances() -> PairDistances {
@@ -172,9 +174,10 @@ mod tests {
         assert_eq!(found.of, [1, 2, 1, 0, 0, 1, 2, 0, 0]);
         assert_eq!(found.tried.len(), 7);
         assert!(found.tried.iter().all(|(count, mean)| *count == 3 || *mean < found.mean));
-        // The middle ones; of two models the first.
+        // The typical model is the middle one of its cluster, or the first of two.
         assert_eq!(found.typical, [4, 5, 1]);
-        // Point 1 is at 0.4 from its cluster's other point and at a mean of 9.9 from the nearest other cluster.
+        // The distance of point 1 from the other point of its cluster is 0.4, and its mean distance from the nearest
+        // other cluster is 9.9.
         assert!((found.silhouettes[1] - (1.0 - 0.4 / 9.9)).abs() < 1e-12);
         assert_eq!(distances().clusters(Some(2)).unwrap().of, [0, 0, 0, 1, 1, 0, 0, 1, 1]);
     }

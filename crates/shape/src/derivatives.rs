@@ -5,10 +5,10 @@
 //! ```
 //!
 //! `L_k f` is the derivative of f under an infinitesimal rotation of the directions about axis k, so it maps each
-//! degree to itself. Hence the gradient of a sum of harmonics is found by synthesis alone, without angles, whose
-//! derivatives are singular at the poles. On the complex coefficients c of a degree (D. A. Varshalovich et al., Quantum
-//! Theory of Angular Momentum (1988), section 5.8; our L is `i` times their operator), with `p = sqrt((l - m + 1)(l +
-//! m))`, `q = sqrt((l + m + 1)(l - m))`:
+//! degree to itself. Hence the gradient of a sum of harmonics follows by synthesis alone, without derivatives by
+//! angles, which are singular at the poles. On the complex coefficients c of a degree (D. A. Varshalovich et al.,
+//! Quantum Theory of Angular Momentum (1988), section 5.8; our L is `i` times their operator), with
+//! `p = sqrt((l - m + 1)(l + m))`, `q = sqrt((l + m + 1)(l - m))`:
 //!
 //! ```text
 //! (L_x c)_m = i/2 (p c_{m-1} + q c_{m+1}),   (L_y c)_m = 1/2 (p c_{m-1} - q c_{m+1}),   (L_z c)_m = i m c_m
@@ -40,15 +40,15 @@ pub fn rotational_derivatives(coefficients: ArrayView2<'_, f64>) -> Result<[Arra
     Ok(out)
 }
 
-/// Returns the coefficients of `L_x f`, `L_y f` and `L_z f` for C functions f. A row of `values`, one of `(L + 1)^2`,
-/// holds a coefficient of each function.
+/// Returns the coefficients of `L_x f`, `L_y f` and `L_z f` for C functions f. Each of the `(L + 1)^2` rows of
+/// `values` holds one coefficient of every function.
 pub(crate) fn generators<const C: usize>(values: &[[f64; C]]) -> [Vec<[f64; C]>; 3] {
     let mut out = [(); 3].map(|()| vec![[0.0; C]; values.len()]);
     let [x, y, z] = &mut out;
     let mut l = 1;
     while (l + 1) * (l + 1) <= values.len() {
         let centre = column(l, 0);
-        // Orders beyond the degree are zero; order 0 has a factor sqrt2 as a cosine, and no sine.
+        // Coefficients of orders above the degree are zero; order 0 has a factor sqrt2 as a cosine, and no sine.
         let cosine = |m: usize| match m {
             0 => values[centre].map(|v| v * std::f64::consts::SQRT_2),
             m if m <= l => values[centre + m],
@@ -112,7 +112,7 @@ mod tests {
                 at.iter().map(turn).collect()
             };
             let step = 1e-3;
-            // Fourth order: the error is about 7^5 step^4 / 30.
+            // The differences are of fourth order, with an error of about 7^5 step^4 / 30.
             let difference = |h: f64| (values(&a, &turned(h)) - values(&a, &turned(-h))) / (2.0 * h);
             let expected = (difference(step) * 4.0 - difference(2.0 * step)) / 3.0;
             let found = values(&derivatives[axis], &at);

@@ -10,12 +10,12 @@
 //! multiplies it from the right. Neither changes the power or the singular values. A reflection doesn't change them
 //! either, so the descriptors can't detect it (M. Kazhdan, T. Funkhouser and S. Rusinkiewicz, "Rotation invariant
 //! spherical harmonic representation of 3D shape descriptors", SGP 2003, on the power; the singular values also
-//! describe how a degree is distributed over the axes). The descriptors depend on the parameterisation. Degree 0, the
-//! position, is left out.
+//! describe how a degree is distributed over the axes). The descriptors depend on the parameterisation. Degree 0,
+//! which is the position, is excluded.
 //!
-//! The distance of two surfaces' singular values never exceeds the root mean square distance of the surfaces, however
-//! the surfaces are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <=
-//! |A - B|^2`, for each degree). Retrieval by singular values is therefore exact, see
+//! The distance between the singular values of two surfaces never exceeds the root mean square distance between the
+//! surfaces, however they are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) -
+//! sigma_i(B))^2 <= |A - B|^2`, for each degree). Retrieval by singular values is therefore exact; see
 //! [`retrieval`](crate::retrieval).
 //!
 //! Cost: about 100 flops per coefficient.
@@ -29,12 +29,13 @@ use crate::error::ShapeError;
 use crate::extent::finite;
 use crate::singular_values::singular_values;
 
-/// The descriptors of one model, in the model's unit.
+/// Descriptors of one model, in the model's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptors {
-    /// `P_l` for the degrees from 1 on, (L): the mean square over the sphere of each degree's contribution.
+    /// Power `P_l` of the degrees 1 to L, (L): the mean square over the sphere of each degree's contribution.
     pub power: Vec<f64>,
-    /// Singular values for the degrees from 1 on, largest first, (L, c) row-major; their squares sum to the power.
+    /// Singular values of the degrees 1 to L, (L, c) row-major, largest first; the squares of a degree's values sum
+    /// to its power.
     pub singular_values: Vec<f64>,
     /// Number of channels, c.
     pub channels: usize,
@@ -53,7 +54,7 @@ impl Descriptors {
         self.power.iter().sum::<f64>().sqrt()
     }
 
-    /// Returns the descriptors of the degrees up to `degree`; of all degrees if it is above L.
+    /// Returns the descriptors of the degrees up to `degree`, or of all degrees if `degree` is above L.
     #[must_use]
     pub fn up_to(&self, degree: usize) -> Self {
         let degree = degree.min(self.max_degree());

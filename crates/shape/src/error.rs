@@ -44,10 +44,10 @@ pub enum ShapeError {
     VarianceGroup {
         /// Number of the group, from 1.
         group: usize,
-        /// Number of its subjects.
+        /// Number of subjects in the group.
         subjects: usize,
     },
-    /// Flips of the signs of single rows, within blocks.
+    /// Sign flips of single rows, although the rows of a block depend on each other.
     #[error(
         "the rows of a block depend on each other, so that {} of single rows aren't valid: exchange whole blocks \
          (--whole-blocks, whole_blocks), or assume exchangeable errors (--errors exchangeable)",
@@ -57,7 +57,7 @@ pub enum ShapeError {
         /// The kind of relabelling.
         resampling: crate::stats::Resampling,
     },
-    /// Relabellings that were asked for, but leave the statistics unchanged.
+    /// Requested relabellings that leave the statistics unchanged.
     #[error(
         "{} leave the statistics of this contrast unchanged{}: {}",
         .resampling.name(),
@@ -95,15 +95,15 @@ pub enum ShapeError {
     Levels {
         /// The column's name.
         column: String,
-        /// Levels found.
+        /// Levels found in the column.
         found: Vec<String>,
-        /// The requested order.
+        /// The requested order of the levels.
         order: Vec<String>,
     },
     /// A contrast that doesn't match its design.
     #[error("contrast: expected {expected}, found {found}")]
     Contrast {
-        /// Expected form.
+        /// Expected form of the contrast.
         expected: &'static str,
         /// The contrast found.
         found: String,
@@ -111,32 +111,32 @@ pub enum ShapeError {
     /// A name in a contrast that isn't a column of its design.
     #[error("contrast: expected columns of the design, which are {}; found {found:?}", columns.join(", "))]
     NoColumn {
-        /// The name found.
+        /// The unknown name.
         found: String,
         /// Names of the design's columns.
         columns: Vec<String>,
     },
-    /// A contrast of means, for values relative to the mean.
+    /// A contrast that tests a mean, although the values are relative to the mean of all subjects.
     #[error(
         "contrast {tested:?} tests a mean, but surfaces are compared with the mean of all subjects; test a difference, \
          whose weights add up to zero, or the differences from other models"
     )]
     MeanOfDisplacements {
-        /// The contrast.
+        /// Name of the contrast.
         tested: String,
     },
-    /// An interaction whose levels don't occur together.
+    /// An interaction of two levels that never occur together.
     #[error(
         "the interaction {interaction} can't be estimated: no subject is both {:?} and {:?}; leave out a level, or the \
          interaction", levels[0], levels[1]
     )]
     EmptyCell {
-        /// Names of the columns.
+        /// The interaction, with the names of its columns.
         interaction: String,
-        /// A level of each column.
+        /// The levels that don't occur together, one of each column.
         levels: [String; 2],
     },
-    /// Welch's test of anything other than the difference of two groups.
+    /// Welch's test of anything but the difference between two groups.
     #[error("Welch's test needs two groups without covariates; use pooled variances instead")]
     NotTwoGroups,
     /// A number of columns that isn't a multiple of the components per vertex.
@@ -147,18 +147,18 @@ pub enum ShapeError {
         /// Number of components per vertex.
         components: usize,
     },
-    /// A share outside 0 to 1.
+    /// A fraction outside the range from 0 to 1.
     #[error("{what}: expected a number between 0 and 1, found {found}")]
     Share {
         /// Name of the setting, which is a fraction.
         what: &'static str,
-        /// Its value.
+        /// Value of the setting.
         found: f64,
     },
     /// Models of different degrees, although equal degrees are required.
     #[error("model {}: expected {expected} coefficients per coordinate, as in the first model, found {found}", .index + 1)]
     Degrees {
-        /// Index of the model.
+        /// Index of the model, from 0.
         index: usize,
         /// Expected number of coefficients, K.
         expected: usize,
@@ -182,7 +182,7 @@ pub enum ShapeError {
     /// Input that isn't a rotation.
     #[error("not a rotation: {problem}")]
     NotARotation {
-        /// The problem.
+        /// Reason for the rejection.
         problem: String,
     },
     /// A coefficient that is NaN or infinite.
@@ -192,7 +192,7 @@ pub enum ShapeError {
         row: usize,
         /// Channel, from 0.
         channel: usize,
-        /// The value.
+        /// Value of the coefficient.
         value: f64,
     },
     /// A degenerate model: a point, or a curve on a line.
@@ -211,10 +211,10 @@ pub enum ShapeError {
         /// Number of channels found.
         channels: usize,
     },
-    /// Models of different shapes.
+    /// Models whose arrays have different shapes.
     #[error("{what}: expected {expected}, found {found}")]
     Differ {
-        /// Quantity that differs.
+        /// Name of the quantity that differs.
         what: &'static str,
         /// Expected value.
         expected: usize,
@@ -250,7 +250,7 @@ pub enum ShapeError {
     Constant {
         /// The column's name.
         column: String,
-        /// The value.
+        /// The value in all rows.
         value: f64,
     },
     /// A setting out of its range.
@@ -258,7 +258,7 @@ pub enum ShapeError {
     Setting {
         /// Name of the setting.
         name: &'static str,
-        /// Its value.
+        /// Value of the setting.
         found: String,
         /// Expected range.
         expected: &'static str,
@@ -280,9 +280,9 @@ pub enum ShapeError {
     /// The journal of a group's alignment can't be read or written.
     #[error("{}: cannot read or write the state of the alignment: {cause}", path.display())]
     Journal {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The cause.
+        /// Underlying I/O error.
         cause: std::io::Error,
     },
     /// A file that isn't the journal of this group's alignment.
@@ -292,7 +292,7 @@ pub enum ShapeError {
         if *is_one { "the state of another alignment" } else { "a file of another kind" }
     )]
     OtherJournal {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Whether the file is the journal of another alignment.
         is_one: bool,
@@ -300,7 +300,7 @@ pub enum ShapeError {
     /// The journal is in use by a run that hasn't ended.
     #[error("{}: another process is aligning this group; wait until that process ends, or choose another file", path.display())]
     JournalInUse {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// An error in one member of a group.

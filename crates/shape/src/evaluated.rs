@@ -10,12 +10,12 @@ use spharm_transform::{Transform as Synthesis, TransformParams};
 use crate::error::ShapeError;
 use crate::transform::{Similarity, Transform};
 
-/// Subdivisions of the icosphere: 2,562 vertices.
+/// Number of subdivisions of the icosphere, which has 2,562 vertices.
 const LEVEL: u32 = 4;
-/// Accuracy of the vertices, relative to the coefficients.
+/// Accuracy of the evaluated vertices, relative to the coefficients.
 const ACCURACY: f64 = 1e-6;
 
-/// State shared by the evaluations at one degree.
+/// Sphere and transform shared by all evaluations at one degree.
 pub(crate) struct Evaluated {
     sphere: Mesh,
     transform: Synthesis,
@@ -30,8 +30,8 @@ impl Evaluated {
         Ok(Self { sphere, transform, degree })
     }
 
-    /// Returns the surface of coefficients, (K, 3), whose degree must be at least the evaluator's; `None` for a point
-    /// or a line.
+    /// Returns the surface with the coefficients `coefficients`, (K, 3), whose degree must be at least the
+    /// evaluator's; `None` for a point or a line.
     pub(crate) fn surface(&self, coefficients: ArrayView2<'_, f64>) -> Result<Option<PoseSurface>, ShapeError> {
         let rows = self.transform.synthesis(coefficients.slice_move(s![..basis_size(self.degree), ..]))?;
         let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
@@ -39,8 +39,8 @@ impl Evaluated {
     }
 }
 
-/// Returns the transform with a similarity that aligns a surface to another. The moving surface's sphere is mirrored
-/// too if the surfaces' orientations would be opposite otherwise.
+/// Returns the transform with a similarity that aligns a surface to another. It also mirrors the moving surface's
+/// sphere if the two surfaces would have opposite orientations otherwise.
 pub(crate) fn in_pose(similarity: Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Transform {
     let outside = moving.volume * fixed.volume > 0.0;
     Transform { antipodal: similarity.mirrors() == outside, similarity, ..Transform::default() }

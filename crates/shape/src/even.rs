@@ -1,18 +1,19 @@
 //! Relocates directions so that a surface's vertices are spread evenly over its area.
 //!
-//! An icosphere's vertices are evenly spread on the sphere; on the surface they are sparse where the area element `|N|`
-//! ([`geometry`](crate::geometry)) is large. J. Moser's flow ("On the volume elements on a manifold", Trans. Amer.
-//! Math. Soc. 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990)) transports the
-//! uniform density 1 to the density `rho = |N| / mean`, without a search:
+//! An icosphere's vertices are evenly spread on the sphere; on the surface they are sparse in regions with a large
+//! area element `|N|` ([`geometry`](crate::geometry)). J. Moser's flow ("On the volume elements on a manifold",
+//! Trans. Amer. Math. Soc. 120 (1965); B. Dacorogna and J. Moser, Ann. Inst. H. Poincare Anal. Non Lineaire 7 (1990))
+//! transports the uniform density 1 to the density `rho = |N| / mean`, without a search:
 //!
 //! ```text
 //! laplacian(psi) = rho - 1,    rho_t = 1 + t (rho - 1),    u' = -grad psi(u) / rho_t(u),    t from 0 to 1
 //! ```
 //!
-//! because then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and `-grad psi = u x L
-//! psi`, so a step is a synthesis. The density is expanded to degree 2L and at least 16, but no further than the mesh
-//! can resolve, and smoothed by a heat kernel that damps its highest degree to 5 %, so that truncation causes no
-//! ripples. The density is kept above [`LEAST_DENSITY`]. Steps are of Runge-Kutta's fourth order.
+//! because then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and
+//! `-grad psi = u x L psi`, so a step is a synthesis. The density is expanded to degree 2L and at least 16, but no
+//! further than the mesh can resolve, and smoothed by a heat kernel that damps its highest degree to 5 %, so that
+//! truncation causes no ripples. The density is kept above [`LEAST_DENSITY`]. Steps are Runge-Kutta steps of fourth
+//! order.
 //!
 //! Cost: four syntheses of four functions per step at n directions, and the analysis of |N| on a grid with four times
 //! as many rings as the density's degree.
@@ -37,25 +38,25 @@ use crate::measures::{Columns, Grid};
 pub const LEAST_DENSITY: f64 = 0.02;
 /// Name of the setting in [`ShapeError::Setting`] if a sphere has no triangles.
 pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
-/// Factor by which the heat kernel damps the density's highest degree.
+/// Fraction of the density's highest degree that the heat kernel leaves.
 const LEFT: f64 = 0.05;
 
 /// A sphere whose directions were relocated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EvenSphere {
-    /// The directions, with the triangles of the input sphere.
+    /// The relocated directions, with the triangles of the input sphere.
     pub sphere: Sphere,
-    /// Standard deviation over mean of the surface's triangle areas, before the relocation.
+    /// Standard deviation of the surface's triangle areas divided by their mean, before the relocation.
     pub before: f64,
-    /// Standard deviation over mean of the surface's triangle areas, after the relocation.
+    /// Standard deviation of the surface's triangle areas divided by their mean, after the relocation.
     pub after: f64,
-    /// Number of triangles of the sphere that were inverted; the surface folds there. 0 unless the mesh is too coarse
-    /// for the variation of the area element.
+    /// Number of triangles of the sphere that the relocation inverted, which fold the surface. 0 unless the mesh is
+    /// too coarse for the variation of the area element.
     pub folded: usize,
 }
 
-/// Returns a sphere's directions relocated so that the surface with the canonical coefficients `coefficients`, (K, 3),
-/// has triangles of about the same area over the returned sphere.
+/// Relocates the directions of a sphere such that the surface with the canonical coefficients `coefficients`, (K, 3),
+/// has triangles of about equal area.
 ///
 /// `steps` is the number of steps of the flow; 16 steps are more than enough.
 ///
@@ -97,7 +98,7 @@ pub fn even_sphere(
     Ok(EvenSphere { sphere, before, after, folded })
 }
 
-/// Returns the standard deviation of the areas of a mesh's triangles, over their mean; 0 without area.
+/// Returns the standard deviation of the areas of a mesh's triangles, divided by their mean; 0 for a mesh without area.
 #[must_use]
 pub fn area_spread(mesh: &Mesh) -> f64 {
     let area = |face: &[u32; 3]| {
@@ -115,7 +116,7 @@ struct Flow(Array2<f64>);
 
 impl Flow {
     fn new(coefficients: &Coefficients, vertices: usize, monitor: &dyn Monitor) -> Result<Self, ShapeError> {
-        // Harmonics of degree B have about B^2 extrema; a mesh of n vertices resolves n / 4 of them.
+        // Harmonics of degree B have about B^2 extrema, and a mesh of n vertices resolves about n / 4 extrema.
         let resolved = ((vertices as f64).sqrt() / 2.0) as usize;
         let degree = (2 * coefficients.max_degree()).max(16).min(resolved.max(2));
         let mut density = analysis(coefficients, degree, monitor)?;
@@ -133,7 +134,7 @@ impl Flow {
         Ok(Self(side_by_side(&[density, x, y, z])))
     }
 
-    /// Returns `-grad psi / rho_t` at directions of any length.
+    /// Returns the velocity `-grad psi / rho_t` at directions, which needn't be of unit length.
     fn velocity(&self, at: &[Vec3], t: f64) -> Result<Vec<Vec3>, ShapeError> {
         let directions = Directions::from_vertices(at)?;
         let samples = synthesis(&directions, self.0.view())?;
@@ -159,7 +160,8 @@ impl Flow {
     }
 }
 
-/// Returns the coefficients of |N| up to a degree, (K, 1), from a grid of four times as many rings.
+/// Returns the coefficients of the area element |N| up to a degree, (K, 1), from a grid with four times as many rings
+/// as the degree.
 fn analysis(coefficients: &Coefficients, degree: usize, monitor: &dyn Monitor) -> Result<Array2<f64>, ShapeError> {
     let grid = Grid::new(4 * degree.max(4));
     let columns = Columns::new(coefficients)?;
@@ -183,7 +185,7 @@ mod tests {
     use super::*;
     use spharm_monitor::Silent;
 
-    /// An ellipsoid of semi-axes 4, 1, 1 with a bend.
+    /// Returns a bent ellipsoid with semi-axes in the ratio 4 : 1 : 1.
     fn banana() -> Coefficients {
         let mut values = Array2::zeros((9, 3));
         (values[[3, 0]], values[[1, 1]], values[[2, 2]], values[[8, 2]]) = (8.0, 2.0, 2.0, 1.0);
@@ -196,7 +198,7 @@ mod tests {
         let plain = Mesh::new(sphere.directions.as_slice().to_vec(), sphere.faces.clone());
         let found = even_sphere(&banana(), &sphere, 16, &Silent).unwrap();
         assert_eq!(found.folded, 0);
-        // The areas of the icosphere's own triangles differ by `own`; the flow preserves this difference.
+        // The triangle areas of the icosphere itself have the spread `own`, which the flow preserves.
         let (before, after, own) = (found.before, found.after, area_spread(&plain));
         assert!(before > 0.3 && after < 1.2 * own, "{before} {after} {own}");
         assert_eq!(found.sphere.faces, sphere.faces);

@@ -6,15 +6,16 @@ use spharm_harmonics::Coefficients;
 use crate::error::ShapeError;
 use crate::singular_values::singular_values;
 
-/// Singular values below this fraction of the largest are rounding errors.
+/// Singular values below this fraction of the largest one are treated as rounding errors.
 const NEGLIGIBLE: f64 = 1e-12;
-/// If coefficients are between this and its inverse, areas, volumes and their squares neither overflow nor underflow.
+/// Lower limit of the largest coefficient; the upper limit is its inverse. Within these limits, areas, volumes and
+/// their squares neither overflow nor underflow.
 const LEAST: f64 = 1e-50;
 
 /// Dimension of the space that a model spans.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// Three dimensions, like a closed surface.
+    /// Three dimensions, as of a closed surface.
     Solid,
     /// A plane: the surface is folded flat and has volume 0.
     Flat,
@@ -43,7 +44,7 @@ pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
     }
 }
 
-/// Rejects coefficients that aren't three finite columns.
+/// Rejects coefficients that don't have three columns, or aren't finite.
 ///
 /// # Errors
 ///

@@ -24,11 +24,11 @@ pub enum Measurement {
 /// Measurements of n models at V vertices.
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// Values, (n, V d), the d components of a vertex side by side.
+    /// Values, (n, V d), with the d components of a vertex in adjacent columns.
     pub values: Array2<f64>,
     /// Number of components per vertex, d.
     pub components: usize,
-    /// Mean of the models.
+    /// Mean of all models.
     pub mean: Coefficients,
 }
 
@@ -93,8 +93,8 @@ pub fn measure_group(
     let normals = match measurement {
         Measurement::Normal => {
             let points = local_geometry(&mean, directions, monitor)?;
-            // Makes the normals point outwards, regardless of the parameterisation's orientation. Only the volume's
-            // sign is used, so that the area needn't be accurate.
+            // Makes the normals point outwards, regardless of the parameterisation's orientation. Only the sign of
+            // the volume is used, so the area needn't be accurate.
             let params = MeasureParams { tolerance: 1.0, ..MeasureParams::default() };
             let sign = if measure(&mean, &params, monitor)?.inwards { -1.0 } else { 1.0 };
             Some(points.into_iter().map(|p| p.normal.map(|n| sign * n)).collect::<Vec<_>>())

@@ -6,8 +6,8 @@
 //! the ellipsoid is x, the shortest z, in space and in the parameters. R and Q are rotations; if F mirrors, the third
 //! diagonal element is negative.
 //!
-//! The frame is determined up to half turns about the axes, with the same half turn in the parameters and in space. It
-//! is undetermined if two of the singular values are equal. Half turns are chosen by the sign of the surface's skewness
+//! The frame is determined only up to half turns about the axes, the same in the parameters and in space. It is
+//! undetermined if two of the singular values are equal. Half turns are chosen by the sign of the surface's skewness
 //! along x and y, `int f_c^3 du`, so that the frame rotates with the surface.
 
 use ndarray::Array2;
@@ -30,11 +30,11 @@ const SKEWNESS_DEGREE: usize = 8;
 /// The frame of a surface's first-order ellipsoid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EllipsoidFrame {
-    /// R, the rotation of the parameters into the frame.
+    /// Rotation R of the parameters into the frame.
     pub rotation: Rotation,
-    /// Q, the rotation of space into the frame.
+    /// Rotation Q of space into the frame.
     pub object: Rotation,
-    /// Semi-axes, descending, in the surface's unit; the last one is negative for a map that mirrors.
+    /// Semi-axes in descending order, in the surface's unit; the last one is negative if the map mirrors.
     pub axes: [f64; 3],
 }
 
@@ -71,7 +71,7 @@ impl EllipsoidFrame {
     }
 }
 
-/// Returns U, the singular values and V of degree 1, with proper rotations.
+/// Returns U, the singular values and V of the rows of degree 1, with U and V proper rotations.
 fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     let values = coefficients.values();
     if coefficients.max_degree() == 0 {
@@ -81,9 +81,9 @@ fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     proper_of(|row, c| values[[row, c]])
 }
 
-/// Returns U, the singular values and V, with proper rotations, of the rows 1 to 3 that `values` returns.
+/// Returns U, the singular values and V of the rows 1 to 3 that `values` returns, with U and V proper rotations.
 fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix3) {
-    // Rows of x, y and z: orders 1, -1 and 0.
+    // The harmonics x, y and z have the orders 1, -1 and 0.
     let map: Matrix3 = std::array::from_fn(|c| [3, 1, 2].map(|row| values(row, c)));
     let Svd { mut u, mut values, mut v } = svd(&map);
     for side in [&mut u, &mut v] {
@@ -112,7 +112,7 @@ fn low_degrees(coefficients: &Coefficients) -> Result<Coefficients, ShapeError> 
 
 /// Returns `int f_c^3 du` of three functions up to degree [`SKEWNESS_DEGREE`], exactly.
 fn skewness(coefficients: &Coefficients) -> Result<[f64; 3], ShapeError> {
-    // 13 rings integrate degree 24 exactly, and so do 26 azimuths.
+    // 13 rings and 26 azimuths integrate functions of degree 24 exactly.
     let (rings, around) = (3 * SKEWNESS_DEGREE / 2 + 1, 3 * SKEWNESS_DEGREE + 2);
     let rule = gauss_legendre(rings);
     let mut directions = Vec::with_capacity(rings * around);

@@ -34,28 +34,28 @@ use crate::derivatives::rotational_derivatives;
 use crate::error::ShapeError;
 use crate::extent::extent;
 
-/// Ratio of the area element to `|X_1|^2 + |X_2|^2` below which a point counts as singular.
+/// Ratio of the area element to `|X_1|^2 + |X_2|^2` below which a point is singular.
 pub const SINGULAR: f64 = 1e-12;
 
-/// (i, j) of the six second derivatives, in the order of their columns.
+/// Indices (i, j) of the six second derivatives S_ij, in the order of their columns.
 const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
 
-/// The geometry of a surface at one direction; lengths in the surface's unit.
+/// Geometry of a surface at one direction, with lengths in the surface's unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocalGeometry {
-    /// The position X.
+    /// Position X of the surface.
     pub position: Vec3,
-    /// `X_1` and `X_2`, the derivatives along the [frame](tangent_frame) of the direction.
+    /// Tangents `X_1` and `X_2`: the derivatives along the [frame](tangent_frame) of the direction.
     pub tangents: [Vec3; 2],
     /// Unit normal, outwards if the triangles of the sphere are counter-clockwise; 0 at singular points.
     pub normal: Vec3,
-    /// |N|: area of the surface per area of the sphere.
+    /// Area element |N|: area of the surface per area of the sphere.
     pub area_element: f64,
-    /// E, F, G of the first fundamental form.
+    /// Coefficients E, F, G of the first fundamental form.
     pub first_form: [f64; 3],
-    /// e, f, g of the second fundamental form with respect to `normal`: negative on a sphere.
+    /// Coefficients e, f, g of the second fundamental form with respect to `normal`; e and g are negative on a sphere.
     pub second_form: [f64; 3],
-    /// Principal curvatures, the larger first, positive on a sphere; 1 / length.
+    /// Principal curvatures, the larger one first, in 1 / length; positive on a sphere.
     pub principal: [f64; 2],
 }
 
@@ -72,7 +72,7 @@ impl LocalGeometry {
         }
         let normal = scale(n, 1.0 / area_element);
         let second_form = second.map(|derivative| dot(normal, derivative));
-        // The second form in the orthonormal basis t1 = X_1 / sqrt E, t2 = (X_2 - F/E X_1) / r.
+        // Entries a, b, c of the second form in the orthonormal basis t1 = X_1 / sqrt E, t2 = (X_2 - F/E X_1) / r.
         let [e, f, g] = second_form;
         let length = first_form[0].sqrt();
         let (slope, r) = (first_form[1] / first_form[0], area_element / length);
@@ -84,29 +84,29 @@ impl LocalGeometry {
         Self { position, tangents, normal, area_element, first_form, second_form, principal }
     }
 
-    /// Returns the Gaussian curvature, K; 1 / length^2.
+    /// Returns the Gaussian curvature K, in 1 / length^2.
     #[must_use]
     pub fn gaussian_curvature(&self) -> f64 {
         self.principal[0] * self.principal[1]
     }
 
-    /// Returns the mean curvature, H, positive on a sphere; 1 / length.
+    /// Returns the mean curvature H, in 1 / length; positive on a sphere.
     #[must_use]
     pub fn mean_curvature(&self) -> f64 {
         0.5 * (self.principal[0] + self.principal[1])
     }
 
-    /// Returns the shape index, from -1 (cup) over 0 (saddle) to 1 (cap, as on a sphere); 0 for a flat point.
+    /// Returns the shape index, from -1 (cup) through 0 (saddle) to 1 (cap, as on a sphere); 0 for a flat point.
     ///
-    /// `2/pi atan((k1 + k2) / (k1 - k2))`, J. J. Koenderink and A. J. van Doorn, Image Vis. Comput. 10 (1992), with
-    /// this module's sign of curvatures.
+    /// The index is `2/pi atan((k1 + k2) / (k1 - k2))` (J. J. Koenderink and A. J. van Doorn, Image Vis. Comput. 10
+    /// (1992)), with this module's sign of curvatures.
     #[must_use]
     pub fn shape_index(&self) -> f64 {
         let [k1, k2] = self.principal;
         FRAC_2_PI * (k1 + k2).atan2(k1 - k2)
     }
 
-    /// Returns the curvedness, `sqrt((k1^2 + k2^2) / 2)`; 1 / length.
+    /// Returns the curvedness `sqrt((k1^2 + k2^2) / 2)`, in 1 / length.
     #[must_use]
     pub fn curvedness(&self) -> f64 {
         self.principal[0].hypot(self.principal[1]) * std::f64::consts::FRAC_1_SQRT_2
@@ -118,8 +118,8 @@ impl LocalGeometry {
         self.normal == [0.0; 3]
     }
 
-    /// Returns the geometry with the normal reversed: curvatures change their sign, K doesn't. Intended for models over
-    /// a mirrored sphere, whose normals point inwards.
+    /// Returns the geometry with the normal reversed, which changes the sign of the curvatures except for K. Intended
+    /// for models over a mirrored sphere, whose normals point inwards.
     #[must_use]
     pub fn flipped(&self) -> Self {
         let [k1, k2] = self.principal;
@@ -134,8 +134,8 @@ impl LocalGeometry {
 
 /// Returns a tangent frame (e1, e2) of the sphere at a unit vector u, orthonormal, `e1 x e2 = u`.
 ///
-/// T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6 (2017): no case distinction, and full accuracy
-/// everywhere. The frame is discontinuous at the equator; no result here depends on its continuity.
+/// The method of T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6 (2017), needs no case distinction
+/// and is accurate everywhere. The frame is discontinuous at the equator; no result here depends on its continuity.
 #[must_use]
 pub fn tangent_frame(u: Vec3) -> [Vec3; 2] {
     let [x, y, z] = u;
@@ -163,7 +163,7 @@ pub fn local_geometry(
     let mut columns = vec![values.to_owned()];
     columns.extend(first.iter().cloned());
     let second = [0, 1, 2].map(|j| rotational_derivatives(first[j].view()));
-    // second[j][i] = L_i L_j X.
+    // Element `second[j][i]` is L_i L_j X.
     let [x, y, z] = second;
     let second = [x?, y?, z?];
     columns.extend(PAIRS.map(|[i, j]| (&second[j][i] + &second[i][j]) * 0.5));
@@ -185,7 +185,7 @@ pub fn local_geometry(
     Ok(found)
 }
 
-/// Computes the geometry from X, `L_k X` and the six `S_ij`, vectors 0 to 9.
+/// Computes the geometry at the direction `u` from the vectors X, `L_k X` and the six `S_ij`, numbered 0 to 9.
 fn at(u: Vec3, vector: impl Fn(usize) -> Vec3) -> LocalGeometry {
     let [e1, e2] = tangent_frame(u);
     let sum = |weights: [f64; 3]| {
@@ -193,7 +193,7 @@ fn at(u: Vec3, vector: impl Fn(usize) -> Vec3) -> LocalGeometry {
         add(add(terms[0], terms[1]), terms[2])
     };
     let tangents = [sum(e2), sum(e1.map(|x| -x))];
-    // Computes a' S b from the six columns of the symmetric matrix S.
+    // Returns a' S b, computed from the six columns of the symmetric matrix S.
     let form = |a: Vec3, b: Vec3| {
         PAIRS.iter().enumerate().fold([0.0; 3], |total, (column, &[i, j])| {
             let weight = if i == j { a[i] * b[i] } else { a[i] * b[j] + a[j] * b[i] };

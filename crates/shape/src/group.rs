@@ -7,7 +7,7 @@ use crate::refine::{Fit, Target};
 use crate::rotation::Rotation;
 use crate::transform::SQRT_4_PI;
 
-/// Pose of a member relative to the mean.
+/// Pose of a member, in which it is aligned to the mean.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pose {
     pub(crate) fit: Fit,
@@ -21,7 +21,7 @@ impl Pose {
     }
 }
 
-/// A member in its pose.
+/// A member of a group, with its coefficients in its pose.
 #[derive(Debug, Clone)]
 pub(crate) struct Member {
     pub(crate) pose: Pose,
@@ -30,7 +30,7 @@ pub(crate) struct Member {
 }
 
 impl Member {
-    /// Applies a pose to a surface of norm 1 and scales it by `size`.
+    /// Applies a pose to a surface of norm 1, and scales the surface by `size`.
     pub(crate) fn new(unit: &Unit, size: f64, pose: Pose, plan: Option<&Plan>) -> Self {
         let other = pose.antipodal.then(|| unit.antipodal());
         let from = &other.as_ref().unwrap_or(unit).rows;
@@ -46,13 +46,13 @@ impl Member {
     }
 }
 
-/// State of a group: its members in their poses.
+/// State of a group after a round of alignment: its members in their poses, and their mean.
 #[derive(Debug)]
 pub(crate) struct Round {
     pub(crate) members: Vec<Member>,
     /// Mean of the members' rows, (K, 3).
     pub(crate) mean: Vec<[f64; 3]>,
-    /// Root mean square distance of the members from the mean.
+    /// Root mean square distance of the members from their mean.
     pub(crate) spread: f64,
 }
 
@@ -79,13 +79,13 @@ impl Round {
         self.mean.as_flattened().iter().map(|v| v * v).sum::<f64>().sqrt()
     }
 
-    /// Returns the root mean square distance of the mean from its centre.
+    /// Returns the root mean square distance of the mean surface's points from its centre.
     pub(crate) fn size(&self) -> f64 {
         self.norm() / SQRT_4_PI
     }
 
-    /// Returns the root mean square distance between the mean and a member of norm `size`. `distance` is the distance
-    /// between them if both are scaled to norm 1.
+    /// Returns the root mean square distance between the mean and a member of norm `size`, given the distance
+    /// `distance` between the two after scaling both to norm 1.
     pub(crate) fn rmsd_of(&self, distance: f64, size: f64) -> f64 {
         let norm = self.norm();
         (norm - size).hypot((norm * size).sqrt() * distance) / SQRT_4_PI
@@ -96,7 +96,7 @@ impl Round {
         self.members.iter().map(|member| square(&member.rows, &self.mean).sqrt() / SQRT_4_PI).collect()
     }
 
-    /// Returns the largest distance by which a member moved since the round `other`, relative to the mean's size.
+    /// Returns the largest distance by which any member moved since the round `other`, relative to the mean's size.
     pub(crate) fn moved_from(&self, other: &Self) -> f64 {
         let moved = self.members.iter().zip(&other.members).map(|(a, b)| square(&a.rows, &b.rows).sqrt());
         moved.fold(0.0, f64::max) / self.norm().max(f64::MIN_POSITIVE)

@@ -11,23 +11,23 @@
 //! i + l odd:  sin'_i = sum over k with i + k even of w_{ik} sin_k,   cos'_i =   sum over i + k odd of w_{ik} sin_k
 //! ```
 //!
-//! so that row i reads either cosines or sines. W rows of one parity are computed together, one lane each. The rows'
-//! values are used at once and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, not counting hidden rows, and O(l)
-//! memory. Using the quarter's symmetry would save half of the recurrence, but would load and store sums for every few
-//! products.
+//! so that row i reads either cosines or sines. W rows of one parity are computed together, one per SIMD lane. The
+//! values of a row are used immediately and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, not counting hidden
+//! rows, and O(l) memory. The quarter's symmetry could save half of the recurrence, but would require loading and
+//! storing the sums every few products.
 
 use crate::quarter::{Quarter, rows, steps};
 use crate::row_sums::{WIDTH, row_sums};
 
-/// Coefficients of a degree by order, and workspace of J.
+/// Coefficients of a degree by order, and workspace of the half turn J.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
-    /// (l + 1, columns): the coefficients of cos(k phi) and of sin(k phi); sin_0 is zero.
+    /// Coefficients of cos(k phi) and of sin(k phi), (l + 1, columns) each; sin_0 is zero.
     pub(crate) cos: Vec<f64>,
     pub(crate) sin: Vec<f64>,
-    /// By parity of i: input of the rows i, (steps, columns), t = l - k ascending, zeros after l.
+    /// Inputs of the rows i by parity of i, (steps, columns), in ascending order of t = l - k, with zeros above l.
     inputs: [Vec<f64>; 2],
-    /// By parity of i and parity of t: (columns, rows).
+    /// Sums by parity of i and parity of t, (columns, rows) each.
     sums: [[Vec<f64>; 2]; 2],
 }
 
@@ -79,7 +79,7 @@ impl Workspace {
     }
 }
 
-/// Returns `s_i c_i`.
+/// Returns the factor `s_i c_i` of the elements `w_{ik}`.
 fn scale(i: usize) -> f64 {
     let c = if i == 0 { 1.0 } else { std::f64::consts::SQRT_2 };
     if i % 4 < 2 { c } else { -c }

@@ -20,14 +20,14 @@ use std::f64::consts::LN_2;
 
 use crate::error::ShapeError;
 
-/// A heat kernel of one width.
+/// A heat kernel on the sphere, with a given diffusion time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeatKernel {
     time: f64,
 }
 
 impl HeatKernel {
-    /// Returns the kernel of a diffusion time s, at least 0.
+    /// Returns the kernel with the given diffusion time s, at least 0.
     ///
     /// # Errors
     ///
@@ -40,7 +40,7 @@ impl HeatKernel {
         Ok(Self { time })
     }
 
-    /// Returns the kernel of a full width at half maximum in radians, at least 0.
+    /// Returns the kernel with the given full width at half maximum in radians, at least 0.
     ///
     /// # Errors
     ///
@@ -53,13 +53,13 @@ impl HeatKernel {
         Ok(Self { time: fwhm * fwhm / (16.0 * LN_2) })
     }
 
-    /// Returns the time of diffusion, s.
+    /// Returns the diffusion time s of the kernel.
     #[must_use]
     pub fn time(&self) -> f64 {
         self.time
     }
 
-    /// Returns the full width at half maximum in radians, by the formula.
+    /// Returns the full width at half maximum in radians, by the formula for the plane: `4 sqrt(s ln 2)`.
     #[must_use]
     pub fn width(&self) -> f64 {
         4.0 * (self.time * LN_2).sqrt()
@@ -91,7 +91,8 @@ mod tests {
     use spharm_harmonics::index::basis_size;
     use std::f64::consts::PI;
 
-    /// Returns the kernel at an angle, `sum (2l + 1) / (4 pi) h_l P_l(cos angle)`, to degree 400.
+    /// Returns the value of the kernel at an angle from its centre, `sum (2l + 1) / (4 pi) h_l P_l(cos angle)`, up to
+    /// degree 400.
     fn kernel(heat: HeatKernel, angle: f64) -> f64 {
         let (x, mut older, mut old) = (angle.cos(), 0.0, 1.0);
         (0..=400)

@@ -41,7 +41,7 @@ pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`]; [`ShapeError::Setting`] for a tolerance that is negative or NaN.
+/// [`ShapeError::NotFinite`]; [`ShapeError::Setting`] if the tolerance is negative or NaN.
 pub fn degree_within(coefficients: &Coefficients, tolerance: f64) -> Result<(usize, f64), ShapeError> {
     if tolerance.is_nan() || tolerance < 0.0 {
         let (name, expected) = ("the tolerance", "it must be a distance from 0");

@@ -34,11 +34,11 @@
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`codec`] | compression and decompression of models |
 //! | [`error`] | [`ShapeError`] |
-//! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2, sums with its rows, and the half turn built from them |
-//! | `matrix3`, `product` | 3 x 3 matrices; products of large ones |
-//! | `so3_grid`, `refine`, `pair` | all rotations of a grid; refinement of one of them; both combined |
+//! | `quarter`, `row_sums`, `half_turn` | Wigner's matrix at pi/2; sums with its rows; the half turn built from them |
+//! | `matrix3`, `product` | 3 x 3 matrices; products of large matrices |
+//! | `so3_grid`, `refine`, `pair` | search over a grid of rotations; refinement of one rotation; both combined |
 //! | `group` | a group during its alignment |
-//! | `templates` | the members that a group's alignment starts from |
+//! | `templates` | choice of the members from which a group's alignment starts |
 //!
 //! # Example
 //!

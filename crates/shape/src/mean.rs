@@ -7,21 +7,21 @@ use spharm_harmonics::Coefficients;
 
 use crate::error::ShapeError;
 
-/// A group's coefficients at one common degree.
+/// Coefficients of a group, truncated to a common degree.
 #[derive(Debug, Clone)]
 pub struct CommonDegree {
     /// Canonical coefficients of each member, (K, c).
     pub members: Vec<Coefficients>,
     /// The common degree L.
     pub degree: usize,
-    /// Warning that higher degrees were left out because no degree was requested.
+    /// Warning that higher degrees were dropped because no degree was requested.
     pub warning: Option<DegreesDiffer>,
 }
 
-/// Warning that models have different degrees, of which the lowest is used.
+/// Warning that models have different degrees and are compared at the lowest one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DegreesDiffer {
-    /// Lowest degree of the models, which is used.
+    /// Lowest degree of the models, to which all are truncated.
     pub lowest: usize,
     /// Highest degree of the models.
     pub highest: usize,
@@ -34,7 +34,7 @@ impl fmt::Display for DegreesDiffer {
     }
 }
 
-/// Truncates models to the degree `asked`, by default to the lowest of their degrees.
+/// Truncates models to the degree `asked`; by default to the lowest of their degrees.
 ///
 /// # Errors
 ///

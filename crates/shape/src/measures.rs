@@ -7,12 +7,12 @@
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)
 //! ```
 //!
-//! The formulas of volume and centroid follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`. Their
-//! integrands are polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid are
-//! exact, except for rounding, from `n = 2L + 1` on. |N| isn't a polynomial: the area is computed on L + 1 rings (at
-//! least 8), then on twice as many and so on until it changes by less than a tolerance. The change is reported. It
-//! estimates the error on the coarser of the last two grids, and is far above the error on the finer grid, whose area
-//! is returned.
+//! The formulas of volume and centroid follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`.
+//! Their integrands are polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid
+//! are exact, except for rounding, from `n = 2L + 1` on. |N| isn't a polynomial: the area is computed on L + 1 rings
+//! (at least 8), then on twice as many and so on until it changes by less than a tolerance. The last change is
+//! reported. It estimates the error on the coarser of the last two grids, and is much larger than the error on the
+//! finer grid, whose area is returned.
 //!
 //! Cost: four syntheses of three columns at 2 n^2 directions for each grid, 96 bytes per direction, for at most 2^18 to
 //! 2^21 directions at a time. Sums are added in the order of the rings: the result is bitwise the same on any number of
@@ -32,16 +32,16 @@ use crate::error::ShapeError;
 use crate::extent::{Extent, extent};
 use crate::geometry::{run_length, side_by_side, tangent_frame};
 
-/// Fraction of the mean area element below which the map from the sphere counts as squeezed.
+/// Fraction of the mean area element below which the map from the sphere is squeezed.
 pub const SQUEEZED: f64 = 1e-3;
 
-/// Settings of the measures: convergence of the area.
+/// Settings of [`measure`], which determine the convergence of the area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasureParams {
-    /// Largest relative change from one grid to the next at which the area has converged; default 1e-7.
+    /// Largest relative change of the area from one grid to the next at which it has converged; default 1e-7.
     pub tolerance: f64,
-    /// Maximum number of rings of a grid; default the larger of 1,024 and 2L + 2. A smaller value than 2L + 2 counts as
-    /// 2L + 2 (at least 16).
+    /// Maximum number of rings of a grid; default the larger of 1,024 and 2L + 2. A value below 2L + 2 is raised to
+    /// 2L + 2, and at least to 16.
     pub most_rings: Option<usize>,
 }
 
@@ -51,16 +51,16 @@ impl Default for MeasureParams {
     }
 }
 
-/// Area, volume and centroid, in the surface's unit.
+/// Area, volume, centroid and related measures of a surface, in its unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measures {
-    /// Area.
+    /// Area of the surface.
     pub area: f64,
     /// Relative change of the area between the last two grids.
     pub area_change: f64,
     /// Number of rings of the last grid.
     pub rings: usize,
-    /// Enclosed volume, not negative.
+    /// Volume enclosed by the surface, at least 0.
     pub volume: f64,
     /// Centre of mass of the enclosed body; the mean position if the volume is 0.
     pub centroid: Vec3,
@@ -71,7 +71,7 @@ pub struct Measures {
     /// Fraction of the sphere on which the area element is below [`SQUEEZED`] times its mean; curvatures are unreliable
     /// there.
     pub squeezed: f64,
-    /// Warnings.
+    /// Warnings about the measures.
     pub warnings: Vec<MeasureWarning>,
 }
 
@@ -83,7 +83,7 @@ pub enum MeasureWarning {
     NotConverged {
         /// Relative change of the area.
         change: f64,
-        /// The tolerance.
+        /// Requested tolerance.
         tolerance: f64,
         /// Number of rings of the finest grid.
         rings: usize,
@@ -94,7 +94,7 @@ pub enum MeasureWarning {
     Inwards,
     /// The area element is below [`SQUEEZED`] times its mean on part of the sphere.
     Squeezed {
-        /// The part, as a fraction of the sphere's area.
+        /// Fraction of the sphere's area on which the map is squeezed.
         part: f64,
     },
 }
@@ -151,7 +151,7 @@ pub fn measure(
         sums = finer;
     }
     let Sums { area, .. } = sums;
-    // The sum for a flat surface's volume holds only the rounding errors of terms that cancel each other.
+    // For a flat surface, the terms of the volume cancel each other, and their sum consists of rounding errors.
     let volume = if flat { 0.0 } else { sums.volume / 3.0 };
     let centre = if volume == 0.0 { [0.0; 3] } else { sums.moment.map(|moment| moment / (4.0 * volume)) };
     let inwards = volume < 0.0;
@@ -181,19 +181,19 @@ pub fn measure(
     })
 }
 
-/// Sums over a grid's directions.
+/// Weighted sums over the directions of a grid.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     area: f64,
-    /// Three times the volume.
+    /// Sum that equals three times the volume.
     volume: f64,
-    /// Four times the volume's first moment.
+    /// Sum that equals four times the first moment of the volume.
     moment: Vec3,
-    /// Solid angle in which the area element is small.
+    /// Solid angle in which the area element is below the threshold.
     squeezed: f64,
 }
 
-/// Coefficients of X, relative to its mean position, and of `L_k X`.
+/// Coefficients of the position X, relative to the mean position, and of the derivatives `L_k X`, side by side.
 pub(crate) struct Columns {
     values: Array2<f64>,
     max_degree: usize,
@@ -204,14 +204,14 @@ impl Columns {
     pub(crate) fn new(coefficients: &Coefficients) -> Result<Self, ShapeError> {
         let mut centred = coefficients.values().to_owned();
         let mean = std::array::from_fn(|c| centred[[0, c]] / (4.0 * PI).sqrt());
-        // Area and volume don't depend on the mean position, but their rounding errors do.
+        // The surface is centred, because the rounding errors of area and volume depend on the mean position.
         centred.row_mut(0).fill(0.0);
         let [x, y, z] = rotational_derivatives(centred.view())?;
         let values = side_by_side(&[centred, x, y, z]);
         Ok(Self { values, max_degree: coefficients.max_degree(), mean })
     }
 
-    /// Returns X, relative to its mean position, and N at directions.
+    /// Returns the position X, relative to the mean position, and the area vector N at each direction.
     pub(crate) fn at(&self, directions: Vec<Vec3>) -> Result<Vec<[Vec3; 2]>, ShapeError> {
         let directions = Directions::from_unit_vectors(directions)?;
         let samples = synthesis(&directions, self.values.view())?;
@@ -224,13 +224,13 @@ impl Columns {
                     add(add(x, y), z)
                 };
                 let [e1, e2] = tangent_frame(u);
-                // X_1 x X_2 = along(e2) x -along(e1).
+                // N = X_1 x X_2, with X_1 = along(e2) and X_2 = -along(e1).
                 [vector(0), cross(along(e1), along(e2))]
             })
             .collect())
     }
 
-    /// Returns the sums over the grid of n rings; area elements below `small` count as squeezed.
+    /// Returns the sums over the grid of `rings` rings; area elements below `small` are treated as squeezed.
     fn sums(&self, rings: usize, small: f64, monitor: &dyn Monitor) -> Result<Sums, ShapeError> {
         let grid = Grid::new(rings);
         monitor.begin(Stage::counted("quadrature", "rings"), rings as u64);
@@ -280,13 +280,13 @@ impl Grid {
         self.rings.weights[ring] * PI / self.rings.len() as f64
     }
 
-    /// Returns runs of rings to evaluate together, for a model of degree `max_degree`.
+    /// Returns ranges of rings to evaluate together, for a model of degree `max_degree`.
     pub(crate) fn runs(&self, max_degree: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
         let (n, run) = (self.rings.len(), (run_length(max_degree) / self.around()).max(1));
         (0..n).step_by(run).map(move |first| first..(first + run).min(n))
     }
 
-    /// Returns the directions of rings, ring by ring.
+    /// Returns the directions of a range of rings, ring by ring.
     pub(crate) fn directions(&self, rings: std::ops::Range<usize>) -> Vec<Vec3> {
         let azimuths: Vec<(f64, f64)> =
             (0..self.around()).map(|k| (2.0 * PI * k as f64 / self.around() as f64).sin_cos()).collect();

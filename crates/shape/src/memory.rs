@@ -1,4 +1,4 @@
-//! Estimates the memory that analyses of groups need. K = (L + 1)^2.
+//! Estimates the memory for analyses of groups, with K = (L + 1)^2 coefficients per column of a model.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -17,21 +17,21 @@ pub struct GroupSizes {
 }
 
 impl GroupSizes {
-    /// Returns the number of values of the group, `n K c`.
+    /// Returns the number of coefficients of the group, `n K c`.
     fn values(self) -> u64 {
         let of_model = basis_size(self.max_degree).saturating_mul(self.channels);
         (self.models as u64).saturating_mul(of_model as u64)
     }
 
-    /// Returns the bytes of the group's coefficients and of their copies at a common degree: `16 n K c`.
+    /// Returns the number of bytes of the group's coefficients and of their copies at a common degree, `16 n K c`.
     #[must_use]
     pub fn coefficients(self) -> u64 {
         self.values().saturating_mul(16)
     }
 
-    /// Returns the bytes that aligning the group takes in addition to the coefficients: `96 n K` for members in their
-    /// poses; for each thread the larger of [`align_bytes`] and a surface with its search tree; and the surfaces of the
-    /// mean and a member.
+    /// Returns the number of bytes for aligning the group, in addition to the coefficients: `96 n K` for the members
+    /// in their poses, per thread the larger of [`align_bytes`] and a surface with its search tree, and the surfaces
+    /// of the mean and of one member.
     #[must_use]
     pub fn procrustes(self, threads: usize) -> u64 {
         let members = (96 * self.models as u64).saturating_mul(basis_size(self.max_degree) as u64);
@@ -41,9 +41,9 @@ impl GroupSizes {
         members.saturating_add(of_thread.saturating_mul(threads as u64)).saturating_add(2 * surface)
     }
 
-    /// Returns the bytes that the modes of the group take in addition to the coefficients: members as columns, their
-    /// singular vectors and modes, and the workspace of the decomposition, `40 n K c + 64 n^2`; for the quality by
-    /// `samples` random shapes, the leave-one-out scores of each thread, `24 n^2`, and `8 n` per shape.
+    /// Returns the number of bytes for the modes of the group, in addition to the coefficients: `40 n K c + 64 n^2`
+    /// for members as columns, their singular vectors and modes, and the workspace of the decomposition. The quality
+    /// by `samples` random shapes adds `24 n^2` per thread for leave-one-out scores, and `8 n` per shape.
     #[must_use]
     pub fn modes(self, samples: usize, threads: usize) -> u64 {
         let n = self.models as u64;
@@ -53,11 +53,11 @@ impl GroupSizes {
         decomposition.saturating_add(quality).saturating_add((8 * n).saturating_mul(samples as u64))
     }
 
-    /// Returns the bytes that the quality of `modes` modes takes in addition to the coefficients, at `directions`
-    /// directions V: members as points, twice, `48 n V`, and with their search trees, `360 n V`; inner products and
-    /// decompositions, `64 n^2` and `48 n^2` per thread; the nearest shapes of 200 members, `1600 n m`, and data of the
-    /// random shapes, `40 m` each, for the group and for each thread of a draw; the transform of a member, and
-    /// landmarks at four times the directions.
+    /// Returns the number of bytes for the quality of `modes` modes, m, at `directions` directions, V, in addition to
+    /// the coefficients: `48 n V` for the members as points, twice, and `360 n V` for their search trees; `64 n^2`
+    /// for inner products, and `48 n^2` per thread for decompositions; `1600 n m` for the nearest shapes of 200
+    /// members and `40 m` per random shape, both for the group and for each thread of a draw; and the transform of a
+    /// member and landmarks, at four times as many directions.
     #[must_use]
     pub fn quality(self, directions: u64, modes: usize, samples: usize, threads: usize) -> u64 {
         let (n, m) = (self.models as u64, (modes.min(self.models)) as u64);
@@ -72,10 +72,10 @@ impl GroupSizes {
             .saturating_add(evaluated.saturating_mul(threads as u64))
     }
 
-    /// Returns the bytes that a test at `vertices` vertices takes in addition to the coefficients, with `relabellings`
-    /// relabellings: the samples of all models, d per vertex, and their residuals, each twice for Welch's test and
-    /// while they are computed, `32 n V d`; the transform of one model; `8 V` per thread and 24 per relabelling; the
-    /// geometry of the mean; maps and their table, 1200 per vertex.
+    /// Returns the number of bytes for a test at `vertices` vertices, V, with `relabellings` relabellings, in
+    /// addition to the coefficients: `32 n V d` for the samples of all models, d per vertex, and their residuals,
+    /// both twice for Welch's test and during their computation; the transform of one model; `8 V` per thread and 24
+    /// per relabelling; the geometry of the mean; and 1200 per vertex for maps and their table.
     #[must_use]
     pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {
         let of_models = (32 * (self.models * components) as u64).saturating_mul(vertices);
@@ -87,37 +87,38 @@ impl GroupSizes {
     }
 }
 
-/// Returns the bytes that the statistics of regions of a test at `vertices` vertices take: maps of a batch of
+/// Returns the number of bytes for the statistics of regions in a test at `vertices` vertices: maps of a batch of
 /// relabellings and a forest per thread, and the graph of the surface.
 #[must_use]
 pub fn regions_bytes(vertices: u64, threads: usize) -> u64 {
     vertices.saturating_mul((64 * 8 + 72) * threads as u64 + 200)
 }
 
-/// Returns the bytes that one alignment at degree L takes in addition to the coefficients, see
-/// [`align`](mod@crate::align): at most 8 starts, and a grid of bandwidth 8.
+/// Returns the number of bytes for one alignment at degree L with at most 8 starts and a grid of bandwidth 8, in
+/// addition to the coefficients; see [`align`](mod@crate::align).
 #[must_use]
 pub fn align_bytes(max_degree: usize) -> u64 {
     (12 + 8 * 240) * basis_size(max_degree) as u64 + 11 * 8_u64.pow(4)
 }
 
-/// Returns the bytes that [`local_geometry`](crate::local_geometry) takes for `directions` directions, including the
-/// result: 368 per direction while the result is collected, and the transform of 30 columns with its output for the
-/// directions evaluated at a time.
+/// Returns the number of bytes that [`local_geometry`](crate::local_geometry) uses for `directions` directions,
+/// including the result: 368 per direction while the result is collected, and the transform of 30 columns with its
+/// output for the directions evaluated together.
 #[must_use]
 pub fn local_geometry_bytes(directions: u64, max_degree: usize) -> u64 {
     directions.saturating_mul(368).saturating_add(evaluating(directions, max_degree, 30, run_length(max_degree)))
 }
 
-/// Returns the maximum number of bytes that [`measure`](crate::measure) takes: 12 columns at the directions evaluated
-/// at a time, of a grid with the larger of 1,024 and 2 L + 2 rings.
+/// Returns the maximum number of bytes that [`measure`](crate::measure) uses: 12 columns at the directions evaluated
+/// together, on a grid with the larger of 1,024 and 2 L + 2 rings.
 #[must_use]
 pub fn measure_bytes(max_degree: usize) -> u64 {
     let rings = 1024.max(2 * max_degree + 2);
     evaluating(2 * (rings * rings) as u64, max_degree, 12, run_length(max_degree))
 }
 
-/// Returns the bytes of directions, transform and values, for at most `most` directions at a time.
+/// Returns the number of bytes for directions, transform and values, if at most `most` directions are evaluated
+/// together.
 fn evaluating(directions: u64, max_degree: usize, channels: usize, most: usize) -> u64 {
     let run = usize::try_from(directions).unwrap_or(usize::MAX / 1024).min(most);
     let params = TransformParams { max_degree, accuracy: FINEST, channels: channels.min(3) };
@@ -132,7 +133,8 @@ mod tests {
     #[test]
     fn figures_grow_with_every_size_and_never_wrap() {
         let group = GroupSizes { models: 1000, max_degree: 29, channels: 3 };
-        // 86 MB as stated in procrustes.rs, in addition to surfaces with their trees.
+        // The members in their poses take 86 MB, as stated in procrustes.rs; the rest is for surfaces with their
+        // search trees.
         let surfaces = group.procrustes(1) - 96 * 1000 * 900;
         assert!(surfaces > 6 << 20 && surfaces < 16 << 20, "{surfaces}");
         let more = GroupSizes { models: 2000, ..group };

@@ -1,11 +1,11 @@
 //! Computes intermediate shapes between two surfaces.
 //!
 //! The moving surface is first [aligned](mod@crate::align): its coefficients become `T a` with a rotation R of the
-//! parameters and a similarity of space. The shape, without row 0, is interpolated linearly, `(1 - t) T a + t b`. The
-//! pose, if it is kept, is interpolated along the shortest path: the object's rotation at a constant angular speed (K.
-//! Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), scale geometrically and position linearly. So
-//! there is no deformation between two surfaces that differ only in pose. If surfaces don't correspond well, the shape
-//! at t = 1/2 has a small volume: see [`volume_ratio`].
+//! parameters and a similarity of space. The shape, without row 0, is interpolated linearly, `(1 - t) T a + t b`. If
+//! the pose of the first surface is kept, poses are interpolated along the shortest path: the rotation in space at a
+//! constant angular speed (K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), the scale
+//! geometrically and the position linearly. So a path between two surfaces that differ only in pose doesn't deform
+//! them. If surfaces don't correspond well, the shape at t = 1/2 has a small volume: see [`volume_ratio`].
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
@@ -15,16 +15,17 @@ use crate::matrix3::transposed;
 use crate::transform::{SQRT_4_PI, Similarity, transform_object};
 use crate::{MeasureParams, Rotation, ShapeError, measure};
 
-/// If the volume at t = 1/2 is below this fraction of the smaller end's volume, the surfaces don't correspond.
+/// Minimum volume at t = 1/2, as a fraction of the smaller volume of the two ends: below it the surfaces don't
+/// correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
 
 /// A path between two surfaces of one degree.
 #[derive(Debug, Clone)]
 pub struct Morph {
-    /// The first surface in the second one's parameters and pose.
+    /// The first surface, transformed to the second surface's parameters and pose.
     start: Coefficients,
     end: Coefficients,
-    /// Similarity from the first surface's pose to the second one's, as found by the alignment.
+    /// Similarity from the first surface's pose to the second surface's, as found by the alignment.
     pose: Similarity,
     /// Alignment of the surfaces.
     pub alignment: Alignment,
@@ -74,14 +75,14 @@ impl Morph {
         if !self.keep_pose {
             return Ok(shape);
         }
-        // The pose at time t, about the shape's own centre c: x -> Q(t)^T (x - c) s(t) + c'(t).
+        // The pose at time t about the shape's centre c maps x to Q(t)^T (x - c) s(t) + c'(t).
         let rotation = Rotation::from_matrix(self.pose.orthogonal)?;
         let part = portion(&rotation, 1.0 - t)?;
         let scale = self.pose.scale.powf(1.0 - t);
         let centre =
             |surface: &Coefficients| -> [f64; 3] { std::array::from_fn(|k| surface.values()[[0, k]] / SQRT_4_PI) };
         let (first, second, here) = (centre(&self.start), centre(&self.end), centre(&shape));
-        // Centre of the first surface before the alignment.
+        // The centre of the first surface before the alignment.
         let back = transposed(&self.pose.orthogonal);
         let before: [f64; 3] = {
             let moved: [f64; 3] = std::array::from_fn(|k| (first[k] - self.pose.translation[k]) / self.pose.scale);
@@ -107,14 +108,14 @@ fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
     if angle < 1.0 {
         return Ok(Rotation::IDENTITY);
     }
-    // A half turn: 1 + R is twice the projection onto the axis.
+    // R is a half turn, for which 1 + R is twice the projection onto the axis.
     let plus: [[f64; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| m[i][j] + f64::from(i == j)));
     let longest = (0..3).max_by(|&a, &b| plus[a][a].total_cmp(&plus[b][b])).unwrap_or(0);
     Rotation::from_axis_angle(plus[longest], share * angle)
 }
 
-/// Returns the volume at t = 1/2 divided by the smaller of the ends' volumes. Below [`LEAST_VOLUME`] the surfaces don't
-/// correspond.
+/// Returns the volume at t = 1/2 divided by the smaller volume of the two ends. If the ratio is below
+/// [`LEAST_VOLUME`], the surfaces don't correspond.
 ///
 /// # Errors
 ///
@@ -127,7 +128,7 @@ pub fn volume_ratio(morph: &Morph, monitor: &dyn Monitor) -> Result<f64, ShapeEr
     Ok(volume(&middle)?.abs() / least)
 }
 
-/// Returns a warning if the ratio of [`volume_ratio`] is too small.
+/// Returns a warning if the ratio from [`volume_ratio`] is below [`LEAST_VOLUME`].
 #[must_use]
 pub fn volume_warning(ratio: f64) -> Option<String> {
     (ratio < LEAST_VOLUME).then(|| {
@@ -178,7 +179,7 @@ mod tests {
         let volume = |surface: &Coefficients| measure(surface, &MeasureParams::default(), &Silent).unwrap().volume;
         let (first, half) = (morph.at(0.0).unwrap(), morph.at(0.5).unwrap());
         assert!((volume(&first) / volume(&from) - 1.0).abs() < 1e-9);
-        // Scale goes from 1 to 2: it is sqrt(2) at t = 1/2.
+        // The scale goes from 1 to 2, so it is sqrt(2) at t = 1/2.
         assert!((volume(&half) / volume(&from) - 8f64.sqrt()).abs() < 1e-8);
         let place = |surface: &Coefficients| [0, 1, 2].map(|k| surface.values()[[0, k]]);
         for k in 0..3 {
@@ -186,7 +187,7 @@ mod tests {
             let middle = 0.5 * (place(&first)[k] + to.values()[[0, k]]);
             assert!((place(&half)[k] - middle).abs() < 1e-9);
         }
-        // In the pose of the second surface the path is constant.
+        // If the whole path is in the pose of the second surface, it is constant.
         let still = Morph::new(&from, &to, &params, false, &Silent).unwrap();
         assert!(rmsd(&still.at(0.3).unwrap(), &to).unwrap() < 1e-9);
         assert!((volume_ratio(&still, &Silent).unwrap() - 1.0).abs() < 1e-9);

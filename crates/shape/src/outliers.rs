@@ -1,16 +1,16 @@
-//! Finds values of a group that lie far from the others, members that make a mode, and duplicate members.
+//! Finds values of a group that lie far from the others, members that dominate a mode, and duplicate members.
 //!
-//! The robust z of a value is its distance from the median in units of the group's spread s, which a few values hardly
-//! influence:
+//! The robust z of a value is its distance from the median, in units of a spread s of the group that a few values
+//! hardly influence:
 //!
 //! ```text
 //! z = (x - median) / s,  s = 1.4826 MAD
 //! ```
 //!
-//! with MAD the median of the distances from the median, and 1.4826 the factor that makes s the standard deviation for
-//! normally distributed values. If more than half of the values are equal, s is 1.2533 times the mean distance from the
-//! median. (If a single one of seven or more values differs from all others, which are equal, it is then an outlier.)
-//! B. Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
+//! MAD is the median of the distances from the median, and the factor 1.4826 makes s the standard deviation of
+//! normally distributed values. If more than half of the values are equal, s is 1.2533 times the mean distance from
+//! the median. (If all but one of seven or more values are equal, the remaining value is then an outlier.) B.
+//! Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
 
@@ -22,12 +22,12 @@ pub const FAR: f64 = 3.5;
 /// Minimum number of values for which outliers are reported.
 pub const LEAST: usize = 5;
 
-/// An outlier.
+/// A value that lies far from the others.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outlier {
     /// Index of the value, from 0.
     pub index: usize,
-    /// The value.
+    /// Value of the outlier.
     pub value: f64,
     /// Median of all values.
     pub median: f64,
@@ -62,20 +62,20 @@ pub fn outliers(values: &[f64]) -> Vec<Outlier> {
     found
 }
 
-/// A member that makes most of the variance of a mode.
+/// A member that causes most of the variance of a mode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Influence {
     /// Index of the member, from 0.
     pub index: usize,
-    /// Fraction by which the variance of the mode falls if the member is left out, above 0.5 and at most 1.
+    /// Fraction by which the variance of the mode falls without the member, above 0.5 and at most 1.
     pub share: f64,
 }
 
-/// Probability below which the largest of several normally distributed scores is too far from the others.
+/// Level of Grubbs' test: a largest score that is less probable than this is an outlier.
 const IMPROBABLE: f64 = 1e-3;
 
-/// Returns the member that makes the mode with these scores, one per member: without this member, the variance of the
-/// scores falls by more than half, and the member's score fails Grubbs' test for outliers at the level 0.001.
+/// Returns the member, if any, that dominates the mode with these scores, one per member: without it the variance of
+/// the scores falls by more than half, and its score is an outlier by Grubbs' test at the level 0.001.
 ///
 /// F. Grubbs, "Procedures for Detecting Outlying Observations in Samples", Technometrics 11 (1969).
 #[must_use]
@@ -91,23 +91,23 @@ pub fn influential(scores: &[f64]) -> Option<Influence> {
     if squares <= 0.0 {
         return None;
     }
-    // Without the member, the mean moves too: the sum of squares falls by far n / (n - 1).
+    // Without the member the mean moves too, so the sum of squares falls by `far` n / (n - 1).
     let left = (1.0 - far * n / (n - 1.0) / squares).max(0.0);
     let share = 1.0 - left * (n - 1.0) / (n - 2.0);
-    // The deviation in units of the standard deviation of the others has a t distribution of n - 2 degrees of freedom.
+    // The member's deviation, divided by the standard deviation of the others, has a t distribution with n - 2
+    // degrees of freedom.
     let t = if left > 0.0 { ((1.0 - left) / left * (n - 2.0)).sqrt() } else { f64::INFINITY };
     let tail = StudentsT::new(0.0, 1.0, n - 2.0).map_or(0.0, |distribution| distribution.sf(t));
     (share > 0.5 && 2.0 * n * tail < IMPROBABLE).then_some(Influence { index, share })
 }
 
-/// Returns the members of a group that are bitwise equal, a list of indices for each set of equal members, in the
-/// group's order.
+/// Returns the sets of members of a group that are bitwise equal, each as a list of indices in the group's order.
 #[must_use]
 pub fn equal_members(members: &[Coefficients]) -> Vec<Vec<usize>> {
     let mut places: HashMap<Vec<u64>, usize> = HashMap::new();
     let mut sets: Vec<Vec<usize>> = Vec::new();
     for (index, member) in members.iter().enumerate() {
-        // Members are first sorted by a key, their first values: different members normally differ in the key already.
+        // Members are first grouped by a key of their first values, in which different members normally differ.
         let key: Vec<u64> = member.values().iter().take(KEY).map(|value| value.to_bits()).collect();
         let set = *places.entry(key).or_insert_with(|| {
             sets.push(Vec::new());
@@ -133,7 +133,7 @@ fn equal(a: &Coefficients, b: &Coefficients) -> bool {
     a.dim() == b.dim() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
 }
 
-/// Number of coefficients in the key.
+/// Number of coefficients in the key by which members are first compared.
 const KEY: usize = 12;
 
 /// Returns the median; 0 for no values.
@@ -158,14 +158,14 @@ mod tests {
         let [far, small] = outliers(&volumes)[..] else { panic!("{:?}", outliers(&volumes)) };
         assert_eq!((far.index, far.value, far.median), (3, 238_319.0, 2045.0));
         assert!(far.z > 900.0 && far.z < 1100.0, "{far:?}");
-        // The next is just above the threshold: (1175 - 2045) / (1.4826 * 155).
+        // The second outlier is just above the threshold, with z = (1175 - 2045) / (1.4826 * 155).
         assert!(small.index == 1 && (small.z + 3.7859).abs() < 1e-4, "{small:?}");
         assert!(outliers(&volumes[..4]).is_empty(), "four values tell nothing");
     }
 
     #[test]
     fn z_is_that_of_normal_values() {
-        // Quantiles of the normal distribution.
+        // The values are quantiles of the normal distribution.
         let values = [-1.2816, -0.8416, -0.5244, -0.2533, 0.0, 0.2533, 0.5244, 0.8416, 1.2816];
         let z = robust_z(&values.map(|value| 40.0 + 3.0 * value));
         for (z, value) in z.iter().zip(values) {
@@ -189,9 +189,9 @@ mod tests {
         };
         assert_eq!(found.index, 5);
         assert!((found.share - (1.0 - variance(&others) / variance(&scores))).abs() < 1e-12, "{found:?}");
-        // Without the outlier no member is left that makes the mode.
+        // Without the outlier, no other member dominates the mode.
         assert_eq!(influential(&others), None);
-        // Of five, one far score isn't improbable enough; equal scores have no variance.
+        // One distant score of five isn't improbable enough, and equal scores have no variance.
         assert_eq!(influential(&[0.0, 0.2, -0.1, 0.1, 1.0]), None);
         assert_eq!(influential(&[1.0; 6]), None);
         let all = influential(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]).unwrap();

@@ -19,7 +19,7 @@ use crate::rotation::Rotation;
 use crate::so3_grid::{Peak, So3Grid};
 use spharm_surface::kabsch::svd;
 
-/// A surface without row 0, scaled to norm 1.
+/// Coefficients of a surface without row 0, scaled to norm 1.
 #[derive(Debug, Clone)]
 pub(crate) struct Unit {
     /// Coefficients, (K, 3), with row 0 zero.
@@ -29,12 +29,12 @@ pub(crate) struct Unit {
 }
 
 impl Unit {
-    /// Takes the degrees up to `degree` of finite coefficients with three columns.
+    /// Centres and scales finite coefficients, (K, 3), truncated to the degree `degree`.
     pub(crate) fn new(coefficients: &Coefficients, degree: usize) -> Self {
         let rows = coefficients.up_to(degree);
         let mut rows: Vec<[f64; 3]> = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
         rows[0] = [0.0; 3];
-        // Scaled by the largest value first, so that squares neither overflow nor underflow.
+        // Rows are first scaled by the largest value, so that squares neither overflow nor underflow.
         let largest = rows.as_flattened().iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         let total = coefficients.values().iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         if largest <= 1e-14 * total {
@@ -47,13 +47,13 @@ impl Unit {
         Self { rows, norm: largest * length }
     }
 
-    /// Returns -f(u).
+    /// Returns the negative of the surface, -f(u).
     pub(crate) fn negative(&self) -> Self {
         let rows = self.rows.iter().map(|row| row.map(|v| -v)).collect();
         Self { rows, norm: self.norm }
     }
 
-    /// Returns f(-u).
+    /// Returns the surface over the opposite directions, f(-u).
     pub(crate) fn antipodal(&self) -> Self {
         let mut other = self.clone();
         for (k, row) in other.rows.iter_mut().enumerate() {
@@ -65,17 +65,17 @@ impl Unit {
     }
 }
 
-/// Result of a search.
+/// Result of a search of all rotations.
 #[derive(Debug, Clone)]
 pub(crate) struct Found {
     pub(crate) fit: Fit,
     pub(crate) antipodal: bool,
-    /// Distance |Q R f - g| reached by each start: first the starts of the grid, by descending score, then those from
-    /// the ellipsoids.
+    /// Distance |Q R f - g| reached from each start: first from the starts of the grid, in order of decreasing score,
+    /// then from the starts given by the ellipsoids.
     pub(crate) ends: Vec<f64>,
 }
 
-/// State shared by the searches at one degree: `12 (L+1)^2 + 32/3 B^4` bytes.
+/// Tables shared by all searches at one degree, of `12 (L+1)^2 + 32/3 B^4` bytes.
 pub(crate) struct Plan {
     pub(crate) rotator: Rotator,
     grid: So3Grid,
@@ -87,10 +87,11 @@ impl Plan {
         Self { rotator: Rotator::new(max_degree), grid: So3Grid::new(bandwidth), starts }
     }
 
-    /// Searches all rotations for a surface of norm 1.
+    /// Searches all rotations for the best alignment of a surface of norm 1.
     pub(crate) fn search(&self, f: &Unit, target: &Target, space: Space, monitor: &dyn Monitor) -> Found {
         let mut starts = self.starts_of(f, target, space, false);
-        // f(-u) is searched only if mirror images are allowed; in a known pose both surfaces are oriented outwards.
+        // The surface f(-u) is searched only if mirror images are allowed. In a known pose both surfaces are oriented
+        // outwards.
         let other = (space == Space::Mirrored).then(|| f.antipodal());
         if let Some(other) = &other {
             starts.extend(self.starts_of(other, target, space, true));
@@ -131,7 +132,7 @@ impl Plan {
         peaks.map(|Peak { rotation, score }| Start { rotation, score, antipodal }).collect()
     }
 
-    /// Refines a single rotation.
+    /// Refines an alignment from a single start.
     pub(crate) fn continued(
         &self,
         f: &Unit,
@@ -144,7 +145,7 @@ impl Plan {
     }
 }
 
-/// A rotation to refine.
+/// Start of a refinement.
 #[derive(Debug, Clone, Copy)]
 struct Start {
     rotation: Rotation,
@@ -156,7 +157,7 @@ struct Start {
 /// refined at the full degree, because starts often converge to the same end point.
 const COARSE: usize = 20;
 
-/// Returns the distinct end points that the starts reached, in the order of the starts.
+/// Returns the distinct end points of the refinements as starts, in the order of the original starts.
 fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
     let mut kept: Vec<(Start, f64)> = Vec::new();
     for (fit, start) in fits.iter().zip(starts) {
@@ -172,7 +173,7 @@ fn distinct(fits: &[Fit], starts: &[Start]) -> Vec<Start> {
     kept.into_iter().map(|(start, _)| start).collect()
 }
 
-/// Returns the fit with the best rotation Q of space, without a rotation of the parameters.
+/// Returns the fit with the best rotation Q of space and unchanged parameters.
 pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
     let correlation = outer(g, f);
     let values = svd(&correlation).values;
@@ -182,7 +183,7 @@ pub(crate) fn object_only(f: &[[f64; 3]], g: &[[f64; 3]], mirror: bool) -> Fit {
         rotation: Rotation::IDENTITY,
         orthogonal,
         distance: distance(f, &orthogonal, g),
-        // Only Q was searched; the singular values suffice to see whether it is determined.
+        // Only Q was determined, and the singular values suffice to decide whether it is unique.
         stiffness: 1.0,
         singular_values: [values[0], values[1], sign * values[2]],
     }

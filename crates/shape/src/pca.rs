@@ -7,7 +7,7 @@
 //! Measures of quality: M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003;
 //! see [`quality`].
 //!
-//! Cost: a singular value decomposition of (3 (K - 1), n), about `12 K n^2` flops; memory twice the group's
+//! Cost: a singular value decomposition of a (3 (K - 1), n) matrix, about `12 K n^2` flops. Memory: twice the group's
 //! coefficients.
 
 pub mod file;
@@ -26,8 +26,8 @@ const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 pub struct Modes {
     /// Mean of the group, (K, 3), with its position in row 0.
     pub mean: Array2<f64>,
-    /// Modes, (m, 3 (K - 1)), by decreasing variance: coefficients without row 0, row-major, of norm `sqrt(4 pi)`; the
-    /// entry of the largest absolute value is positive.
+    /// Modes, (m, 3 (K - 1)), in order of decreasing variance: row-major coefficients without row 0, of norm
+    /// `sqrt(4 pi)`. The entry of a mode with the largest absolute value is positive.
     pub modes: Array2<f64>,
     /// Variance along each mode, (m), in the square of the unit of length.
     pub variances: Vec<f64>,
@@ -38,7 +38,7 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// Computes at most `most` modes of at least 3 models of one degree, each (K, 3); there are at most n - 1.
+    /// Computes at most `most` modes of n >= 3 models of one degree, each (K, 3); n models have at most n - 1 modes.
     ///
     /// # Errors
     ///
@@ -61,7 +61,7 @@ impl Modes {
         let mut mean = Array2::zeros((rows, columns));
         group.iter().for_each(|model| mean += model);
         mean /= n as f64;
-        // Members as columns, scaled so that squares are within range for any unit.
+        // The members are the columns of a matrix, scaled such that squares stay in range for any unit.
         let mut largest = 0.0_f64;
         let mut centred = Vec::with_capacity(n * (rows - 1) * columns);
         for model in group {
@@ -148,7 +148,7 @@ impl Modes {
             });
         }
         let rest = &model.slice(s![1.., ..]) - &self.mean.slice(s![1.., ..]);
-        // A single column, so that both products are of matrices.
+        // The differences form a single column, because `product` multiplies matrices only.
         let mut rest = Array2::from_shape_vec((rest.len(), 1), rest.iter().copied().collect()).unwrap_or_default();
         let scores = product(self.modes.view(), rest.view()) / SPHERE;
         rest -= &product(self.modes.t(), scores.view());
@@ -156,13 +156,13 @@ impl Modes {
         Ok((scores.iter().copied().collect(), (left / SPHERE).sqrt()))
     }
 
-    /// Returns each mode's share of the group's variance, (m); 0 for a group without variance.
+    /// Returns the fraction of the group's variance along each mode, (m); 0 for a group without variance.
     pub fn shares(&self) -> Vec<f64> {
         let share = |variance: &f64| if self.total_variance > 0.0 { variance / self.total_variance } else { 0.0 };
         self.variances.iter().map(share).collect()
     }
 
-    /// Returns the compactness: the cumulative share of the group's variance along the first k modes, for k = 1 to m.
+    /// Returns the compactness: the fraction of the group's variance along the first k modes, for k = 1 to m.
     pub fn compactness(&self) -> Vec<f64> {
         let mut sum = 0.0;
         let shares = self.variances.iter().map(|variance| {
@@ -177,7 +177,7 @@ impl Modes {
 mod tests {
     use super::*;
 
-    /// Shapes that vary along two known directions.
+    /// Returns shapes that vary along two known directions.
     pub(super) fn group(n: usize) -> Vec<Array2<f64>> {
         (0..n)
             .map(|i| {
@@ -197,11 +197,11 @@ mod tests {
         let views: Vec<_> = group.iter().map(|member| member.view()).collect();
         let modes = Modes::new(&views, 10).unwrap();
         assert_eq!(modes.count(), 6);
-        // t is -3 to 3: the sum of its squares is 28.
+        // The values of t are -3 to 3, and their squares sum to 28.
         assert!((modes.variances[0] / (4.0 * 28.0 / 6.0 / SPHERE) - 1.0).abs() < 1e-13, "{:?}", modes.variances);
         assert!(modes.variances[2..].iter().all(|variance| *variance < 1e-25));
         assert!((modes.total_variance - modes.variances.iter().sum::<f64>()).abs() < 1e-15);
-        // Row 4 has index 3 without row 0; with column 1 the element is 3 * 3 + 1 = 10.
+        // The element of row 4 and column 1 has index 3 * 3 + 1 = 10, because row 0 is omitted.
         assert!((modes.modes[[0, 10]] - SPHERE.sqrt()).abs() < 1e-13);
         for (i, member) in group.iter().enumerate() {
             let (scores, left) = modes.project(member.view()).unwrap();

@@ -1,9 +1,9 @@
 //! Checks whether equal directions correspond in a group whose maps to the sphere may have been made separately.
 //!
-//! Surfaces are compared with each other at the same directions of an icosphere, and by the nearest points of the other
-//! surface. Members are compared with the typical member, which is nearest to their mean. If the distance at equal
-//! directions exceeds the distance between the surfaces by a factor above [`FAR_FROM_A_MEMBER`], means, modes and tests
-//! reflect differences between the maps.
+//! Two surfaces are compared at the same directions of an icosphere, and by the nearest points of the other surface.
+//! Each member is compared with the typical member, the member nearest to the mean. If the distance at equal
+//! directions exceeds the distance between the surfaces by a factor above [`FAR_FROM_A_MEMBER`], means, modes and
+//! tests reflect differences between the maps.
 //!
 //! Cost: about 10 ms per member on one thread, for at most [`MOST`] members. Poses are checked by
 //! [`surface_poses`](crate::surface_poses()).
@@ -21,15 +21,15 @@ use crate::error::ShapeError;
 use crate::mean::mean;
 use crate::surface_poses::{FAR_FROM_A_MEMBER, SurfacePoseWarning};
 
-/// Maximum number of members compared with the typical one, evenly spaced over the group.
+/// Maximum number of members compared with the typical member; they are evenly spaced over the group.
 pub const MOST: usize = 64;
-/// Subdivisions of the icosphere whose triangles make up the surfaces, and of the icosphere whose vertices are the
-/// query points.
+/// Numbers of subdivisions: of the icosphere whose triangles make up the surfaces, and of the icosphere whose
+/// vertices are the query points.
 const LEVELS: [u32; 2] = [4, 3];
 const ACCURACY: f64 = 1e-6;
 
-/// Returns whether models are over one sphere, by the keys of their sampling schemes, which must be known and equal.
-/// Only then do equal directions correspond before an alignment. Returns false for no models.
+/// Returns whether all models are over one sphere: the keys of their sampling schemes are known and equal. Only then
+/// do equal directions correspond before an alignment. Returns false for no models.
 #[must_use]
 pub fn one_key<'a>(keys: impl IntoIterator<Item = Option<&'a str>>) -> bool {
     let mut keys = keys.into_iter();
@@ -37,7 +37,7 @@ pub fn one_key<'a>(keys: impl IntoIterator<Item = Option<&'a str>>) -> bool {
 }
 
 /// Checks a group of surfaces of one degree, (K, 3) each, that lie in one pose, registered or not. Returns `None` if
-/// equal directions correspond as far as the surfaces show, or for fewer than two surfaces.
+/// the surfaces show no sign that equal directions don't correspond, or for fewer than two surfaces.
 ///
 /// # Errors
 ///
@@ -109,7 +109,7 @@ mod tests {
         assert!(!one_key([]));
     }
 
-    /// Slightly different blobs, their spheres rotated by some degrees.
+    /// Checks slightly different blobs whose spheres are rotated by an angle in degrees about different axes.
     fn turned_by(degrees: f64) -> Option<SurfacePoseWarning> {
         let common = blob(6, 1);
         let member = |n: usize| {

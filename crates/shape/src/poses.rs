@@ -1,18 +1,18 @@
-//! Checks whether the models of a group lie in one pose, which a mean, modes and tests require.
+//! Checks whether the models of a group lie in one pose, as a mean, modes and tests require.
 //!
 //! The degree 1 rows of a surface, B (3 x 3), map a direction to its point on the first-order ellipsoid. If surfaces
-//! correspond, their B are similar. If they are rotated in space or in the parameters, B becomes Q B R, and the
-//! matrices cancel each other in the sum. The sum is largest if all matrices have the same singular vectors: `|sum Q_i
-//! B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in descending order (von Neumann's trace
-//! inequality). The ratio
+//! correspond, their B are similar. If surfaces are rotated in space or in the parameters, B becomes Q B R, and the
+//! matrices of different surfaces cancel each other in the sum. The sum is largest if all matrices have the same
+//! singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in descending order
+//! (von Neumann's trace inequality). The ratio
 //!
 //! ```text
 //! |sum B_i| / |sum s_i|
 //! ```
 //!
-//! is 1 for surfaces in one pose, whatever their sizes and shapes, and about 1 / sqrt(n) for n surfaces in random
-//! poses: 0.27 for 12 surfaces, 0.42 for 5 and 0.55 for 3, with an ellipsoid of axes 9, 5 and 3. The ratio needs no
-//! search. It can't detect half turns about the axes of the ellipsoid in both spaces, which leave B unchanged.
+//! is 1 for surfaces in one pose, regardless of their sizes and shapes, and about 1 / sqrt(n) for n surfaces in
+//! random poses: 0.27 for 12 surfaces, 0.42 for 5 and 0.55 for 3, with an ellipsoid of axes 9, 5 and 3. The ratio
+//! needs no search. It can't detect half turns about the axes of the ellipsoid in both spaces, which leave B unchanged.
 
 use std::fmt;
 
@@ -21,14 +21,15 @@ use spharm_harmonics::Coefficients;
 use crate::matrix3::Matrix3;
 use spharm_surface::kabsch::svd;
 
-/// Minimum ratio for surfaces in one pose. In random poses 1 in 200 groups of 5 surfaces exceeds it, and 1 in 12 groups
-/// of 3.
+/// Minimum ratio for surfaces in one pose. In random poses, 1 in 200 groups of 5 surfaces and 1 in 12 groups of 3
+/// exceed it.
 const LEAST: f64 = 0.75;
 
 /// Warning that surfaces don't lie in one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosesDiffer {
-    /// Fraction of the first-order ellipsoids that doesn't cancel in the mean; 1 if all surfaces are in one pose.
+    /// Fraction of the first-order ellipsoids that remains in their mean, without cancelling; 1 if all surfaces are
+    /// in one pose.
     pub left: f64,
 }
 
@@ -85,7 +86,7 @@ mod tests {
         let apart: Vec<_> = (0..8).map(|n| posed(&blob(4, 1), &some_pose(n))).collect();
         let found = PosesDiffer::of(&apart).unwrap();
         assert!(found.left < 0.6 && found.to_string().contains("align"), "{found}");
-        // Rotated in the parameters alone, like spheres of independent maps.
+        // Surfaces are rotated in their parameters alone, as if they had been mapped to the sphere independently.
         let still = |n: usize| crate::Transform { rotation: some_pose(n).rotation, ..crate::Transform::default() };
         let turned: Vec<_> = (0..8).map(|n| posed(&blob(4, 1), &still(n))).collect();
         assert!(PosesDiffer::of(&turned).is_some());

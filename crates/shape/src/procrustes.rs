@@ -1,15 +1,15 @@
 //! Aligns a group of surfaces: generalised Procrustes analysis over rotations of the parameters and of space.
 //!
-//! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is aligned to the mean, the mean
-//! is recomputed, and so on, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` no longer falls. All surfaces are
-//! first aligned to a template by the [joint search](mod@crate::align). After that each surface is refined from its
-//! current pose, and searched anew once the group has converged. Local optima do occur, so several templates are tried
-//! and the smallest spread is taken; the report holds the spreads of all templates. Members are centred at the origin.
-//! With `scale` all members are first scaled to the root mean square size of the group, so that the group doesn't
-//! shrink.
+//! J. Gower, "Generalized Procrustes analysis", Psychometrika 40 (1975): every surface is aligned to the mean and the
+//! mean is recomputed, until the spread `sqrt(sum |a_i - mean|^2 / n / 4 pi)` stops falling. All surfaces are first
+//! aligned to a template by the [joint search](mod@crate::align). Then each surface is refined from its current pose,
+//! and once the group has converged, each pose is searched anew. Because of local optima, several templates are tried
+//! and the smallest spread is taken. The report lists the spreads of all templates. Members are centred at the
+//! origin. With `scale` all members are first scaled to the root mean square size of the group, so that the group
+//! doesn't shrink.
 //!
-//! The mean of a group has no natural pose. At the end all surfaces are rotated together so that the mean is in the
-//! [frame](crate::foe) of its first-order ellipsoid: the result doesn't depend on the poses that were given.
+//! The mean of a group has no natural pose. At the end, all surfaces are rotated together such that the mean is in
+//! the [frame](crate::foe) of its first-order ellipsoid, so that the result doesn't depend on the poses of the input.
 //!
 //! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L in addition to the input, 86 MB for n = 1,000 and L = 29.
 //! Each thread adds the memory of [`align`](mod@crate::align), and 0.6 MB with [`Method::Surfaces`]. Surfaces are
@@ -45,10 +45,10 @@ use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
 /// Minimum number of members of a group.
 const LEAST: usize = 3;
-/// The journal is written whenever this many members have been aligned.
+/// Number of members aligned between two writes of the journal.
 const KEPT: usize = 64;
 
-/// Aligns a group, see the [module](self). Members are (K, 3) each.
+/// Aligns a group of surfaces; see the [module](self). The coefficients of each member are (K, 3).
 ///
 /// # Errors
 ///
@@ -63,8 +63,8 @@ pub fn procrustes(
 }
 
 /// Aligns a group like [`procrustes`], and saves its progress in a journal. A later run resumes from the journal, and
-/// its result is bitwise the same as without the interruption. Open the journal by [`Journal::open`] with the same
-/// members and settings.
+/// its result is bitwise the same as without the interruption. The journal must have been opened by [`Journal::open`]
+/// with the same members and settings.
 ///
 /// # Errors
 ///
@@ -94,7 +94,7 @@ pub fn procrustes_with(
     brought_together(members, params, journal, monitor)
 }
 
-/// Aligns a validated group; with [`Method::Surfaces`] its members are already in their poses.
+/// Aligns a validated group. With [`Method::Surfaces`], its members must already be in their poses.
 fn brought_together(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -119,7 +119,8 @@ fn brought_together(
         let start = group.brought_to(template)?;
         let (round, rounds, change) = group.settle(start)?;
         ends.push(TemplateEnd { template, spread: round.spread, rounds });
-        // Spreads that agree to the tolerance count as equal: the first of the starts that reached it is kept.
+        // Spreads that agree within the tolerance are treated as equal, and the first start that reached the spread
+        // is kept.
         let much = 10.0 * params.tolerance;
         if best.as_ref().is_none_or(|best| round.spread < best.spread * (1.0 - much)) {
             best = Some(round);
@@ -130,7 +131,7 @@ fn brought_together(
     let Some(best) = best else { return Err(ShapeError::TooFewMembers { found: 0, least: LEAST }) };
     let polished = group.polished(best)?;
     warnings.extend(group.of_members(&polished));
-    // If the surfaces determine the pose, they also detect mirror images.
+    // With [`Method::Surfaces`], mirror images were detected while the poses were determined.
     if !params.align.mirror && params.align.method != Method::Surfaces {
         let (mirrored, unclear) = group.mirrored(&polished)?;
         warnings.extend(mirrored);
@@ -142,10 +143,10 @@ fn brought_together(
     group.finished(members, polished, ends, warnings)
 }
 
-/// The state that all starts share.
+/// State shared by all starts of a group's alignment.
 struct Group<'a> {
     units: Vec<Unit>,
-    /// Norm to which each unit is scaled.
+    /// Norm of each member, to which its coefficients of norm 1 are scaled.
     sizes: Vec<f64>,
     plan: Option<Plan>,
     degree: usize,
@@ -183,13 +184,13 @@ impl<'a> Group<'a> {
         Ok(Self { units, sizes, plan, degree, params, mirror, journal: Mutex::new(journal), monitor })
     }
 
-    /// Aligns every member to a template by a search.
+    /// Aligns every member to a template by a search of all rotations.
     fn brought_to(&self, template: usize) -> Result<Round, ShapeError> {
         let target = Target::new(self.units[template].rows.clone());
         self.round(|index| self.searched(index, &target, self.mirror))
     }
 
-    /// Aligns every member once.
+    /// Applies a pose to every member, and computes the new mean and spread.
     fn round(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Round, ShapeError> {
         let poses = self.each(pose)?;
         let member =
@@ -199,8 +200,8 @@ impl<'a> Group<'a> {
         Ok(Round { spread: spread_of(&members, &mean), members, mean })
     }
 
-    /// Returns a pose for every member: first the poses left in the journal, then newly computed poses, which are added
-    /// to the journal.
+    /// Returns a pose for every member: first the poses remaining in the journal, then new poses, which are added to
+    /// the journal.
     fn each(&self, pose: impl Fn(usize) -> Pose + Sync) -> Result<Vec<Pose>, ShapeError> {
         let (count, mut journal) = (self.units.len(), self.journal.lock().unwrap_or_else(PoisonError::into_inner));
         let mut poses = journal.as_mut().map_or_else(Vec::new, |journal| journal.take(count));
@@ -209,7 +210,7 @@ impl<'a> Group<'a> {
             let end = if journal.is_some() { count.min(poses.len() + KEPT) } else { count };
             let one = |index: usize| -> Result<Pose, ShapeError> {
                 let pose = pose(index);
-                // A search that was interrupted has no result.
+                // The pose of an interrupted search is invalid.
                 self.monitor.check()?;
                 self.monitor.step(1);
                 Ok(pose)
@@ -242,8 +243,8 @@ impl<'a> Group<'a> {
         }
     }
 
-    /// Refines every member once against the mean. If `anew`, also searches its pose and takes the pose nearer to the
-    /// mean.
+    /// Refines every member once against the mean. If `anew`, also searches its pose anew, and keeps whichever pose
+    /// is nearer to the mean.
     fn to_mean(&self, round: &Round, anew: bool) -> Result<Round, ShapeError> {
         let target = round.target();
         let mirror = self.mirror;
@@ -257,13 +258,14 @@ impl<'a> Group<'a> {
             let fit = plan.continued(unit, &target, now.fit.rotation, self.space(mirror), &OnlyCancel(self.monitor));
             let continued = Pose { fit, antipodal: now.antipodal };
             let searched = anew.then(|| self.searched(index, &target, mirror));
-            // A new search that ends in the same pose doesn't replace the member's pose.
+            // A pose found by the new search replaces the member's pose only if it is nearer by more than rounding
+            // error.
             searched.filter(|pose| pose.fit.distance < fit.distance * (1.0 - 1e-9)).unwrap_or(continued)
         })
     }
 
-    /// Iterates until the spread stops falling even after a new search. Returns the last round, the number of rounds
-    /// and, if their maximum was reached, the last relative change of the spread.
+    /// Repeats rounds until the spread stops falling, even after a new search. Returns the last round, the number of
+    /// rounds, and, if the maximum number of rounds was reached, the last relative change of the spread.
     fn settle(&self, start: Round) -> Result<(Round, usize, Option<f64>), ShapeError> {
         let (mut round, mut anew, mut change) = (start, false, 0.0);
         for rounds in 1..=self.params.max_rounds {
@@ -271,7 +273,7 @@ impl<'a> Group<'a> {
             change = (round.spread - next.spread) / round.spread.max(f64::MIN_POSITIVE);
             let rests = change < self.params.tolerance;
             round = next;
-            // A spread below the surfaces' rounding errors can't be improved.
+            // A spread within the rounding errors of the surfaces can't be improved.
             if (rests && (anew || self.plan.is_none())) || round.spread <= 1e-14 * round.size() {
                 return Ok((round, rounds, None));
             }
@@ -280,7 +282,7 @@ impl<'a> Group<'a> {
         Ok((round, self.params.max_rounds, Some(change)))
     }
 
-    /// Iterates until no member moves.
+    /// Repeats rounds of refinement until no member moves.
     fn polished(&self, mut round: Round) -> Result<Round, ShapeError> {
         for _ in 0..self.params.max_rounds {
             let next = self.to_mean(&round, false)?;
@@ -305,13 +307,13 @@ impl<'a> Group<'a> {
         (0..self.units.len()).filter_map(of).collect()
     }
 
-    /// Returns the members centred but not rotated.
+    /// Returns the members after centring alone, without rotation.
     fn as_given(&self) -> Vec<Member> {
         let still = |unit: &Unit| Member::new(unit, unit.norm, Pose { fit: nothing_to_turn(), antipodal: false }, None);
         self.units.iter().map(still).collect()
     }
 
-    /// Rotates the mean and all members into the frame of the mean.
+    /// Rotates the mean and all members into the frame of the mean's first-order ellipsoid, and returns the result.
     fn finished(
         &self,
         originals: &[Coefficients],

@@ -13,10 +13,10 @@ use crate::transform::Transform;
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcrustesParams {
     /// Alignment of a surface to another: [`Method::Joint`](crate::Method::Joint),
-    /// [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters). By
-    /// default 3 starts are refined in each search, because every surface is searched several times.
+    /// [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters).
+    /// By default only 3 starts are refined per search, because every surface is searched several times.
     pub align: AlignParams,
-    /// Number of templates to start from; by default all members of groups of up to 20, and 5 members of larger groups.
+    /// Number of templates; by default all members in groups of up to 20, and 5 members in larger groups.
     pub templates: Option<usize>,
     /// Relative decrease of the spread below which a start has converged; 1e-7 by default. The best start continues
     /// until surfaces move by less than 1e-10 of their size.
@@ -42,34 +42,34 @@ impl Default for ProcrustesParams {
 pub enum ProcrustesWarning {
     /// Members have different degrees; degrees up to the lowest were compared.
     DegreesDiffer {
-        /// The lowest degree.
+        /// Lowest degree of the members.
         lowest: usize,
-        /// The highest degree.
+        /// Highest degree of the members.
         highest: usize,
     },
-    /// A member's mirror image is nearer to the other members than the member itself, whereas the others are nearer
-    /// unmirrored: the member may be of the other side. If shapes hardly differ from their mirror images, or differ
-    /// more among themselves, as five hippocampi do, a mirrored member mostly goes undetected.
+    /// A member's mirror image is nearer to the other members than the member itself, whereas the other members are
+    /// nearer unmirrored: the member may be from the other side. A mirrored member usually goes undetected if shapes
+    /// hardly differ from their mirror images, or differ more from each other, as five hippocampi do.
     Mirrored {
         /// Index of the member, from 0.
         member: usize,
         /// Distance of the member from the mean of the others.
         rmsd: f64,
-        /// Distance of its mirror image from the mean of the others.
+        /// Distance of the member's mirror image from the mean of the others.
         mirrored: f64,
     },
     /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by a fifth
     /// or more.
     Sides {
-        /// Members of the smaller side, from 0; if both sides have the same size, of the side without the first member.
-        /// Empty if the shapes don't show which members they are.
+        /// Indices of the members of the smaller side, from 0; if both sides have the same size, of the side without
+        /// the first member. Empty if the shapes don't show which members these are.
         members: Vec<usize>,
         /// Number of members of the group.
         of: usize,
-        /// The group's spread; if poses are determined by the surfaces, the distance of the members of one side from
-        /// the typical member of the other.
+        /// Spread of the group. If the surfaces determine the poses, the distance of the members of one side from the
+        /// typical member of the other side.
         spread: f64,
-        /// The spread, or the distance, with mirror images matched.
+        /// The same spread or distance, with mirror images matched.
         mirrored: f64,
     },
     /// A warning about the alignment of one member to the mean.
@@ -92,9 +92,9 @@ pub enum ProcrustesWarning {
     },
     /// The pose of a member's surface relative to the others, with [`Method::Surfaces`](crate::Method::Surfaces).
     Pose(GroupPoseWarning),
-    /// The surfaces lie on each other less well than the alignment suggests.
+    /// The surfaces are farther from each other than the alignment suggests.
     Surfaces(SurfacePoseWarning),
-    /// The maximum number of rounds was reached.
+    /// The alignment hasn't converged after the maximum number of rounds.
     NotConverged {
         /// The last relative change of the spread.
         change: f64,
@@ -102,7 +102,7 @@ pub enum ProcrustesWarning {
 }
 
 impl ProcrustesWarning {
-    /// Returns the index of the member concerned, from 0, if there is a single one.
+    /// Returns the index, from 0, of the member concerned, if the warning concerns a single member.
     #[must_use]
     pub fn member(&self) -> Option<usize> {
         match self {
@@ -136,7 +136,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the members that are, or may be, mirror images of the others, from 0.
+    /// Returns the indices, from 0, of members that may be mirror images of the others.
     #[must_use]
     pub fn mirrored(&self) -> &[usize] {
         match self {
@@ -146,7 +146,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the warning's text with members by name, at most 12 in a list.
+    /// Returns the warning's text with the names of members, of which a list contains at most 12.
     pub fn naming(&self, name: impl Fn(usize) -> String) -> String {
         const MOST: usize = 12;
         match (self, self.member()) {
@@ -194,14 +194,14 @@ impl fmt::Display for ProcrustesWarning {
     }
 }
 
-/// Result of one start.
+/// Result of the alignment from one template.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TemplateEnd {
     /// Index of the member to which all members were first aligned.
     pub template: usize,
-    /// The spread reached.
+    /// Spread of the group at the end.
     pub spread: f64,
-    /// Number of rounds.
+    /// Number of rounds until the end.
     pub rounds: usize,
 }
 
@@ -210,17 +210,17 @@ pub struct TemplateEnd {
 pub struct ProcrustesReport {
     /// Highest degree compared.
     pub degree: usize,
-    /// Root mean square distance of the members from their mean, in their unit, after centring alone.
+    /// Root mean square distance of the members from their mean after centring alone, in the members' unit.
     pub spread_before: f64,
-    /// Root mean square distance of the members from their mean, in their unit, after the alignment.
+    /// Root mean square distance of the members from their mean after the alignment, in the members' unit.
     pub spread_after: f64,
     /// Distance of each member from the mean, at equal directions.
     pub rmsd: Vec<f64>,
     /// Distance of each member's surface from the mean's surface, regardless of directions.
     pub surface_distances: Vec<f64>,
-    /// Result of each start.
+    /// Results of the alignments from all templates.
     pub ends: Vec<TemplateEnd>,
-    /// Warnings.
+    /// Warnings about the alignment.
     pub warnings: Vec<ProcrustesWarning>,
 }
 

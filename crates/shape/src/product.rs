@@ -1,5 +1,5 @@
-//! Multiplies matrices on one thread: the product is bitwise the same on any number of threads, also inside parallel
-//! loops.
+//! Multiplies matrices on one thread, so that products are bitwise the same for any number of threads, even inside
+//! parallel loops.
 //!
 //! ndarray's own `dot` uses OpenBLAS if another crate of the program enables it. The threads of OpenBLAS would then
 //! compete with the threads of the calling loop.
@@ -8,7 +8,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use ndarray::{Array2, ArrayView2};
 
-/// Number of columns of B in one product: with some dozens of rows of A they fit the L2 cache.
+/// Number of columns of B per product, chosen such that they fit the L2 cache together with some dozens of rows of A.
 pub(crate) const COLUMNS: usize = 768;
 
 /// Returns `A B`: (m, n) for (m, k) and (k, n). Arguments that aren't row-major are copied first.

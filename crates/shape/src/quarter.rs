@@ -9,30 +9,30 @@
 //! q = (l-k)(l+k+1),   k = l-1, ..., 0
 //! ```
 //!
-//! A row starts where its values are smallest, as small as 2^-l, and grows until `i^2 + k^2 <= l^2`; from there the
-//! values oscillate. The recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles would
-//! underflow at the start, and the values that grow from there would be wrong, by 27 % in a column's norm at degree
-//! 3,000. A row is *hidden* while its values are below 2^-80, and treated as zero; degree 3,000 has rows that start
-//! below 2^-3000.
+//! A row starts with its smallest values, as small as 2^-l, which grow until `i^2 + k^2 <= l^2` and then oscillate.
+//! The recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles would underflow at the
+//! start, and the values that grow from there would be wrong, by 27 % in a column's norm at degree 3,000. While a
+//! row's values are below 2^-80, the row is *hidden* and treated as zero. At degree 3,000 some rows start below
+//! 2^-3000.
 //!
-//! Rows are independent, so several are computed together, one lane each. Cost: 3 flops per value; `O(l)` memory.
+//! Rows are independent, so several are computed together, one per SIMD lane. Cost: 3 flops per value; `O(l)` memory.
 
 use spharm_harmonics::double_double::DoubleDouble;
 
-/// Number of steps between two checks of the exponents. Up to degree 30,000 a row grows by less than 2^60 in these
-/// steps.
+/// Number of steps between two checks of the exponents. Up to degree 30,000, a row grows by less than 2^60 in this
+/// number of steps.
 pub(crate) const BLOCK: usize = 8;
-/// Rows are computed in multiples of this number.
+/// Number of rows that [`dense`] computes together.
 pub(crate) const LANES: usize = 8;
-/// A hidden value is stored multiplied by 2^512, or by a higher power of 2^512.
+/// Factor by which hidden values are scaled once or repeatedly for storage: 2^512.
 const HIDDEN_SCALE: f64 = f64::from_bits((1023 + 512) << 52);
 const HIDDEN_INVERSE: f64 = f64::from_bits((1023 - 512) << 52);
-/// A stored value above this is scaled down. Its row is therefore accurate for values from 2^-120 on.
+/// Threshold above which a stored value is scaled down. A row is therefore accurate for values from 2^-120 on.
 const LARGE: f64 = f64::from_bits((1023 + 392) << 52);
-/// A row whose first value is below this starts as hidden.
+/// Threshold of a row's first value below which the row starts as hidden.
 const SMALL: f64 = f64::from_bits((1023 - 120) << 52);
 
-/// `Delta_{0,l}^2` for degrees 0 to L.
+/// Squares of the corner elements, `Delta_{0,l}^2`, for the degrees l from 0 to L.
 #[derive(Debug, Clone)]
 pub(crate) struct Centre(Vec<f64>);
 
@@ -50,19 +50,19 @@ impl Centre {
     }
 }
 
-/// Data shared by the rows of one degree, and the start of each row. Step t computes k = l - t.
+/// Factors shared by the rows of one degree, and the first value of each row. Step t computes the element k = l - t.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Quarter {
-    /// The degree, l.
+    /// Degree l of the rows.
     pub(crate) degree: usize,
-    /// `1/sqrt(q)` and `sqrt((l-k-1)(l+k+2)/q)` of the step from t to t + 1; zero from t = l on. The length is a
-    /// multiple of [`BLOCK`] steps.
+    /// Factors `1/sqrt(q)` and `sqrt((l-k-1)(l+k+2)/q)` of the step from t to t + 1, zero from t = l on. The length
+    /// is a multiple of [`BLOCK`].
     pub(crate) first: Vec<f64>,
     pub(crate) second: Vec<f64>,
-    /// By parity p of i: the stored values of `Delta_{i,l}` for i = p, p + 2, ..., padded by zeros to a multiple of
+    /// Stored values of `Delta_{i,l}` by parity p of i, for i = p, p + 2, ..., padded with zeros to a multiple of
     /// [`LANES`].
     pub(crate) starts: [Vec<f64>; 2],
-    /// By parity: number of times that the stored value was multiplied by 2^512.
+    /// Number of times that each stored value was multiplied by 2^512, by parity of i.
     pub(crate) exponents: [Vec<i32>; 2],
 }
 
@@ -77,7 +77,7 @@ pub(crate) const fn rows(degree: usize, parity: usize, width: usize) -> usize {
 }
 
 impl Quarter {
-    /// Prepares a degree, reusing the memory.
+    /// Prepares the rows of a degree, reusing the memory of the previous degree.
     pub(crate) fn set(&mut self, degree: usize, centre: &Centre, width: usize) {
         let l = degree;
         self.degree = l;
@@ -85,7 +85,7 @@ impl Quarter {
             steps_of.clear();
             steps_of.resize(steps(l), 0.0);
         }
-        // Step from t - 1 to t = l - k: q = t (2l + 1 - t), (l-k-1)(l+k+2) = (t - 1)(2l + 2 - t).
+        // For the step from t - 1 to t = l - k, q is t (2l + 1 - t), and (l-k-1)(l+k+2) is (t - 1)(2l + 2 - t).
         let sum = (2 * l + 1) as f64;
         for (i, (first, second)) in self.first.iter_mut().zip(&mut self.second).take(l).enumerate() {
             let t = (i + 1) as f64;
@@ -115,7 +115,7 @@ impl Quarter {
     }
 }
 
-/// Whether all, some or none of the rows computed together are hidden.
+/// Classifies rows computed together: all, some or none of them are hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hidden {
     All,
@@ -126,16 +126,16 @@ pub(crate) enum Hidden {
 /// State of the recurrence for `W` rows of one parity.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rows<const W: usize> {
-    /// `-2i`.
+    /// Factor `-2i` of the recurrence for each row i.
     pub(crate) order: [f64; W],
-    /// The stored values at t; `before` holds the values at t - 1.
+    /// Stored values at step t; `before` holds the values at step t - 1.
     pub(crate) now: [f64; W],
     pub(crate) before: [f64; W],
     exponents: [i32; W],
 }
 
 impl<const W: usize> Rows<W> {
-    /// Starts the rows `parity + 2 (at + lane)` at t = 0.
+    /// Starts the rows `i = parity + 2 (at + lane)` at step t = 0.
     #[inline(always)]
     pub(crate) fn start(quarter: &Quarter, parity: usize, at: usize) -> Self {
         let (mut now, mut exponents) = ([0.0; W], [0; W]);
@@ -184,8 +184,8 @@ impl<const W: usize> Rows<W> {
     }
 }
 
-/// Returns the quarter of a degree, (l+1) x (l+1) row by row: `8 (l+1)^2` bytes, for searches at low degrees and as the
-/// tests' oracle.
+/// Returns the quarter of a degree as an (l+1) x (l+1) matrix, row by row, of `8 (l+1)^2` bytes. It serves searches
+/// at low degrees, and as the reference in tests.
 pub(crate) fn dense(degree: usize, centre: &Centre) -> Vec<f64> {
     let mut quarter = Quarter::default();
     quarter.set(degree, centre, LANES);
@@ -216,8 +216,8 @@ pub(crate) fn dense(degree: usize, centre: &Centre) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Returns the largest deviation of a row's norm from 1. The norm is over all k; values at k < 0 equal those at k >
-    /// 0 except for the sign.
+    /// Returns the largest deviation of a row's norm from 1. The norm includes k < 0, at which values equal those at
+    /// k > 0 except for the sign.
     fn worst_norm(degree: usize) -> f64 {
         let delta = dense(degree, &Centre::new(degree));
         let row_norm = |row: &[f64]| row[0] * row[0] + 2.0 * row[1..].iter().map(|v| v * v).sum::<f64>();
@@ -228,8 +228,8 @@ mod tests {
     fn rows_have_norm_one_beyond_the_range_of_doubles() {
         for degree in [0, 1, 2, 7, 8, 9, 60, 500, 1_500, 3_000] {
             let worst = worst_norm(degree);
-            // The worst row has i near l, where the recurrence is worst conditioned; the mean error of the rows is a
-            // tenth of the worst.
+            // The worst row has i near l, for which the recurrence is worst conditioned. The mean error of the rows
+            // is a tenth of the worst one.
             assert!(worst < 1e-16 * degree.max(20) as f64, "degree {degree}: {worst:e}");
         }
     }

@@ -9,9 +9,9 @@
 //! ```
 //!
 //! has gradient and second derivatives that are sums of 3 x 3 products of g, R f and their [infinitesimal
-//! rotations](crate::derivatives), at a cost of `O(K)`. The steps are Newton's, with Levenberg's damping in the metric
-//! of Gauss and Newton (the squared lengths of the six directions). The Gauss-Newton matrix equals Newton's if g = Q R
-//! f, and the damping keeps steps far from the optimum short. Convergence is quadratic even if the surfaces differ. If
+//! rotations](crate::derivatives), at a cost of `O(K)`. The steps are Newton steps with Levenberg's damping, in a
+//! metric given by the squared lengths of the six directions. The Gauss-Newton matrix equals Newton's if g = Q R f,
+//! and the damping keeps steps short far from the optimum. Convergence is quadratic even if the surfaces differ. If
 //! the pose is known ([`Space::Fixed`]), only R varies.
 
 use spharm_monitor::Monitor;
@@ -40,25 +40,25 @@ impl Target {
 /// Result of a refinement.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Fit {
-    /// Rotation R.
+    /// Rotation R of the parameters.
     pub(crate) rotation: Rotation,
-    /// Rotation Q; a reflection only if allowed.
+    /// Rotation Q of space; a reflection only if allowed.
     pub(crate) orthogonal: Matrix3,
-    /// |Q R f - g|.
+    /// Distance |Q R f - g| after the refinement.
     pub(crate) distance: f64,
-    /// The smallest second derivative over all directions, relative to their squared lengths; about zero if the two
-    /// surfaces can be rotated without changing the distance.
+    /// Smallest second derivative along any direction, relative to the direction's squared length; about zero if the
+    /// two surfaces can be rotated without changing the distance.
     pub(crate) stiffness: f64,
-    /// The singular values of `sum g (R f)^T`, the last with the sign of the determinant.
+    /// Singular values of `sum g (R f)^T`, the last one with the sign of the determinant.
     pub(crate) singular_values: [f64; 3],
 }
 
 /// Maximum number of steps; about a dozen are typical.
 const STEPS: usize = 60;
-/// The refinement ends after a step below this, in radians: the next step would be of the order of its square.
+/// Length in radians of a step after which the refinement ends: the next step would be of the order of its square.
 const LAST: f64 = 1e-9;
 
-/// A rotation, the rotated f, and its distance from the target.
+/// State of a refinement: a rotation, the rotated f, and its distance from the target.
 struct State {
     rotation: Rotation,
     rows: Vec<[f64; 3]>,
@@ -67,24 +67,24 @@ struct State {
     distance: f64,
 }
 
-/// Matrices allowed for Q.
+/// Matrices allowed for the rotation Q of space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Space {
-    /// Rotations.
+    /// All rotations.
     Turned,
-    /// Rotations and reflections.
+    /// All rotations and reflections.
     Mirrored,
     /// The identity only: the pose is known.
     Fixed,
 }
 
 impl Space {
-    /// Returns [`Self::Mirrored`] if `mirror`, otherwise [`Self::Turned`].
+    /// Returns [`Self::Mirrored`] if `mirror` is set, otherwise [`Self::Turned`].
     pub(crate) fn free(mirror: bool) -> Self {
         if mirror { Self::Mirrored } else { Self::Turned }
     }
 
-    /// Returns the best Q of a correlation.
+    /// Returns the best allowed matrix Q for a correlation matrix.
     pub(crate) fn best(self, correlation: &Matrix3) -> Matrix3 {
         match self {
             Self::Fixed => IDENTITY,
@@ -93,8 +93,8 @@ impl Space {
     }
 }
 
-/// Refines a rotation of `f`, (K, 3), of norm 1 with row 0 zero. Stops early if the monitor interrupts; the caller has
-/// to check the monitor.
+/// Refines a rotation of the surface `f`, (K, 3), of norm 1 and with row 0 zero. Stops early if the monitor is
+/// cancelled, which the caller has to check.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],
@@ -125,7 +125,7 @@ pub(crate) fn refine(
             if let Some(step) = model.step(damping) {
                 size = step.iter().map(|v| v * v).sum::<f64>().sqrt();
                 let trial = at(Rotation::exponential([step[0], step[1], step[2]]) * state.rotation);
-                // Near the optimum differences of the distance are rounding errors.
+                // Near the optimum, differences between distances are rounding errors.
                 if trial.distance < state.distance || size < LAST {
                     next = Some(trial);
                     break;
@@ -155,7 +155,7 @@ pub(crate) fn refine(
     }
 }
 
-/// Returns |Q f - g|.
+/// Returns the distance |Q f - g|.
 pub(crate) fn distance(f: &[[f64; 3]], orthogonal: &Matrix3, g: &[[f64; 3]]) -> f64 {
     let square = |(f, g): (&[f64; 3], &[f64; 3])| -> f64 {
         (0..3).map(|i| dot(&orthogonal[i], f) - g[i]).map(|difference| difference * difference).sum()
@@ -163,7 +163,7 @@ pub(crate) fn distance(f: &[[f64; 3]], orthogonal: &Matrix3, g: &[[f64; 3]]) -> 
     f.iter().zip(g).map(square).sum::<f64>().sqrt()
 }
 
-/// Returns the sum over rows of g f^T.
+/// Returns the sum of g f^T over all rows.
 pub(crate) fn outer(g: &[[f64; 3]], f: &[[f64; 3]]) -> Matrix3 {
     let mut sum = [[0.0; 3]; 3];
     for (g, f) in g.iter().zip(f) {
@@ -181,7 +181,7 @@ pub(crate) fn outer(g: &[[f64; 3]], f: &[[f64; 3]]) -> Matrix3 {
 struct Model {
     gradient: [f64; 6],
     hessian: [[f64; 6]; 6],
-    /// Squared lengths of the six directions.
+    /// Squared lengths of the six directions of rotation.
     metric: [f64; 6],
 }
 
@@ -191,7 +191,7 @@ impl Model {
         let trace = |m: &Matrix3| -> f64 { (0..3).map(|i| dot(&q[i], &m[i])).sum() };
         let own = generators(&state.rows);
         let mut model = Self { gradient: [0.0; 6], hessian: [[0.0; 6]; 6], metric: [0.0; 6] };
-        // N = sum g (Q R f)^T, which is symmetric because Q is the best rotation.
+        // The matrix N = sum g (Q R f)^T is symmetric because Q is the best rotation.
         let n = product(&state.correlation, &transposed(q));
         let total = n[0][0] + n[1][1] + n[2][2];
         let norms: [f64; 3] = std::array::from_fn(|c| state.rows.iter().map(|row| dot(&q[c], row).powi(2)).sum());
@@ -206,7 +206,7 @@ impl Model {
                 model.hessian[i][j] += both;
                 model.hessian[j][i] += both;
                 model.hessian[3 + i][3 + j] = if i == j { total } else { 0.0 } - (n[i][j] + n[j][i]) / 2.0;
-                // <g, e_j x y> = g_k y_i - g_i y_k, with i and k the next two axes after j.
+                // The mixed derivatives use <g, e_j x y> = g_k y_i - g_i y_k, with i and k the next two axes after j.
                 let (next, last) = ((j + 1) % 3, (j + 2) % 3);
                 let mixed = p[last][next] - p[next][last];
                 (model.hessian[i][3 + j], model.hessian[3 + j][i]) = (mixed, mixed);
@@ -233,9 +233,9 @@ impl Model {
         }
     }
 
-    /// Returns the damped step to the minimum, or `None` if there is no minimum.
+    /// Returns the damped step to the minimum of the model, or `None` if there is no minimum.
     fn step(&self, damping: f64) -> Option<[f64; 6]> {
-        // The floor makes the matrix positive definite even if the distance doesn't change along some direction.
+        // The floor makes the matrix positive definite even if the distance is constant along some direction.
         let floor = 1e-14 * self.metric.iter().sum::<f64>() + f64::MIN_POSITIVE;
         let mut l = self.hessian;
         for (i, row) in l.iter_mut().enumerate() {
@@ -265,7 +265,7 @@ impl Model {
         Some(x)
     }
 
-    /// Returns the smallest eigenvalue of the second derivatives in units of the metric, by Jacobi rotations.
+    /// Returns the smallest eigenvalue of the second derivatives, relative to the metric, by Jacobi rotations.
     fn stiffness(&self) -> f64 {
         let largest = self.metric.iter().fold(0.0_f64, |largest, &v| largest.max(v));
         if largest == 0.0 {

@@ -3,8 +3,8 @@
 //! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)). The distance
 //! between the singular values of a model and of the query is a lower bound of the distance between the aligned
 //! surfaces. [`Library::nearest`] sorts by that bound. [`Library::refined`] aligns candidates in the order of their
-//! bounds, until the next bound is no better than the distances found. If the alignment finds the best rotation, the
-//! result is the same as if every model were aligned, at the cost of aligning a few.
+//! bounds, until the next bound exceeds the distances found. If the alignment finds the best rotation, the result is
+//! the same as after aligning every model, at the cost of aligning only a few.
 //!
 //! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library, so that high
 //! degrees, which are small, weigh as much as low ones. This metric recognises a shape among many if each degree is
@@ -21,14 +21,14 @@ use crate::error::ShapeError;
 /// Criterion by which models are sorted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Metric {
-    /// The distance of the singular values, in the models' unit: a lower bound of the surfaces' distance.
+    /// Distance between the singular values, in the models' unit: a lower bound of the distance between the surfaces.
     #[default]
     Distance,
-    /// The distance of the singular values, each divided by its standard deviation over the library; without unit.
+    /// Distance between the singular values, each divided by its standard deviation over the library; without unit.
     Standardized,
 }
 
-/// The descriptors of many models, all truncated to one degree.
+/// Descriptors of many models, all truncated to one degree.
 #[derive(Debug, Clone)]
 pub struct Library {
     /// Singular values, (models, degrees times channels) row-major.
@@ -44,9 +44,9 @@ pub struct Library {
 /// A model of a library and its distance from the query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// Number of the model in the library, from 0.
+    /// Index of the model in the library, from 0.
     pub index: usize,
-    /// Distance of the singular values: at most the root mean square distance of the surfaces.
+    /// Distance between the singular values, which is at most the root mean square distance between the surfaces.
     pub bound: f64,
     /// Value by which the models were sorted: `bound`, unless another [`Metric`] was requested.
     pub score: f64,
@@ -55,8 +55,8 @@ pub struct Match {
 }
 
 impl Library {
-    /// Stores the descriptors of models, truncated to the lowest of their degrees; if `unit_size`, of models scaled to
-    /// size 1.
+    /// Creates a library from the descriptors of models, truncated to the lowest of their degrees. If `unit_size`,
+    /// models are first scaled to size 1.
     ///
     /// # Errors
     ///
@@ -118,11 +118,11 @@ impl Library {
     }
 
     /// Returns the `count` models nearest to a query after alignment, nearest first. `align` returns the root mean
-    /// square distance of an aligned model, given its number in the library. `align` is called only as often as the
-    /// bounds require, and at most `most` times.
+    /// square distance of an aligned model from the query, given the model's index in the library. It is called only
+    /// as often as the bounds require, and at most `most` times.
     ///
-    /// `align` has to compare the same degrees as the library, at unit size if the library does. Calls are sequential,
-    /// so that each can use all threads.
+    /// `align` must compare the same degrees as the library, at unit size if the library does. Calls are sequential,
+    /// so each call can use all threads.
     ///
     /// # Errors
     ///
@@ -187,7 +187,7 @@ impl Library {
     }
 }
 
-/// Returns the inverse standard deviations of the columns, in the order of the rows.
+/// Returns the inverse standard deviation of each column of `rows`; 0 for a constant column.
 fn scales(rows: &[f64], width: usize) -> Vec<f64> {
     let models = (rows.len() / width) as f64;
     let mut means = vec![0.0; width];
@@ -199,7 +199,7 @@ fn scales(rows: &[f64], width: usize) -> Vec<f64> {
         let squares = row.iter().zip(&means).map(|(value, mean)| (value - mean) * (value - mean) / models);
         variances.iter_mut().zip(squares).for_each(|(variance, square)| *variance += square);
     }
-    // Differences within rounding carry no information.
+    // Differences within rounding error carry no information.
     let scale = |(variance, mean): (&f64, &f64)| {
         let deviation = variance.sqrt();
         if deviation > 1e-12 * mean.abs() { 1.0 / deviation } else { 0.0 }
@@ -218,8 +218,8 @@ fn check_channels(expected: usize, model: &Descriptors) -> Result<(), ShapeError
     Err(ShapeError::Differ { what: "channels of a model", expected, found: model.channels })
 }
 
-/// Returns the singular values up to a degree. Unit size refers to these degrees, so that all comparisons use the same
-/// degrees.
+/// Returns the singular values up to a degree. The scaling to unit size is by these degrees alone, so that all models
+/// are compared alike.
 fn row(model: &Descriptors, degree: usize, unit_size: bool) -> Vec<f64> {
     let model = model.up_to(degree);
     if unit_size { model.unit_size().singular_values } else { model.singular_values }
@@ -265,7 +265,7 @@ mod tests {
         }
     }
 
-    /// `align` here returns the distance without an alignment, for which the bounds hold as well.
+    /// In this test `align` returns the distance without an alignment, for which the bounds hold as well.
     #[test]
     fn refining_finds_what_comparing_all_finds_with_fewer_comparisons() {
         let models: Vec<Coefficients> = (0..300).map(|seed| model(4, seed)).collect();

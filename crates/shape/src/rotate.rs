@@ -1,14 +1,14 @@
 //! Rotates the parameters of functions on the sphere, given their coefficients.
 //!
-//! A rotation R rotates the function on its sphere, `f'(u) = f(R^T u)`: a surface is unchanged in space, and the vertex
-//! that was at direction u is now at R u. The coefficients of each degree are mixed among themselves, `D = Z(al) J
-//! Z(be) J Z(ga)` with Z(t) the rotation about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either sign, and J the
-//! half turn about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
+//! A rotation R rotates the function on its sphere, `f'(u) = f(R^T u)`: a surface is unchanged in space, and the
+//! vertex at direction u moves to direction R u. The coefficients of each degree are mixed only with each other, by
+//! `D = Z(al) J Z(be) J Z(ga)`. Z(t) is the rotation about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either
+//! sign, and J is the half turn about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
 //!
-//! Cost: `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L and, in addition to the coefficients and the result, `48
-//! (L+1)` bytes and `O(L)` in each thread. Degrees are independent of each other and their results don't depend on the
-//! number of threads. Errors are a few 1e-16 of the largest value at degree 100 and 1e-13 at 2,000, where rounding of
-//! the rotation matrix's elements dominates.
+//! Cost: `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L and, in addition to the coefficients and the result,
+//! `48 (L+1)` bytes and `O(L)` in each thread. Degrees are independent of each other and their results don't depend
+//! on the number of threads. Errors are a few 1e-16 of the largest value at degree 100 and 1e-13 at 2,000, at which
+//! rounding of the rotation matrix's elements dominates.
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -38,7 +38,7 @@ pub fn rotate_parameters(
     let values = values.as_slice().unwrap_or_default();
     let (turns, centre) = (Turns::new(rotation, max_degree), Centre::new(max_degree));
     let mut rotated = vec![0.0; values.len()];
-    // High degrees come first, so that no thread is left with an expensive degree at the end.
+    // High degrees come first, so that no thread has to finish an expensive degree alone at the end.
     let mut degrees = Vec::with_capacity(max_degree + 1);
     let mut rest = rotated.as_mut_slice();
     for degree in 0..=max_degree {
@@ -64,7 +64,7 @@ pub fn rotate_parameters(
     Ok(Coefficients::new(rotated.unwrap_or_default())?)
 }
 
-/// cos(m t) and sin(m t) of the three rotations about z, by al, be and ga.
+/// Values of cos(m t) and sin(m t) for the three rotations about z, with t = al, be and ga.
 #[derive(Debug)]
 struct Turns([Vec<[f64; 2]>; 3]);
 
@@ -108,7 +108,7 @@ fn rotate_degree(
             let (plus, minus) = ((l + m) * columns + start, (l - m) * columns + start);
             for c in 0..group {
                 let (a, b) = (workspace.cos[m * group + c], workspace.sin[m * group + c]);
-                // At m = 0 `plus` and `minus` are the same element.
+                // At m = 0, `plus` and `minus` are the same element, so the order of the assignments matters.
                 out[minus + c] = cos * b + sin * a;
                 out[plus + c] = cos * a - sin * b;
             }
@@ -116,8 +116,8 @@ fn rotate_degree(
     }
 }
 
-/// Rotates coefficients of up to one degree repeatedly in one thread. It keeps the data that the rotations share, `8
-/// (L+1)^2` bytes.
+/// Rotates coefficients up to a fixed degree repeatedly in one thread, and keeps the data that all rotations share,
+/// `8 (L+1)^2` bytes.
 #[derive(Debug)]
 pub(crate) struct Rotator {
     quarters: Vec<Quarter>,
@@ -134,7 +134,8 @@ impl Rotator {
         Self { quarters: quarters.collect() }
     }
 
-    /// Rotates three columns, (K, 3), of at most the rotator's degree into `out`, of the same length.
+    /// Rotates three columns, (K, 3), of at most the rotator's degree, and writes the result to `out`, which has the
+    /// same length.
     pub(crate) fn rotate(
         &self,
         values: &[[f64; 3]],
@@ -170,7 +171,7 @@ mod tests {
         values.iter().fold(0.0, |largest: f64, v| largest.max(v.abs()))
     }
 
-    /// Compares f'(u) with f(R^T u), by direct sums at R^T u and at u.
+    /// Returns the largest relative difference between f'(u) and f(R^T u), both by direct sums.
     fn resynthesis(degree: usize, columns: usize, rotation: &Rotation) -> f64 {
         let a = sample(degree, columns);
         let rotated = rotate_parameters(&a, rotation, &Silent).unwrap();
@@ -203,7 +204,7 @@ mod tests {
 
     #[test]
     fn degrees_keep_their_norm_to_degree_2000() {
-        // One column, with values in the highest degree only: other degrees would only take time.
+        // The single column has values in the highest degree only, because other degrees would only cost time.
         let degree = 2_000;
         let mut values = Array2::zeros((basis_size(degree), 1));
         let rows = degree * degree..basis_size(degree);

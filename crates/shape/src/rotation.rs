@@ -1,7 +1,7 @@
 //! Rotations of space and of the sphere of parameters.
 //!
-//! A rotation R moves the point u to R u. In Euler angles `R = Rz(al) Ry(be) Rz(ga)`, all in radians, with al and ga in
-//! (-pi, pi] and be in [0, pi]: first a rotation about z by ga, then about y by be, then about z by al. A matrix that
+//! A rotation R moves the point u to R u. Euler angles are in radians, `R = Rz(al) Ry(be) Rz(ga)`, with al and ga in
+//! (-pi, pi] and be in [0, pi]: R rotates first about z by ga, then about y by be, then about z by al. A matrix that
 //! mirrors is rejected rather than corrected, so that a [`Rotation`] is never a reflection.
 
 use std::ops::Mul;
@@ -14,7 +14,7 @@ pub use crate::matrix3::Matrix3;
 use crate::matrix3::{IDENTITY, determinant, product, transposed};
 use spharm_surface::kabsch::kabsch;
 
-/// Largest deviation of `R^T R` from the identity, in any element, for a matrix to be accepted as a rotation.
+/// Largest deviation of any element of `R^T R` from the identity for which a matrix is accepted as a rotation.
 pub const ORTHOGONALITY_TOLERANCE: f64 = 1e-6;
 
 /// A rotation of space: an orthogonal matrix of determinant 1.
@@ -36,7 +36,7 @@ impl From<&Rotation> for Matrix3 {
 }
 
 impl Rotation {
-    /// The identity.
+    /// The identity rotation.
     pub const IDENTITY: Self = Self { matrix: IDENTITY };
 
     /// The rotation by 180 degrees about the first axis.
@@ -69,7 +69,7 @@ impl Rotation {
         Ok(Self { matrix: kabsch(&matrix, false) })
     }
 
-    /// Wraps a matrix that is orthogonal to rounding by construction.
+    /// Wraps a matrix that is orthogonal by construction, up to rounding.
     pub(crate) const fn of_orthogonal(matrix: Matrix3) -> Self {
         Self { matrix }
     }
@@ -97,7 +97,7 @@ impl Rotation {
     ///
     /// [`ShapeError::NotARotation`]: the axis has length zero, or a value isn't finite.
     pub fn from_axis_angle(axis: [f64; 3], angle: f64) -> Result<Self, ShapeError> {
-        // Scaled first, so that no square overflows or underflows.
+        // The axis is scaled first, so that no square overflows or underflows.
         let largest = axis.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         if !(axis.iter().all(|v| v.is_finite()) && angle.is_finite() && largest > 0.0) {
             let problem = format!("the axis {axis:?} with the angle {angle} says no rotation");
@@ -136,10 +136,10 @@ impl Rotation {
         Self::from_quaternion([s * c.cos(), r * b.sin(), r * b.cos(), s * c.sin()]).unwrap_or_default()
     }
 
-    /// Returns the rotation of the rotation vector w: about w, by its length in radians.
+    /// Returns the rotation given by a rotation vector w: about w, by the length of w in radians.
     pub(crate) fn exponential(w: [f64; 3]) -> Self {
         let angle = w.iter().map(|v| v * v).sum::<f64>().sqrt();
-        // sin(t/2)/t without a division by zero.
+        // The quotient sin(t/2) / t, without a division by zero.
         let half = if angle < 1e-8 { 0.5 } else { (angle / 2.0).sin() / angle };
         let quaternion = [(angle / 2.0).cos(), half * w[0], half * w[1], half * w[2]];
         Self::from_quaternion(quaternion).unwrap_or_default()
@@ -151,13 +151,13 @@ impl Rotation {
         self.matrix
     }
 
-    /// Returns the inverse, the transpose.
+    /// Returns the inverse rotation, whose matrix is the transpose.
     #[must_use]
     pub fn inverse(&self) -> Self {
         Self { matrix: transposed(&self.matrix) }
     }
 
-    /// Returns R u.
+    /// Returns R u, the rotated vector.
     #[must_use]
     pub fn apply(&self, u: [f64; 3]) -> [f64; 3] {
         self.matrix.map(|row| row[0] * u[0] + row[1] * u[1] + row[2] * u[2])
@@ -178,8 +178,8 @@ impl Rotation {
         self.turns().map(|turn| turn.sin.value().atan2(turn.cos.value()))
     }
 
-    /// Returns the rotations by al, be and ga. ga is read from the remainder of R after removing Rz(al), so that the
-    /// product is R to rounding however small be is.
+    /// Returns the rotations by al, be and ga. ga is read from R after removing Rz(al), so that the product equals R
+    /// to rounding error, however small be is.
     pub(crate) fn turns(&self) -> [Turn; 3] {
         let exact = self.matrix.map(|row| row.map(Number::new));
         let alpha = Turn::of(exact[0][2], exact[1][2]);
@@ -200,9 +200,9 @@ impl Mul for Rotation {
 
 type Number = DoubleDouble<false>;
 
-/// Cosine and sine of an angle, in double-double. The cosine and the sine of m times the angle, computed from them by
-/// powers, are then accurate to one rounding error, whereas `cos(m t)` of a rounded angle t is off by m rounding
-/// errors.
+/// Cosine and sine of an angle in double-double precision. Cosines and sines of m times the angle, computed as
+/// powers, are then accurate to one rounding error, whereas the error of `cos(m t)` for a rounded angle t is m
+/// rounding errors.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Turn {
     cos: Number,
@@ -210,7 +210,7 @@ pub(crate) struct Turn {
 }
 
 impl Turn {
-    /// Returns the rotation to the direction (x, y); the identity for zero.
+    /// Returns the rotation by the polar angle of the direction (x, y); the identity for the zero vector.
     fn of(x: Number, y: Number) -> Self {
         let length = (x * x + y * y).sqrt();
         if length.hi < 1e-150 {
@@ -219,7 +219,7 @@ impl Turn {
         Self { cos: x / length, sin: y / length }
     }
 
-    /// Returns (cos(m t), sin(m t)) for m = 0..=L.
+    /// Returns the pairs (cos(m t), sin(m t)) of the angle t for m = 0..=L.
     pub(crate) fn multiples(self, max_degree: usize) -> Vec<[f64; 2]> {
         let (mut cos, mut sin) = (Number::new(1.0), Number::ZERO);
         let multiples = (0..=max_degree).map(|_| {
@@ -282,8 +282,8 @@ mod tests {
     }
 
     proptest! {
-        /// The angles reproduce the rotation, also near beta = 0 and pi, where alpha and gamma are undetermined
-        /// separately.
+        /// The Euler angles reproduce the rotation, even near beta = 0 and pi, at which alpha and gamma are
+        /// undetermined separately.
         #[test]
         fn euler_angles_give_the_rotation_back(a in -3.1..3.1, b in 0.0..3.1, c in -3.1..3.1, small in 0i32..18) {
             let near = 10.0_f64.powi(-small);

@@ -2,9 +2,9 @@
 //! loop of rotations.
 //!
 //! For rows i of one parity, t = l - k and columns x_{k,c}, the results are the sums over even t and over odd t of
-//! `Delta_{i,k} x_{k,c}`. Sixteen rows at a time keep their recurrence and their sums in registers. A step loads two
-//! factors and c values of x for all rows, and makes 3 + c operations on each row. Hidden rows are advanced without
-//! products.
+//! `Delta_{i,k} x_{k,c}`. Sixteen rows are processed together, with their recurrence and their sums in registers. A
+//! step loads two factors and c values of x for all rows, and performs 3 + c operations per row. Hidden rows are
+//! advanced without products.
 //!
 //! CPU time of a rotation of three columns at degree 1,000: 0.13 s. Plain loops, which the compiler doesn't vectorise,
 //! take 0.48 s. Version 0.42 of ducc0 took 0.41 s in the same run.
@@ -13,15 +13,15 @@ use multiversion::{multiversion, target::match_target};
 
 use crate::quarter::{BLOCK, Hidden, Quarter, Rows, rows};
 
-/// Maximum number of columns processed together; the recurrence is repeated for every such group of columns.
+/// Maximum number of columns processed together. The recurrence is repeated for each group of this many columns.
 pub(crate) const COLUMNS: usize = 3;
-/// Number of rows processed together; with three columns they use 18 of the 32 registers of AVX-512.
+/// Number of rows processed together. With three columns they occupy 18 of the 32 registers of AVX-512.
 pub(crate) const WIDTH: usize = 16;
 
-/// By parity of t: the sums for C columns and the rows processed together.
+/// Sums by parity of t, for C columns and the rows processed together.
 type Sums<const C: usize> = [[[f64; WIDTH]; C]; 2];
 
-/// A run of steps: the factors of the recurrence, and (steps, C) values.
+/// A run of steps: the factors of the recurrence, and the values of x, (steps, C).
 #[derive(Debug, Clone, Copy)]
 struct Steps<'a> {
     first: &'a [f64],
@@ -29,8 +29,8 @@ struct Steps<'a> {
     x: &'a [f64],
 }
 
-/// Writes the sums for the rows of one parity and one to [`COLUMNS`] columns. `inputs` is (steps, columns); `sums` has
-/// an array (columns, rows) for each parity of t.
+/// Computes the sums of the rows of one parity, for one to [`COLUMNS`] columns. `inputs` is (steps, columns); `sums`
+/// has an array (columns, rows) for each parity of t.
 pub(crate) fn row_sums(quarter: &Quarter, parity: usize, columns: usize, inputs: &[f64], sums: &mut [Vec<f64>; 2]) {
     match columns {
         1 => sums_1(quarter, parity, inputs, sums),
@@ -97,7 +97,7 @@ fn panels<const C: usize>(
     }
 }
 
-/// The portable form, for processors without a kernel and as the tests' oracle.
+/// Advances rows in portable code, for processors without a vectorised kernel and as the reference in tests.
 fn plain<const C: usize>(hidden: Hidden, rows: &mut Rows<WIDTH>, sums: &mut Sums<C>, steps: Steps<'_>) {
     let visible = rows.visible();
     for (t, (&first, &second)) in steps.first.iter().zip(steps.second).enumerate() {
@@ -112,7 +112,8 @@ fn plain<const C: usize>(hidden: Hidden, rows: &mut Rows<WIDTH>, sums: &mut Sums
     }
 }
 
-/// The portable form with explicit vector instructions, because the compiler turns that form into scalar code.
+/// The same computation as `plain` with explicit vector instructions, because the compiler turns `plain` into scalar
+/// code.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{
@@ -143,14 +144,15 @@ mod x86 {
                 });
             }
 
-            /// Reads `X` columns of x and sums the first `C`. With `MASK`, hidden rows aren't summed.
+            /// Reads `X` columns of x and sums the products with the first `C` columns. With `MASK`, hidden rows
+            /// aren't summed.
             #[target_feature(enable = $features)]
             fn $some<const C: usize, const X: usize, const MASK: bool>(
                 rows: &mut Rows<WIDTH>,
                 sums: &mut Sums<C>,
                 steps: Steps<'_>,
             ) {
-                /// Number of vectors processed together, and number of such groups that make up the rows.
+                /// Number of vectors processed together; `PARTS` such groups make up the rows.
                 const TOGETHER: usize = $together;
                 const LANES: usize = size_of::<$vector>() / 8;
                 const PARTS: usize = WIDTH / LANES / TOGETHER;
@@ -203,7 +205,7 @@ mod x86 {
         2,
         [_mm512_set1_pd, _mm512_mul_pd, _mm512_fmadd_pd, _mm512_fmsub_pd]
     );
-    // Vectors are processed one by one: the sums and rows of two wouldn't fit into the 16 registers.
+    // Vectors are processed one by one, because the sums and rows of two vectors don't fit into the 16 registers.
     kernel_for!(
         avx2,
         avx2_steps,

@@ -1,4 +1,4 @@
-//! Surfaces used by the tests.
+//! Generates surfaces and poses for the tests.
 
 use ndarray::Array2;
 use spharm_harmonics::{Coefficients, basis_size};
@@ -7,7 +7,7 @@ use spharm_monitor::Silent;
 use crate::rotation::Rotation;
 use crate::transform::{Similarity, Transform};
 
-/// Five hippocampi of degree 12, as written by a step of SPHARM-MAT: its first alignment, or its registration.
+/// Returns five hippocampi of degree 12 after a step of SPHARM-MAT: its first alignment, or its registration.
 pub(crate) fn hippocampi(step: &str) -> Option<Vec<Coefficients>> {
     let folder = spharm_testdata::shared("shape")?;
     let read = |n: usize| {
@@ -17,7 +17,7 @@ pub(crate) fn hippocampi(step: &str) -> Option<Vec<Coefficients>> {
     Some((1..=5).map(read).collect())
 }
 
-/// An asymmetric surface with a size of some units, which isn't centred at the origin.
+/// Returns an asymmetric surface with a size of a few units, not centred at the origin.
 pub(crate) fn blob(degree: usize, seed: u32) -> Coefficients {
     let value = |(k, c): (usize, usize)| {
         let l = k.isqrt() as f64;
@@ -28,7 +28,7 @@ pub(crate) fn blob(degree: usize, seed: u32) -> Coefficients {
     Coefficients::new(values).unwrap()
 }
 
-/// The ellipsoid with the given semi-axes.
+/// Returns the ellipsoid with the given semi-axes.
 pub(crate) fn ellipsoid(axes: [f64; 3]) -> Coefficients {
     let mut values = Array2::zeros((4, 3));
     let unit = (4.0 * std::f64::consts::PI / 3.0).sqrt();
@@ -36,7 +36,7 @@ pub(crate) fn ellipsoid(axes: [f64; 3]) -> Coefficients {
     Coefficients::new(values).unwrap()
 }
 
-/// A pose from six numbers in [0, 1).
+/// Returns a pose computed from six numbers in [0, 1).
 pub(crate) fn pose(numbers: [f64; 6]) -> Transform {
     let [a, b, c, d, e, f] = numbers;
     let similarity =
@@ -44,7 +44,7 @@ pub(crate) fn pose(numbers: [f64; 6]) -> Transform {
     Transform { rotation: Rotation::uniform([a, b, c]), antipodal: false, similarity }
 }
 
-/// The n-th of a fixed list of poses.
+/// Returns the n-th of a fixed sequence of poses.
 pub(crate) fn some_pose(n: usize) -> Transform {
     pose([0.618, 0.755, 0.570, 0.819, 0.671, 0.549].map(|step: f64| ((n + 1) as f64 * step).fract()))
 }
@@ -59,7 +59,7 @@ pub(crate) fn reflected(coefficients: &Coefficients) -> Coefficients {
     Coefficients::new(values).unwrap()
 }
 
-/// The largest difference of two surfaces' coefficients, relative to the largest coefficient.
+/// Returns the largest difference between two surfaces' coefficients, relative to the largest coefficient.
 pub(crate) fn apart(a: &Coefficients, b: &Coefficients) -> f64 {
     let largest = |values: &Array2<f64>| values.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
     largest(&(a.values() - b.values())) / largest(a.values())

@@ -10,12 +10,12 @@ use ndarray::ArrayView2;
 /// Maximum number of sweeps, which is never reached; a matrix of three columns takes 4 to 6.
 const MOST_SWEEPS: usize = 60;
 
-/// Returns the singular values of a matrix, (n, c), largest first, (c); those beyond the matrix's rank are 0 to
+/// Returns the singular values of a matrix, (n, c), largest first, (c); values beyond the matrix's rank are 0 to
 /// rounding error.
 #[must_use]
 pub fn singular_values(matrix: ArrayView2<'_, f64>) -> Vec<f64> {
     let mut columns: Vec<Vec<f64>> = matrix.columns().into_iter().map(|column| column.to_vec()).collect();
-    // Scaled, so that no square overflows or underflows.
+    // Columns are scaled, so that no square overflows or underflows.
     let largest = matrix.iter().fold(0.0f64, |most, value| most.max(value.abs()));
     if largest == 0.0 || !largest.is_finite() {
         return vec![if largest == 0.0 { 0.0 } else { f64::NAN }; columns.len()];
@@ -58,13 +58,13 @@ mod tests {
 
     #[test]
     fn values_of_a_graded_matrix_keep_their_digits() {
-        // Orthogonal columns of length 2 times a diagonal, times a rotation.
+        // The matrix is a product of orthogonal columns of length 2, a diagonal matrix and a rotation.
         let q = array![[1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, -1.0]];
         let known = [3.0, 2e-5, 5e-11];
         let turn = array![[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
         let matrix = crate::product::product((q * array![1.5, 1e-5, 2.5e-11]).view(), turn.view());
         for (found, known) in singular_values(matrix.view()).into_iter().zip(known) {
-            // The matrix product itself has rounding errors of some eps of the largest value.
+            // The matrix product itself has rounding errors of a few eps times the largest value.
             assert!((found - known).abs() < 4e-16 * 3.0, "{found:e} {known:e}");
         }
         let scaled = matrix.mapv(|value| value * 1e200);

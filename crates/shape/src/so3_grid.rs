@@ -26,7 +26,7 @@ use crate::refine::Space;
 use crate::rotation::Rotation;
 use spharm_surface::kabsch::best_trace;
 
-/// Returns tr Q^T M for the best allowed Q.
+/// Returns the maximum of `tr Q^T M` over the allowed matrices Q.
 fn score(m: &Matrix3, space: Space) -> f64 {
     match space {
         Space::Fixed => m[0][0] + m[1][1] + m[2][2],
@@ -37,7 +37,7 @@ fn score(m: &Matrix3, space: Space) -> f64 {
 /// The grid and its precomputed tables.
 pub(crate) struct So3Grid {
     bandwidth: usize,
-    /// Wigner's d by be and degree, (2l + 1) x (2l + 1) by rows.
+    /// Wigner's d matrices by be and degree, (2l + 1) x (2l + 1) each, by rows.
     wigner: Vec<Vec<Vec<f64>>>,
     fft: Arc<dyn Fft<f64>>,
 }
@@ -46,7 +46,7 @@ pub(crate) struct So3Grid {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Peak {
     pub(crate) rotation: Rotation,
-    /// `tr Q^T M` for the best Q.
+    /// Maximum of `tr Q^T M` over the allowed matrices Q.
     pub(crate) score: f64,
 }
 
@@ -62,8 +62,8 @@ impl So3Grid {
         Self { bandwidth, wigner: wigner.collect(), fft: FftPlanner::new().plan_fft_forward(2 * bandwidth) }
     }
 
-    /// Returns the best local maxima of `tr Q^T M`, best first, with Q any rotation or any orthogonal matrix. If maxima
-    /// are closer to each other than the grid's step, only the best is kept.
+    /// Returns the best local maxima of `tr Q^T M` over the allowed matrices Q, at most `most`, best first. Of maxima
+    /// closer to each other than the grid's step, only the best is kept.
     pub(crate) fn peaks(&self, f: &[[f64; 3]], g: &[[f64; 3]], space: Space, most: usize) -> Vec<Peak> {
         let degrees = self.bandwidth.min(f.len().isqrt()).min(g.len().isqrt());
         let (f, g) = (complex(f, degrees), complex(g, degrees));
@@ -86,13 +86,13 @@ impl So3Grid {
                 }
             }
         }
-        // Ties are broken by the order of the grid.
+        // Ties are broken by the order of the grid points.
         found.sort_by(|x, y| y.0.total_cmp(&x.0).then(x.1.cmp(&y.1)));
         let near = PI / self.bandwidth as f64;
         let mut peaks: Vec<Peak> = Vec::new();
         for (score, at) in found {
             let rotation = self.rotation(at);
-            // Near be = 0 and pi many points of the grid are nearly the same rotation.
+            // Near be = 0 and be = pi, many points of the grid are nearly the same rotation.
             if peaks.iter().all(|peak| (peak.rotation.inverse() * rotation).angle() > near) {
                 peaks.push(Peak { rotation, score });
             }
@@ -103,13 +103,13 @@ impl So3Grid {
         peaks
     }
 
-    /// Returns the rotation of a grid point, given the indices of al, be, ga.
+    /// Returns the rotation of a grid point, given the indices of al, be and ga.
     fn rotation(&self, [a, b, c]: [usize; 3]) -> Rotation {
         let step = PI / self.bandwidth as f64;
         Rotation::from_euler(a as f64 * step, (b as f64 + 0.5) * step, c as f64 * step).unwrap_or_default()
     }
 
-    /// Returns the matrices M for one be, (ga, al).
+    /// Returns the matrices M for one value of be, (ga, al).
     fn matrices(&self, at: usize, f: &[Vec<[Complex64; 3]>], g: &[Vec<[Complex64; 3]>]) -> Vec<Matrix3> {
         let n = 2 * self.bandwidth;
         let mut planes = vec![Complex64::ZERO; 9 * n * n];
@@ -148,7 +148,7 @@ impl So3Grid {
     }
 }
 
-/// Returns, by degree, the complex coefficients of three functions for m = -l..=l.
+/// Returns the complex coefficients of three functions by degree l, for m = -l..=l.
 fn complex(values: &[[f64; 3]], degrees: usize) -> Vec<Vec<[Complex64; 3]>> {
     let of_degree = |l: usize| {
         let mut out = vec![[Complex64::ZERO; 3]; 2 * l + 1];
@@ -166,7 +166,7 @@ fn complex(values: &[[f64; 3]], degrees: usize) -> Vec<Vec<[Complex64; 3]>> {
     (0..degrees).map(of_degree).collect()
 }
 
-/// Returns d^l(be), by rows m and columns m'.
+/// Returns Wigner's matrix d^l(be), with rows m and columns m', row by row.
 fn wigner(degree: usize, quarter: &[f64], beta: f64) -> Vec<f64> {
     let (l, side) = (degree as isize, 2 * degree + 1);
     let delta = |k: isize, m: isize| {

@@ -8,8 +8,8 @@
 //! ```
 //!
 //! is tested: t for d = 1, Hotelling's `T^2` for d > 1, F for several contrasts at once. To compare two groups, use a
-//! design with one column for each group and the contrast (1, -1): this is the pooled t test. Rows must be independent
-//! subjects, unless [`Blocks`] say which of them depend on each other.
+//! design with one column for each group and the contrast (1, -1): this is the pooled t test. Rows must be
+//! independent subjects, unless [`Blocks`] define which of them depend on each other.
 //!
 //! # Modules
 //!
@@ -20,8 +20,8 @@
 //! | `contrasts` | contrasts as text |
 //! | [`linear`] | statistics, p values, effects and their confidence intervals at each vertex |
 //! | [`welch`] | two groups of unequal variance |
-//! | `variances` | the warning of unequal variances |
-//! | `aspin_welch` | groups of observations that differ in variance, in any design |
+//! | `variances` | warning about unequal variances |
+//! | `aspin_welch` | groups of observations with unequal variances, in any design |
 //! | [`blocks`] | observations that depend on each other |
 //! | [`spatial`] | TFCE and clusters |
 //! | [`permutation`] | family-wise p values by the largest statistic of relabelled studies |
@@ -86,23 +86,23 @@ pub use terms::{Column, Term};
 /// Settings of a test.
 #[derive(Debug, Clone)]
 pub struct TestParams {
-    /// Relabellings for family-wise p values; `None` omits these p values. Default: 10,000 at seed 0.
+    /// Relabellings for family-wise p values; `None` omits these p values. Default: 10,000 relabellings with seed 0.
     pub permutations: Option<PermutationParams>,
     /// Whether two groups are tested by Welch's t or its `T^2` instead of the pooled statistic. Default: no.
     pub welch: bool,
-    /// Variance group of each subject, numbered from 0, (n): the statistic is Aspin and Welch's v, or G for several
-    /// contrasts. Default: one group, with the pooled statistic.
+    /// Variance group of each subject, numbered from 0, (n). The statistic is then Aspin and Welch's v, or G for
+    /// several contrasts. Default: one group, with the pooled statistic.
     pub variance_groups: Option<Vec<usize>>,
-    /// The kind of relabelling, and so the assumption about the errors. Default: permutations of subjects; sign flips
-    /// for means, where permutations change nothing, and for unequal variances.
+    /// Kind of relabelling, which implies an assumption about the errors. Default: permutations of subjects; sign
+    /// flips for means, which permutations don't change, and for unequal variances.
     pub errors: Option<Resampling>,
     /// Exchangeability blocks, which restrict relabellings. Default: all subjects are exchangeable.
     pub blocks: Option<Blocks>,
-    /// Statistics of regions. Default: none.
+    /// Settings of statistics of regions. Default: none.
     pub spatial: Option<SpatialParams>,
-    /// The coverage of confidence intervals of the effect, in (0, 1). Default: 0.95.
+    /// Coverage of the effect's confidence intervals, in (0, 1). Default: 0.95.
     pub confidence: f64,
-    /// The level of significance of a vertex, in (0, 1); used for warnings only. Default: 0.05.
+    /// Level of significance of a vertex, in (0, 1), which only affects warnings. Default: 0.05.
     pub level: f64,
 }
 
@@ -124,19 +124,19 @@ impl Default for TestParams {
 /// Result of a test at each of V vertices.
 #[derive(Debug, Clone)]
 pub struct Test {
-    /// The statistic, with its degrees of freedom.
+    /// Kind of the statistic, with its degrees of freedom.
     pub kind: Statistic,
-    /// t (signed), F or `T^2`, (V).
+    /// Statistic at each vertex, (V): signed t, F or `T^2`.
     pub statistic: Vec<f64>,
-    /// Two-sided p values of the distribution, uncorrected, (V).
+    /// Uncorrected two-sided p values by the statistic's distribution, (V).
     pub p: Vec<f64>,
     /// False-discovery rates of Benjamini and Hochberg, from `p`, (V).
     pub q: Vec<f64>,
     /// Family-wise p values, if relabellings were requested and change the statistics.
     pub family_wise: Option<FamilyWise>,
-    /// The contrast's estimate, its standard error and effect size, if the contrast has one row.
+    /// Estimate, standard error and effect size of the contrast, if it has one row.
     pub effect: Option<Effect>,
-    /// Warnings.
+    /// Warnings about the test.
     pub warnings: Vec<TestWarning>,
 }
 
@@ -147,7 +147,7 @@ pub enum TestWarning {
     /// At some vertices all subjects have equal values, or their components are linearly dependent.
     #[error("{vertices} of {of} vertices have no variance: at these vertices the statistic is 0 and p is 1")]
     NoVariance {
-        /// Number of such vertices.
+        /// Number of vertices without variance.
         vertices: usize,
         /// Number of all vertices.
         of: usize,
@@ -163,15 +163,15 @@ pub enum TestWarning {
         if *.covariates { " (of two groups without covariates)" } else { "" }
     )]
     UnequalVariances {
-        /// The group of larger variance.
+        /// Name of the group with the larger variance.
         wide: String,
-        /// Number of subjects in this group.
+        /// Number of subjects in the group.
         wide_subjects: usize,
-        /// The other group.
+        /// Name of the group with the smaller variance.
         narrow: String,
-        /// Number of subjects in this group.
+        /// Number of subjects in the group.
         narrow_subjects: usize,
-        /// The larger variance divided by the smaller one; each is summed over all vertices.
+        /// Larger variance divided by the smaller one, both summed over all vertices.
         ratio: f64,
         /// Whether the design has columns in addition to the two groups' columns.
         covariates: bool,
@@ -187,18 +187,18 @@ pub enum TestWarning {
         floor: f64,
         /// Number of relabellings.
         relabellings: usize,
-        /// The requested level.
+        /// Level of significance.
         level: f64,
         /// Whether all relabellings were used.
         exact: bool,
     },
 }
 
-/// Checks a test of values of d components per vertex before there are values.
+/// Checks the design and the settings of a test before its values, d components per vertex, are available.
 ///
 /// # Errors
 ///
-/// Those errors of [`test`](fn@test) that depend on neither the values nor the relabellings.
+/// The errors of [`test`](fn@test) that depend neither on the values nor on the relabellings.
 pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &TestParams) -> Result<(), ShapeError> {
     linear::check_design(components, design, contrast, params)?;
     projection::Projection::new(design, contrast)?;
@@ -208,13 +208,13 @@ pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &T
     Ok(())
 }
 
-/// Tests a contrast at each vertex: `values` is (n, V d), the d components of a vertex side by side.
+/// Tests a contrast at each vertex. `values` is (n, V d), with the d components of a vertex in adjacent columns.
 ///
 /// # Errors
 ///
-/// [`ShapeError::Subjects`] if the values' subjects differ from the design's, or are too few for the statistic;
-/// [`ShapeError::NotFiniteValue`]; [`ShapeError::Contrast`] for a contrast that doesn't match the design's columns or
-/// isn't estimable; [`ShapeError::NotTwoGroups`] for Welch's t of anything other than two groups;
+/// [`ShapeError::Subjects`] if the number of subjects differs between values and design, or is too small for the
+/// statistic; [`ShapeError::NotFiniteValue`]; [`ShapeError::Contrast`] for a contrast that doesn't match the design's
+/// columns or isn't estimable; [`ShapeError::NotTwoGroups`] for Welch's t of anything but two groups;
 /// [`ShapeError::Interrupted`].
 pub fn test(
     values: ArrayView2<'_, f64>,
@@ -259,7 +259,8 @@ pub fn test(
         let tested = (&model, &compared, &kind);
         family_wise = permutation::family_wise(values, components, tested, (asked, params), monitor)?;
         if let Some(clusters) = family_wise.as_mut().and_then(|found| found.clusters.as_mut()) {
-            // To the last bit those of the map, which is computed in another way than relabelled ones.
+            // Cluster statistics are replaced by those of the map, which are computed in another way and differ in
+            // the last bits.
             clusters.clusters.iter_mut().for_each(|cluster| cluster.statistic = statistic[cluster.peak]);
         }
         match &family_wise {

@@ -1,23 +1,23 @@
 //! Checks whether the surfaces of an aligned group lie on each other, regardless of their parameters.
 //!
 //! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of smallest
-//! distance at equal directions may be wrong. In ten vertebrae aligned in this way, corresponding points were 4 to 65
-//! mm apart, whereas a rigid motion leaves them 4 to 7 mm apart. So the surfaces themselves are compared, by points
-//! spread evenly over the area of each and the nearest points of the other. The distance
+//! distance at equal directions may be wrong. Corresponding points of ten vertebrae aligned in this way were 4 to 65
+//! mm apart, but only 4 to 7 mm after a rigid motion. So the surfaces themselves are compared: points spread evenly
+//! over the area of each surface, and the nearest points of the other one. The distance
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
 //! ```
 //!
-//! is measured between each member and the mean. If the group's poses are wrong, the mean resembles no member. So
-//! members are then compared with the member nearest to the mean, the typical member: in their given pose, after a
-//! small rigid motion by nearest points, and in the best of all [poses](mod@spharm_surface::pose). If the best pose
-//! reduces the distance by more than [`GAIN`], the member's pose is wrong: the distances of six of the ten vertebrae
-//! fall by 36 to 69 %, whereas those of hippocampi and generated bodies in correct poses fall by at most 9 %.
-//! Furthermore, if the members' distance from the mean at equal directions exceeds the distance between the surfaces by
-//! a factor above [`FAR`], equal directions don't correspond, and the group's variance is mostly variance of the maps.
-//! Because the mean may not resemble any member, distances from the typical member are checked likewise, with the
-//! factor [`FAR_FROM_A_MEMBER`].
+//! is measured between each member and the mean. If the group's poses are wrong, the mean resembles no member.
+//! Members are therefore also compared with the typical member, the one nearest to the mean: in their given pose,
+//! after a small rigid motion by nearest points, and in the best of all [poses](mod@spharm_surface::pose). If the
+//! best pose reduces the distance by more than [`GAIN`], the member's pose is wrong: the distances of six of the ten
+//! vertebrae fall by 36 to 69 %, whereas those of hippocampi and generated bodies in correct poses fall by at most 9
+//! %. Furthermore, if the members' distance from the mean at equal directions exceeds the distance between the
+//! surfaces by a factor above [`FAR`], equal directions don't correspond, and the group's variance is mostly variance
+//! of the maps. Because the mean may not resemble any member, distances from the typical member are checked likewise,
+//! with the factor [`FAR_FROM_A_MEMBER`].
 //!
 //! Cost: about 70 ms per member, on two threads. Memory: 2 MB per thread.
 
@@ -34,13 +34,13 @@ use crate::error::ShapeError;
 use crate::evaluated::Evaluated;
 use crate::transform::{SQRT_4_PI, Similarity};
 
-/// Minimum relative reduction of the distance by a rotation for a pose to be wrong.
+/// Relative reduction of the distance by a rotation above which a pose is reported as wrong.
 pub const GAIN: f64 = 0.2;
 /// Maximum ratio of the members' distance from the mean at equal directions to the distance between the surfaces.
 pub const FAR: f64 = 2.0;
-/// Maximum ratio of distances as in [`FAR`], but from a member instead of the mean. A member's surface has more relief
-/// than a mean's: the ratio is 2.0 to 2.3 for surfaces whose coefficients differ by noise alone, and 2.1 for
-/// hippocampi.
+/// Maximum ratio of the distances from the typical member, at equal directions to between surfaces, as in [`FAR`]. A
+/// member's surface has more relief than the mean's: the ratio is 2.0 to 2.3 for surfaces whose coefficients differ
+/// only by noise, and 2.1 for hippocampi.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
 /// Distances of a group's surfaces from the surface of their mean.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,7 +52,7 @@ pub struct SurfacePoses {
     pub warnings: Vec<SurfacePoseWarning>,
 }
 
-/// A reason to doubt that the members of a group correspond.
+/// Reasons to doubt that the members of a group correspond.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum SurfacePoseWarning {
@@ -60,23 +60,23 @@ pub enum SurfacePoseWarning {
     Turned {
         /// Index of the member, from 0.
         member: usize,
-        /// Index of the typical member with which the member is compared, the nearest to the mean.
+        /// Index of the typical member, with which the member is compared: the one nearest to the mean.
         typical: usize,
         /// Distance between the surfaces.
         distance: f64,
-        /// Distance after the rotation.
+        /// Distance between the surfaces after the rotation.
         turned: f64,
         /// Angle of the rotation, in degrees.
         angle: f64,
     },
     /// Equal directions don't correspond.
     PlacesDiffer {
-        /// Root mean square distance of the members from the reference at equal directions. The reference is the mean,
-        /// or the member nearest to it.
+        /// Root mean square distance of the members from the reference at equal directions. The reference is the
+        /// mean, or the member nearest to the mean.
         rmsd: f64,
         /// Distance between the surfaces.
         distance: f64,
-        /// Name of the reference, in words.
+        /// Name of the reference in the warning's text.
         from: &'static str,
     },
 }
@@ -109,9 +109,9 @@ impl fmt::Display for SurfacePoseWarning {
     }
 }
 
-/// Compares the surfaces of members in the group's pose, (K, 3) each, with the surface of their mean. A member's degree
-/// must be at least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images, give no
-/// warnings.
+/// Compares the surfaces of members in the group's pose, (K, 3) each, with the surface of their mean. A member's
+/// degree must be at least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images,
+/// cause no warnings.
 ///
 /// # Panics
 ///
@@ -162,7 +162,7 @@ pub fn surface_poses(
     let looks: Vec<Result<Look, ShapeError>> = alike.par_iter().map(look).collect();
     let looks = looks.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut warnings: Vec<SurfacePoseWarning> = looks.iter().filter_map(|look| look.turned).collect();
-    // A mean of mirror images resembles no member, like a mean of wrong poses, and isn't compared.
+    // If there are mirror images, the mean resembles no member, as with wrong poses, and isn't compared.
     let of_all = except.is_empty().then(|| {
         let rmsd = (0..members.len()).map(|member| rmsd(row(member), of_mean));
         (root_mean_square(rmsd), root_mean_square(distances.iter().copied()), "their mean", FAR)
@@ -175,10 +175,10 @@ pub fn surface_poses(
     Ok(SurfacePoses { distances, warnings })
 }
 
-/// Comparison of a member with the typical member.
+/// Result of comparing a member with the typical member.
 struct Look {
     turned: Option<SurfacePoseWarning>,
-    /// Distance at equal directions.
+    /// Root mean square distance from the typical member at equal directions.
     rmsd: f64,
     /// Distance between the surfaces.
     distance: f64,
@@ -194,14 +194,15 @@ fn root_mean_square(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// Returns the distance between two surfaces in their given poses, over all of their points; 0 if either is missing.
+/// Returns the distance between two surfaces in their given poses, over all their points; 0 if either surface is
+/// `None`.
 fn as_they_lie(a: Option<&PoseSurface>, b: Option<&PoseSurface>) -> f64 {
     a.zip(b).map_or(0.0, |(a, b)| distance(a, b, &Similarity::default(), 0.0))
 }
 
-/// Returns the distance of a member from the typical member, the distance in the best pose, and the angle of the
-/// rotation to it in degrees, if the distance falls by enough. Both distances are after a rigid motion by nearest
-/// points, so that only large changes of pose matter.
+/// Returns the distance of a member from the typical member, the distance in the best pose, and the angle in degrees
+/// of the rotation to that pose; `None` unless the distance falls by more than [`GAIN`]. Both distances are measured
+/// after a rigid motion by nearest points, so that only large changes of pose matter.
 fn better_turn(
     member: &PoseSurface,
     typical: &PoseSurface,
@@ -224,7 +225,7 @@ mod tests {
     use crate::samples::blob;
     use crate::{Transform as Pose, mean};
 
-    /// Slightly different blobs, each in a pose.
+    /// Returns slightly different blobs, each in the pose given for its index.
     fn group(pose: impl Fn(usize) -> Pose) -> Vec<Coefficients> {
         let common = blob(6, 1);
         let member = |n: usize| {

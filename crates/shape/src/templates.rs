@@ -1,24 +1,24 @@
 //! Chooses the members from which a group's alignment starts.
 //!
-//! A generalised Procrustes analysis has local optima, and its result depends on the template, the member to which all
-//! members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger groups
-//! the templates are the medoid, whose distances from the others have the smallest sum after one alignment, and four
-//! more members, evenly spaced in the order of these sums. In groups above 500 members distances are measured only from
-//! every second, third, ... member. The distances need an alignment of all members to a first member. Through this
-//! first member alone, the choice of templates depends on the order of the members.
+//! A generalised Procrustes analysis has local optima, and its result depends on the template, the member to which
+//! all members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger
+//! groups the templates are the medoid, whose distances from the others have the smallest sum after one alignment,
+//! and four more members, evenly spaced in the order of these sums. In groups above 500 members distances are
+//! measured only from every second, third, ... member. For the distances, all members are aligned to the first
+//! member. Only for this reason does the choice of templates depend on the order of the members.
 
 use rayon::prelude::*;
 
-/// Maximum size of groups whose members are all used as starts.
+/// Maximum size of a group whose members are all used as templates.
 pub(crate) const ALL: usize = 20;
-/// Number of starts in larger groups.
+/// Number of templates in a larger group.
 const FEW: usize = 5;
 /// Approximate maximum number of members from which distances are measured; distances from more members don't change
 /// the choice.
 const ENOUGH: usize = 500;
 
-/// Returns the members to start from: all members of a small group, otherwise the medoid and some more. `aligned`
-/// returns the surfaces after one alignment, (members, K, 3); it is called for large groups only.
+/// Returns the members to use as templates: all members of a small group, otherwise the medoid and some others.
+/// `aligned` returns the surfaces after one alignment, (members, K, 3), and is called for large groups only.
 pub(crate) fn templates<E>(
     members: usize,
     most: Option<usize>,
@@ -34,7 +34,8 @@ pub(crate) fn templates<E>(
     let sums: Vec<f64> = aligned.par_iter().map(sum).collect();
     let mut order: Vec<usize> = (0..members).collect();
     order.sort_by(|&a, &b| sums[a].total_cmp(&sums[b]).then(a.cmp(&b)));
-    // Members are taken evenly over the ranks, from the medoid on; the last ranks are outliers and aren't taken.
+    // The templates are evenly spaced over the ranks, starting with the medoid; the last ranks are outliers and
+    // aren't used.
     Ok((0..wanted).map(|n| order[n * members / wanted]).collect())
 }
 
@@ -49,7 +50,7 @@ mod tests {
 
     #[test]
     fn the_medoid_is_first_in_a_large_group() {
-        // Points on a line at 0, 1, 4, 9, ...: the median has the smallest sum of distances.
+        // The members are points on a line at 0, 1, 4, 9, ..., of which the median has the smallest sum of distances.
         let aligned = || Ok::<_, ()>((0..25).map(|i| vec![[(i * i) as f64, 0.0, 0.0]]).collect());
         let found = templates(25, None, aligned).unwrap();
         assert_eq!((found[0], found.len()), (12, FEW));

@@ -1,8 +1,9 @@
 //! Rotates surfaces in their parameters and in space, translates and scales them.
 //!
-//! A rotation Q of space moves a surface, `f'(u) = Q f(u)`: every row of its coefficients is multiplied by Q^T from the
-//! right, **row 0 as well**, and a translation t adds `sqrt(4 pi) t` to row 0, which is the surface's mean position
-//! times sqrt(4 pi). A rotation R of the parameters doesn't move the surface in space ([`rotate`](crate::rotate)).
+//! A rotation Q of space moves a surface, `f'(u) = Q f(u)`: every row of its coefficients, **including row 0**, is
+//! multiplied by Q^T from the right. A translation t adds `sqrt(4 pi) t` to row 0, which is the surface's mean
+//! position times sqrt(4 pi). A rotation R of the parameters doesn't move the surface in space
+//! ([`rotate`](crate::rotate)).
 
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_model::Model;
@@ -15,7 +16,7 @@ use crate::extent::{finite, surface};
 use crate::rotate::rotate_parameters;
 use crate::rotation::Rotation;
 
-/// sqrt(4 pi): row 0 of the constant function 1.
+/// The coefficient in row 0 of the constant function 1, sqrt(4 pi).
 pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
 
 /// A transform of a surface: `f'(u) = scale Q f(R^T u) + translation`, or with f(-R^T u) if `antipodal`.
@@ -23,23 +24,23 @@ pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
 pub struct Transform {
     /// Rotation R of the parameters.
     pub rotation: Rotation,
-    /// Whether each direction is replaced by its opposite first, which mirrors the sphere. A surface that is mirrored
-    /// in space keeps its normals outward only if its sphere is mirrored too.
+    /// Whether each direction is first replaced by its opposite, which mirrors the sphere. If a surface is mirrored
+    /// in space, its normals stay outward only if its sphere is mirrored too.
     pub antipodal: bool,
     /// Similarity applied in space after the rotation of the parameters.
     pub similarity: Similarity,
 }
 
 impl Transform {
-    /// Returns the mirror image of left and right, [`Similarity::reflection`], of a surface together with its sphere:
-    /// `f'(u) = M f(M u)` with `M = diag(-1, 1, 1)`. Normals stay outward.
+    /// Returns the transform that exchanges left and right of a surface ([`Similarity::reflection`]) and of its
+    /// sphere: `f'(u) = M f(M u)` with `M = diag(-1, 1, 1)`. Normals stay outward.
     #[must_use]
     pub const fn reflection() -> Self {
         // M is a half turn about the first axis, followed by the reflection of all axes.
         Self { rotation: Rotation::HALF_TURN_X, antipodal: true, similarity: Similarity::reflection() }
     }
 
-    /// Returns the transform that applies this one first, then `next`.
+    /// Returns the composed transform, which applies this one first and then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self {
@@ -60,7 +61,7 @@ impl Transform {
         transform_object(&turned, &self.similarity)
     }
 
-    /// Applies the similarity in space to points in the surface's unit, (n, 3), such as landmarks on it.
+    /// Applies the similarity in space to points, (n, 3), in the surface's unit, such as landmarks on the surface.
     #[must_use]
     pub fn apply_points(&self, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
         points.iter().map(|point| self.similarity.apply(*point)).collect()
@@ -73,8 +74,8 @@ impl Transform {
         self.similarity.apply_mesh(mesh)
     }
 
-    /// Returns `{"parameters": R, "antipodal": false, "object": Q, "scale": s, "translation": t}`, the matrices by
-    /// rows.
+    /// Returns the transform as JSON with matrices by rows: `{"parameters": R, "antipodal": false, "object": Q,
+    /// "scale": s, "translation": t}`.
     #[must_use]
     pub fn to_json(&self) -> serde_json::Value {
         serde_json::json!({
@@ -86,13 +87,13 @@ impl Transform {
         })
     }
 
-    /// Transforms a model. Its sphere rotates with the parameters, so that each vertex of a reconstruction stays at the
-    /// same point of the surface. The sphere is then another sampling, without a key in a basis store. A model of a
-    /// signal can be rotated in its parameters but not in space.
+    /// Transforms a model. Its sphere rotates with the parameters, so that each vertex of a reconstruction stays at
+    /// the same point of the surface. The rotated sphere is another sampling, which has no key in a basis store. A
+    /// model of a signal can be rotated in its parameters but not in space.
     ///
     /// The provenance records each call: `transform` lists the [`to_json`](Self::to_json) of all transforms applied.
-    /// Settings and distances of the fit are removed, because they belong to another model. If the surface was moved,
-    /// its position in a volume is removed too.
+    /// Settings and distances of the fit are removed, because they don't apply to the transformed model. If the
+    /// surface was moved, its position in a volume is removed too.
     ///
     /// # Errors
     ///
@@ -168,7 +169,7 @@ fn turn(
     if !antipodal {
         return Ok(turned);
     }
-    // S_lm(-u) = (-1)^l S_lm(u).
+    // Harmonics have the parity of their degree: S_lm(-u) = (-1)^l S_lm(u).
     let mut values = turned.values().clone();
     for (k, mut row) in values.rows_mut().into_iter().enumerate() {
         if k.isqrt() % 2 == 1 {
@@ -178,8 +179,8 @@ fn turn(
     Ok(Coefficients::new(values)?)
 }
 
-/// Returns the root mean square distance over the sphere of two surfaces of the same degree, `|a - b| / sqrt(4 pi)`, in
-/// their unit.
+/// Returns the root mean square distance over the sphere between two surfaces of the same degree,
+/// `|a - b| / sqrt(4 pi)`, in their unit.
 ///
 /// # Errors
 ///
@@ -192,7 +193,7 @@ pub fn rmsd(a: &Coefficients, b: &Coefficients) -> Result<f64, ShapeError> {
         }
     }
     let differences = || a.values().iter().zip(b.values()).map(|(a, b)| (a - b).abs());
-    // Scaled such that squares neither overflow nor underflow.
+    // Differences are scaled such that squares neither overflow nor underflow.
     let largest = differences().fold(0.0, f64::max);
     if largest == 0.0 {
         return Ok(0.0);
@@ -230,7 +231,8 @@ mod tests {
         }
     }
 
-    /// The surface is mirrored at the same places of the mirrored sphere, and the image of the image is the surface.
+    /// The mirror image at each mirrored direction is the mirror image of the surface's point, and reflecting twice
+    /// is the identity.
     #[test]
     fn a_reflection_mirrors_surface_and_sphere() {
         let surface = blob(6, 2);
@@ -251,7 +253,7 @@ mod tests {
         assert_eq!(twice, Transform::default());
     }
 
-    /// Two transforms in turn are their composition.
+    /// Applying two transforms one after the other equals applying their composition.
     #[test]
     fn transforms_are_composed() {
         let (first, second) = (Transform { antipodal: true, ..some_pose(2) }, some_pose(5));

@@ -19,7 +19,7 @@ fn transposed(m: &Matrix) -> Matrix {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| m[j][i]))
 }
 
-/// The rotation matrix of a quaternion of any length.
+/// Returns the rotation matrix of a quaternion of any length.
 fn rotation([w, x, y, z]: [f64; 4]) -> Matrix {
     let s = 2.0 / (w * w + x * x + y * y + z * z);
     [
@@ -29,7 +29,7 @@ fn rotation([w, x, y, z]: [f64; 4]) -> Matrix {
     ]
 }
 
-/// The surface X(u) = at + M u.
+/// Returns the surface X(u) = at + M u.
 fn linear(m: &Matrix, at: Vec3) -> Coefficients {
     let mut values = Array2::zeros((4, 3));
     for c in 0..3 {
@@ -41,7 +41,8 @@ fn linear(m: &Matrix, at: Vec3) -> Coefficients {
     Coefficients::new(values).expect("degree 1")
 }
 
-/// Semi-axes and position of an ellipsoid that is rotated by Q in space and by R in its parameters: `Q diag(axes) R u`.
+/// Semi-axes of an ellipsoid rotated by Q in space and by R in its parameters, `Q diag(axes) R u`; `AT` is its
+/// position.
 const AXES: Vec3 = [3.0, 2.0, 1.0];
 const AT: Vec3 = [100.0, -50.0, 30.0];
 
@@ -55,7 +56,8 @@ fn ellipsoid(mirrored: bool) -> (Coefficients, Matrix) {
     (linear(&m, AT), q)
 }
 
-/// Directions all over the sphere, at the poles, and on the equator, where the tangent frame is discontinuous.
+/// Returns directions all over the sphere, at the poles, and on the equator, at which the tangent frame is
+/// discontinuous.
 fn everywhere() -> Directions {
     let mut vertices = Directions::fibonacci(1_000).expect("directions").as_slice().to_vec();
     vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.6, -0.8, -0.0], [1e-9, 0.0, 1.0]]);
@@ -86,7 +88,7 @@ fn an_ellipsoid_has_its_normals_and_curvatures_everywhere() {
         let normal = scale(times(&q, gradient), h);
         let gaussian = h.powi(4) / product2;
         let mean = h.powi(3) * (dot(AXES, AXES) - dot(y, y)) / (2.0 * product2);
-        // |cof(M) u| = det |M^-T u|, and M^-T u = Q diag(1 / axes) R u = Q (gradient).
+        // The area element is |cof(M) u| = det |M^-T u|, and M^-T u = Q diag(1 / axes) R u = Q (gradient).
         let element = product2.sqrt() / h;
         let off = sub(point.normal, normal);
         let errors = [
@@ -108,7 +110,7 @@ fn an_ellipsoid_has_its_normals_and_curvatures_everywhere() {
 
 #[test]
 fn an_ellipsoid_has_its_area_volume_and_centre() {
-    /// Area, computed with 30 digits from the elliptic integrals.
+    /// Area of the ellipsoid, computed to 30 digits from elliptic integrals.
     const AREA: f64 = 48.882_146_302_582_06;
     let volume = 4.0 / 3.0 * PI * AXES[0] * AXES[1] * AXES[2];
     let params = MeasureParams { tolerance: 1e-13, most_rings: None };
@@ -130,7 +132,7 @@ fn an_ellipsoid_has_its_area_volume_and_centre() {
 fn a_mirrored_surface_has_the_curvatures_of_the_other_side() {
     let directions = everywhere();
     let outwards = local_geometry(&ellipsoid(false).0, &directions, &Silent).expect("a surface");
-    // -M u at u equals M (-u): the mirrored surface has the reversed normals of the antipodal directions.
+    // Because -M u equals M (-u), the mirrored surface has the reversed normals of the antipodal directions.
     let inwards = local_geometry(&ellipsoid(true).0, &directions, &Silent).expect("a surface");
     for (a, b) in outwards.iter().zip(inwards) {
         let b = b.flipped();
@@ -154,7 +156,8 @@ fn a_sphere_is_a_cap_everywhere() {
     assert!((found.sphericity - 1.0).abs() < 1e-13 && found.squeezed == 0.0, "{found:?}");
 }
 
-/// Computes the geometry from central differences along great circles by the textbook's formulas.
+/// Computes normal, area element, Gaussian and mean curvature from central differences along great circles, by
+/// textbook formulas.
 fn brute_force(coefficients: &Coefficients, u: Vec3) -> (Vec3, f64, f64, f64) {
     let [e1, e2] = tangent_frame(u);
     let at = |s: f64, t: f64| -> Vec3 {
@@ -166,7 +169,7 @@ fn brute_force(coefficients: &Coefficients, u: Vec3) -> (Vec3, f64, f64, f64) {
         [row[[0, 0]], row[[0, 1]], row[[0, 2]]]
     };
     let h = 1e-3;
-    // Richardson's extrapolation makes the differences accurate to fourth order.
+    // Richardson extrapolation makes the differences accurate to fourth order.
     let richardson = |f: &dyn Fn(f64) -> Vec3| scale(sub(scale(f(h), 4.0), f(2.0 * h)), 1.0 / 3.0);
     let first = |s: f64, t: f64| richardson(&|h| scale(sub(at(s * h, t * h), at(-s * h, -t * h)), 0.5 / h));
     let second = |s: f64, t: f64| {
@@ -207,7 +210,7 @@ fn curvatures_of_a_bumpy_surface_are_those_of_finite_differences() {
     }
 }
 
-/// Gauss and Bonnet: the integral of K over a closed surface of genus zero is 4 pi.
+/// By the theorem of Gauss and Bonnet, the integral of K over a closed surface of genus zero is 4 pi.
 #[test]
 fn the_integral_of_the_gaussian_curvature_is_that_of_a_sphere() {
     let rings = spharm_harmonics::gauss_legendre(80);
@@ -287,7 +290,8 @@ fn a_wish_to_stop_is_heard() {
     assert!(measure(&bumpy(3), &MeasureParams::default(), &stop).is_err());
 }
 
-/// The coefficients of a hippocampus by the paper's authors, L = 15, centred; values computed with 128 rings.
+/// The coefficients are those of a hippocampus by the paper's authors, L = 15, centred. The expected values were
+/// computed with 128 rings.
 #[test]
 fn a_hippocampus_has_its_area_and_volume() {
     let Some(path) = spharm_testdata::shared("hippo_a01_l.degree15.fvec.csv") else { return };

@@ -14,7 +14,7 @@ fn uniform(seed: u64, k: u64) -> f64 {
     ((x ^ (x >> 33)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
 }
 
-/// A generated shape of degree L: an ellipsoid with bumps, whose power decays with the degree as for smooth surfaces.
+/// Returns a generated shape: an ellipsoid with bumps, whose power decays with the degree as for smooth surfaces.
 fn shape(max_degree: usize, seed: u64) -> Array2<f64> {
     let mut values = Array2::from_shape_fn((basis_size(max_degree), 3), |(k, c)| {
         let l = degree_order(k).0 as f64;
@@ -26,17 +26,17 @@ fn shape(max_degree: usize, seed: u64) -> Array2<f64> {
     values
 }
 
-/// Noise whose norm is 2 % of the shape's.
+/// Noise with a norm of 2 % of the shape's norm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Noise {
-    /// Of equal size in every coefficient.
+    /// Noise of equal size in all coefficients.
     White,
-    /// In proportion to the root mean square of the coefficients of the same degree.
+    /// Noise in proportion to the root mean square of the coefficients of the same degree.
     ByDegree,
 }
 
-/// A modified copy of the shape: the sphere is rotated about the axis, the shape is rotated, mirrored and moved, and
-/// noise is added.
+/// Returns a modified copy of the shape: the sphere is rotated about its axis, the shape is rotated, mirrored and
+/// moved, and noise is added.
 fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients {
     let mean_square = |first: usize, last: usize| {
         let squares = (first..=last).flat_map(|row| values.row(row).to_vec()).map(|value| value * value);
@@ -63,8 +63,8 @@ fn seen_otherwise(values: &Array2<f64>, seed: u64, noise: Noise) -> Coefficients
     Coefficients::new(values).expect("a degree")
 }
 
-/// Tests all 10,000 shapes if SPHARM_SOAK is set, otherwise every hundredth. With white noise 9,987 of all shapes are
-/// ranked first. All are among the first five, from which an alignment can pick the right one.
+/// Searches for all 10,000 shapes if SPHARM_SOAK is set, otherwise for every hundredth. With white noise, 9,987
+/// shapes are ranked first, and all are among the first five, from which an alignment can choose the right one.
 #[test]
 fn each_of_ten_thousand_shapes_is_found() {
     const MODELS: u64 = 10_000;
@@ -84,7 +84,7 @@ fn each_of_ten_thousand_shapes_is_found() {
     }
 }
 
-/// Five hippocampi before and after SPHARM-MAT rotated them in space and in their parameters.
+/// Five hippocampi are recognised after SPHARM-MAT rotated them in space and in their parameters.
 #[test]
 fn hippocampi_are_known_after_another_package_turned_them() {
     let Some(folder) = spharm_testdata::shared("shape") else { return };

@@ -1,7 +1,8 @@
-//! Measures the cost of a factor: computing it, publishing it in a store, and solving with it from the page cache.
+//! Measures the cost of a Cholesky factor: computing it, publishing it in a store, and solving with it from the page
+//! cache.
 //!
-//! `cargo bench -p spharm-solver --bench factor [-- SIZE]`. Rates in bytes count the factor's triangle once for each
-//! direction of a solve; rates in flops count 2 K^2 per column.
+//! `cargo bench -p spharm-solver --bench factor [-- SIZE]`. Rates in GB/s assume that each of the two triangular solves
+//! reads the factor once, rates in GFLOP/s assume 2 K^2 flops per column.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -15,8 +16,9 @@ use spharm_solver::{GramMatrix, SolverError};
 use spharm_store::factor::FactorFile;
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
-/// A matrix that is cheap to compute: noise, and a diagonal above the noise's spectral radius of 2 sqrt(K / 3). Entries
-/// that decay away from the diagonal would become denormal numbers, whose slowness would be measured.
+/// A matrix that is cheap to compute: noise, with a diagonal above the noise's spectral radius of 2 sqrt(K / 3).
+/// Entries that decayed away from the diagonal would become denormal numbers, and slow arithmetic on those would
+/// distort the measurement.
 struct Noise(usize);
 
 impl GramMatrix for Noise {
@@ -87,7 +89,7 @@ fn processor_time() -> f64 {
     nanoseconds / 1e9
 }
 
-/// Measures the first solve of a process that opens the file, and the solves after it.
+/// Measures the first solve after opening the file, and the solves that follow it.
 fn solves(file: &FactorFile, channels: usize, threads: usize) {
     let (size, len) = (file.header().grid.size(), file.file_len() as f64);
     let right = Array2::from_shape_fn((size, channels), |(i, c)| ((i * 3 + c) as f64).sin());

@@ -8,7 +8,8 @@ use crate::SolverError;
 /// Number of rows of targets that are checked together.
 const RUN: usize = 1 << 14;
 
-/// Returns an error for weights whose number isn't the number of rows, that are negative or not finite, or all zero.
+/// Returns an error if the number of weights isn't `rows`, if a weight is negative or not finite, or if all weights are
+/// zero.
 pub(crate) fn weights(weights: &[f64], rows: usize) -> Result<(), SolverError> {
     if weights.len() != rows {
         return Err(SolverError::Rows { what: "the list of weights", expected: rows, found: weights.len() });
@@ -34,7 +35,7 @@ pub(crate) fn targets(targets: &Array2<f64>, rows: usize) -> Result<(), SolverEr
     if targets.nrows() != rows {
         return Err(SolverError::Rows { what: "the target", expected: rows, found: targets.nrows() });
     }
-    // Check runs of rows: within a run the processor needs no branch per value.
+    // Check the values in runs of rows: the loop over a run has no branches.
     let finite = |run: ArrayView2<'_, f64>| run.iter().fold(true, |all, value| all & value.is_finite());
     if targets.axis_chunks_iter(Axis(0), RUN).into_par_iter().all(finite) {
         return Ok(());

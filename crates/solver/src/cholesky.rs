@@ -65,10 +65,10 @@ pub trait CholeskyFactor: Sync {
     /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors for data of variance 1.
     /// Takes K^3 / 3 flops.
     ///
-    /// The monitor gets one stage, `standard errors`, counted in columns.
+    /// Reports one stage, `standard errors`, counted in columns, to the monitor.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Interrupted`], and if the factor can't be read or is damaged.
+    /// [`SolverError::Interrupted`], and an error if the factor can't be read or is damaged.
     fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError>;
 }

@@ -1,4 +1,5 @@
-//! Arrays (n, c) in the same chunks of rows as the basis: each chunk is contiguous and column-major.
+//! Arrays, (n, c), that are divided into the same chunks of rows as the basis: each chunk is contiguous and
+//! column-major.
 //!
 //! Targets are passed in this form, and are replaced by the residual in place. A chunk of the residual is then one
 //! slice that stays in the L1 cache while a chunk of the basis is processed, and disjoint runs of chunks can be
@@ -33,7 +34,7 @@ impl ChunkedRows {
         chunked
     }
 
-    /// Copies `columns`, (rows, some), to the columns from `first` on.
+    /// Copies `columns`, (rows, k), into the columns `first` to `first + k - 1`.
     ///
     /// # Panics
     ///
@@ -51,7 +52,7 @@ impl ChunkedRows {
         }
     }
 
-    /// Returns the array, (rows, channels).
+    /// Returns the values as an array (rows, channels).
     pub fn to_array(&self) -> Array2<f64> {
         let mut array = Array2::zeros((self.rows, self.channels));
         for (chunk, mut rows) in array.axis_chunks_iter_mut(ndarray::Axis(0), self.chunk_rows).enumerate() {
@@ -123,7 +124,8 @@ impl ChunkedRows {
         })
     }
 
-    /// Computes the norms of the rows within a range of columns, over all rows that aren't marked in `unread`.
+    /// Computes the mean and the maximum of the rows' squared norms within a range of columns, over all rows that
+    /// aren't marked in `unread`.
     pub(crate) fn norms(&self, columns: &Range<usize>, unread: Option<&[bool]>) -> ResidualNorms {
         let (mut sum, mut max) = (0.0, 0.0f64);
         let mut norms = Vec::new();

@@ -59,7 +59,7 @@ pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Resu
 mod tests {
     use super::*;
 
-    /// Returns a symmetric matrix, (size, size), of numbers from -1 to 1, or from 0 to 1.
+    /// Returns a symmetric matrix, (size, size), of numbers from -1 to 1, or from 0 to 1 if `positive` is set.
     fn matrix(size: usize, seed: usize, positive: bool) -> Vec<Vec<f64>> {
         let value = |i: usize, j: usize| {
             let place = ((seed * 64 + i.max(j)) * 64 + i.min(j) + 1) as f64;

@@ -1,8 +1,9 @@
-//! Dense matrices on the calling thread, by faer: matrices too small for several threads, and those processed by many
-//! threads at once. Large ones are processed by several threads ([`threaded`](crate::threaded)).
+//! Operations on dense matrices by faer, on the calling thread: for matrices too small for several threads, and for
+//! threads that each process their own matrices. [`threaded`](crate::threaded) processes large matrices on several
+//! threads.
 //!
-//! Matrices are column-major slices; right-hand sides and solutions (k, c) of a block are row-major, the order in which
-//! they are summed.
+//! Matrices are column-major slices. The right-hand sides and solutions of a block, (k, c), are row-major, because they
+//! are summed in that order.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
@@ -21,7 +22,8 @@ fn view(matrix: Matrix<'_>) -> MatRef<'_, f64> {
     MatRef::from_column_major_slice_with_stride(matrix.values(), rows, columns, matrix.leading())
 }
 
-/// Computes the lower triangle of `gram += block^T block`, gram (k, k) column-major. `n k (k + 1)` flops.
+/// Computes the lower triangle of `gram += block^T block`: block (n, k), gram (k, k), column-major. Takes `n k (k + 1)`
+/// flops.
 pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64]) {
     let k = block.columns();
     assert_eq!(gram.len(), k * k, "Gram matrix of {k} columns");
@@ -66,8 +68,8 @@ pub(crate) fn cholesky(matrix: &mut [f64], k: usize) -> bool {
     cholesky_in_place(lower, Default::default(), Par::Seq, stack, Default::default()).is_ok()
 }
 
-/// Estimates the reciprocal condition number, in the 1-norm, of a matrix with this norm from its factor by
-/// [`cholesky`]; zero if the estimate is NaN.
+/// Estimates the reciprocal condition number, in the 1-norm, of a matrix from its norm and its factor by [`cholesky`].
+/// Returns zero if the estimate isn't finite.
 pub(crate) fn reciprocal_condition(norm: f64, factor: &[f64], k: usize) -> f64 {
     let inverse = condition::one_norm(k, &mut |x| {
         cholesky_solve(factor, k, x);
@@ -89,11 +91,12 @@ pub(crate) fn symmetric_norm(matrix: &[f64], k: usize) -> f64 {
             }
         }
     }
-    // Not f64::max, which would ignore a NaN.
+    // f64::max isn't used here, because it would ignore a NaN.
     sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m })
 }
 
-/// Solves with a factor from [`cholesky`]: `x`, (k, c) row-major, is the right-hand side on entry.
+/// Solves with a factor from [`cholesky`]: `x`, (k, c) row-major, is the right-hand side on entry and the solution on
+/// return.
 pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
     assert!(factor.len() == k * k && x.len().is_multiple_of(k), "factor of order {k}");
     let factor = MatRef::from_column_major_slice(factor, k, k);
@@ -118,7 +121,7 @@ pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
     }
 }
 
-/// The singular value decomposition did not converge.
+/// Error of a singular value decomposition that did not converge.
 #[derive(Debug)]
 pub(crate) struct NoConvergence;
 
@@ -128,7 +131,7 @@ pub(crate) struct MinimumNorm {
     pub(crate) x: Vec<f64>,
     /// Numerical rank.
     pub(crate) rank: usize,
-    /// The largest over the smallest singular value.
+    /// Ratio of the largest to the smallest singular value; infinite if the smallest is zero.
     pub(crate) condition: f64,
 }
 
@@ -156,7 +159,7 @@ pub(crate) fn minimum_norm(r: &[f64], z: &[f64], m: usize, tolerance: f64) -> Re
         Default::default(),
     )
     .map_err(|_| NoConvergence)?;
-    // In decreasing order.
+    // The decomposition sorts the singular values in decreasing order.
     let singular: Vec<f64> = singular.column_vector().iter().copied().collect();
     let largest = singular.first().copied().unwrap_or(0.0);
     let smallest = singular.last().copied().unwrap_or(0.0);

@@ -3,7 +3,7 @@
 #[cfg(feature = "dense")]
 use spharm_store::StoreError;
 
-/// Errors of this crate. Not converging isn't an error; it is stated in the report.
+/// Errors of this crate. A fit that doesn't converge isn't an error: its report states the reason.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SolverError {
@@ -24,7 +24,7 @@ pub enum SolverError {
         budget: usize,
         /// The smallest sufficient budget in bytes.
         needed: usize,
-        /// The largest granularity that fits the budget, if any.
+        /// Largest granularity of IRF whose plan fits the budget, if any.
         granularity: Option<usize>,
     },
     /// A limit on the process that a factor would exceed.
@@ -113,10 +113,10 @@ pub enum SolverError {
         /// Given smoothness.
         found: f64,
     },
-    /// A penalty of a degree that is negative or not finite.
+    /// A degree whose penalty is negative or not finite.
     #[error("the penalty of degree {degree} must be finite and not negative, found {found}")]
     Penalty {
-        /// The degree.
+        /// Degree whose penalty is invalid.
         degree: usize,
         /// Given penalty.
         found: f64,
@@ -128,7 +128,7 @@ pub enum SolverError {
     NoResidual {
         /// Number of vertices with nonzero weight.
         rows: usize,
-        /// Number of coefficients of a column, K.
+        /// Number of coefficients per column of the targets, K.
         columns: usize,
     },
     /// A factor is needed, but neither a factor nor a Gram matrix to compute one is available.
@@ -155,7 +155,7 @@ pub enum SolverError {
     /// Sums over samples that contain a NaN or an infinity.
     #[error("the sums over the samples contain NaN or infinite values; check the samples' values and weights")]
     SumsNotFinite,
-    /// Standard errors of coefficients that the samples don't determine.
+    /// Standard errors can't be computed, because the samples don't determine the coefficients.
     #[error(
         "{rows} vertices don't determine {columns} coefficients on this sampling; standard errors need a lower degree or a smoothness penalty"
     )]
@@ -165,7 +165,7 @@ pub enum SolverError {
         /// Number of coefficients, K.
         columns: usize,
     },
-    /// A Gram matrix without a Cholesky factor.
+    /// A Gram matrix that isn't numerically positive definite, so that it has no Cholesky factor.
     #[error(
         "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column}, of degree {degree}. The sampling does not determine the coefficients from there on; choose a lower degree, add a smoothness penalty, or use the minimum-norm solution"
     )]
@@ -183,12 +183,12 @@ pub enum SolverError {
         /// Last degree of the block.
         last: usize,
     },
-    /// The monitor asked for the computation to stop.
+    /// The monitor cancelled the computation.
     #[error(transparent)]
     Interrupted(#[from] spharm_monitor::Interrupted),
 }
 
-/// Formats a size in MiB, or in bytes below 1 MiB, where a unit was probably forgotten.
+/// Formats a size in MiB. A size below 1 MiB is shown in bytes: its unit was probably forgotten.
 fn size(bytes: usize) -> String {
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }
@@ -197,7 +197,7 @@ fn size(bytes: usize) -> String {
 mod tests {
     use super::*;
 
-    /// Sizes are in MiB, rounded up so that the stated budget suffices, or in bytes below 1 MiB.
+    /// A needed size is rounded up to MiB, so that the stated budget suffices. A budget below 1 MiB is shown in bytes.
     #[test]
     fn sizes_are_those_that_work() {
         let budget = |budget, needed| SolverError::Budget { budget, needed, granularity: None }.to_string();

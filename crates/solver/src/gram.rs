@@ -7,7 +7,7 @@
 //! exact even if a step is slightly off.
 //!
 //! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from them by
-//! 6e-8, so the solve of a block would no longer be exact. Therefore moments are only used with f64 bases.
+//! 6e-8, so that the solve of a block would be inexact. Therefore moments are only used with f64 bases.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -62,7 +62,7 @@ impl GramMatrix for MomentGram {
         leading: usize,
     ) -> Result<(), SolverError> {
         match whole_degrees(&columns) {
-            // A tile on the diagonal is symmetric.
+            // A diagonal tile of complete degrees is symmetric, so `block` computes it.
             Some(degrees) if rows == columns && leading == rows.len() => {
                 self.block(degrees, &mut out[..rows.len() * rows.len()])
             }
@@ -78,7 +78,7 @@ fn whole_degrees(columns: &Range<usize>) -> Option<RangeInclusive<usize>> {
     (first * first == columns.start && end * end == columns.end && first < end).then(|| first..=end - 1)
 }
 
-/// The sum `G + diag(penalty)`.
+/// A Gram matrix G with a penalty on its diagonal: `G + diag(penalty)`.
 #[derive(Debug)]
 pub struct Penalised<'a, S: ?Sized> {
     source: &'a S,
@@ -148,8 +148,8 @@ pub fn moment_gram(
 }
 
 /// Computes the normal matrix of the harmonics up to `max_degree` at weighted directions, from the moments of the
-/// sampling, to a relative accuracy. Without `weights` each direction has weight 1; otherwise there must be a weight
-/// for each direction.
+/// sampling, to the relative accuracy `accuracy`. Without `weights` each direction has weight 1; otherwise there must
+/// be a weight for each direction.
 ///
 /// # Errors
 ///
@@ -198,8 +198,8 @@ pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, 
     Ok(transform.max(MomentGram::bytes(max_degree)) + 8 * directions)
 }
 
-/// Returns the settings of the transforms for moments. A Gram matrix needs all digits, since its condition number is
-/// the square of the basis's condition number.
+/// Returns the parameters of the transform for moments, which have twice the degree `max_degree`. A Gram matrix needs
+/// moments with all digits, since its condition number is the square of the basis's condition number.
 fn to_twice(max_degree: usize, accuracy: f64) -> TransformParams {
     TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 }
 }

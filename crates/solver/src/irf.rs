@@ -1,8 +1,8 @@
 //! Iterative residual fitting (IRF) over a basis that is read block by block, in bounded memory.
 //!
 //! L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT 2006,
-//! section 3.3. For functions f sampled at n directions, and the basis matrix A, (n, K), cut into blocks of the columns
-//! of some degrees d to e:
+//! section 3.3. The functions f are sampled at n directions. The basis matrix A, (n, K), is divided into blocks, each
+//! with the columns of some degrees d to e:
 //!
 //! ```text
 //! r = f, a = 0
@@ -13,8 +13,8 @@
 //!         r -= A_d..e x
 //! ```
 //!
-//! Solving a block's least squares is one step of block Gauss-Seidel on the normal equations, so with more passes the
-//! fit converges to the full least squares, whatever the blocks.
+//! Solving the least-squares problem of a block is one step of block Gauss-Seidel on the normal equations, so with more
+//! passes the fit converges to the full least-squares solution, for any division into blocks.
 //!
 //! Cost of the first pass for c columns: `n k (k + 1)` flops for the Gram matrix of each block of k columns, `4 n K c`
 //! for right-hand sides and updates, and every byte of the basis read once (twice if a block doesn't fit the budget).
@@ -57,7 +57,7 @@ pub use plan::{IrfPlan, plan};
 pub use report::{BlockReport, IrfReport, IrfSeconds, PassReport};
 pub use solver::{IrfFit, IrfSolver, solve};
 
-/// A refinement that changes the coefficients by less than this, relative to their norm, is the last one.
+/// Norm of the coefficients' change, relative to the coefficients' norm, below which a refinement is the last one.
 const REFINED: f64 = 1e-14;
 
 impl IrfSolver<'_> {
@@ -70,9 +70,9 @@ impl IrfSolver<'_> {
             log.begin_pass(number.min(passes), number > passes);
             let pass = self.pass(Order::Forward, r, a, log)?;
             log.end_pass(r, pass.bytes_read);
-            // The limit of rounding is reached when a refinement changes almost nothing, or at least half as much as
-            // the pass before it. Rank-revealing solves need no refinement: the condition number of the Gram matrix
-            // doesn't affect them.
+            // Refinements end at the limit of rounding: when a refinement changes almost nothing, or at least half as
+            // much as the pass before it. Rank-revealing solves need no refinement: the condition number of the Gram
+            // matrix doesn't affect them.
             let change = pass.relative_change(a);
             let refined = number > passes && (change < REFINED || change >= 0.5 * last_change);
             if refined || (number >= passes && self.block_solver.has_rank_revealing()) {
@@ -132,7 +132,7 @@ impl PassSummary {
         self.bytes_read += bytes_read;
     }
 
-    /// Returns the norm of the change relative to the norm of the coefficients, the largest of all columns.
+    /// Returns the norm of the change divided by the norm of the coefficients: the maximum over all columns.
     fn relative_change(&self, a: &Array2<f64>) -> f64 {
         let norms = a.columns().into_iter().map(|column| column.iter().map(|a| a * a).sum::<f64>());
         let relative =

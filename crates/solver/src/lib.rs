@@ -1,5 +1,5 @@
-//! Fits of functions on the sphere by spherical harmonics: iterative residual fitting over a basis that is streamed in
-//! bounded memory, and the full least squares without the basis.
+//! Fits spherical harmonics to functions on the sphere: by iterative residual fitting over a basis that is streamed in
+//! bounded memory, and by the full least squares without the basis.
 //!
 //! The paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT
 //! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted together.
@@ -15,7 +15,7 @@
 //! | [`gram`] | Gram matrices, from the moments of a sampling |
 //! | [`cholesky`] | the factor of the normal equations, in memory or in a store |
 //! | [`chunked_rows`] | targets and residual, stored in the basis's chunks |
-//! | [`residual`] | the size of a residual |
+//! | [`residual`] | norms of a residual |
 //! | `dense`, [`threaded`] | dense matrices on one thread and on several |
 //!
 //! Without the default feature `dense`, only fast operators, conjugate gradients ([`lsq::cg`]) and cross-validation are

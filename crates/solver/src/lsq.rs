@@ -20,10 +20,10 @@
 //!   From x = 0 this tends to the minimum-norm solution; components that the targets determine too poorly for `mu` stay
 //!   small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
 //!
-//! All choices of methods, their order and their duration are made in `strategy`: a function returns a list of steps
-//! for the problem's sizes, the available data and the request, and a table documents it. [`Strategy::Auto`] iterates
+//! The module `strategy` chooses the methods, their order and their duration: a function returns a list of steps for
+//! the problem's sizes, the available data and the request, and a table documents it. [`Strategy::Auto`] iterates
 //! first, by moments if they pay off, and switches from iterations to a factor if the factor seems faster. The plan is
-//! logged as a detail; the report contains the steps taken ([`StepReport`]), and the accuracy of the result.
+//! logged as a detail; the report contains the steps taken ([`StepReport`]) and the accuracy of the result.
 //!
 //! | module | contents |
 //! |---|---|

@@ -1,8 +1,8 @@
 //! The basis as used by solvers: its products with vectors and, for iterative residual fitting, its blocks.
 //!
 //! An [`Operator`] is the matrix A, (n, K): rows are vertices, columns are basis functions. A [`BlockOperator`] also
-//! gives access to the entries of A by blocks. A block is a run of degrees, and thus of A's columns; it is opened, and
-//! then read chunk by chunk from several threads.
+//! gives access to the entries of A by blocks. A block consists of the columns of consecutive degrees. It is opened,
+//! and then read chunk by chunk by several threads.
 //!
 //! | operator | the basis |
 //! |---|---|

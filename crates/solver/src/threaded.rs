@@ -1,9 +1,9 @@
 //! Dense operations on matrices that are large enough for several threads to pay off.
 //!
-//! [`ThreadedKernels`] lists them, and [`Kernels`] is the implementation that the build chooses: OpenBLAS with the
-//! feature `openblas`, which exists on Linux for x86-64, otherwise faer, which is Rust throughout. Small matrices, and
-//! those processed by several threads at once, are handled by faer on the calling thread in either case
-//! (`dense`).
+//! [`ThreadedKernels`] lists the operations, and [`Kernels`] is the implementation that the build chooses: OpenBLAS
+//! with the feature `openblas`, which exists on Linux for x86-64, otherwise faer, which is written entirely in Rust. In
+//! either case, faer handles small matrices, and the matrices of threads that each process their own, on the calling
+//! thread (`dense`).
 //!
 //! Matrices are column-major slices with a leading dimension. Rows are counted from 0.
 
@@ -32,8 +32,8 @@ pub trait ThreadedKernels: Sized {
     /// Prepares the operations for `threads` threads.
     fn with_threads(threads: usize) -> Self;
 
-    /// Computes the lower triangle of `gram += block^T block`, gram (k, k) column-major with `leading`. `n k (k + 1)`
-    /// flops.
+    /// Computes the lower triangle of `gram += block^T block`: block (n, k), gram (k, k) column-major with `leading`.
+    /// Takes `n k (k + 1)` flops.
     ///
     /// # Panics
     ///
@@ -41,27 +41,27 @@ pub trait ThreadedKernels: Sized {
     fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize);
 
     /// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with
-    /// `leading`. Entries above the diagonal are unspecified afterwards. `k^3 / 3` flops.
+    /// `leading`. Entries above the diagonal are unspecified afterwards. Takes `k^3 / 3` flops.
     ///
     /// # Errors
     ///
-    /// The column at which the matrix isn't positive definite. A NaN isn't always detected.
+    /// Returns the column at which the matrix isn't positive definite. A NaN isn't always detected.
     ///
     /// # Panics
     ///
     /// If the shapes don't match.
     fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize>;
 
-    /// Computes `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`. `rows k^2`
-    /// flops.
+    /// Computes `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`. Takes
+    /// `rows k^2` flops.
     ///
     /// # Panics
     ///
     /// If the shapes don't match.
     fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize);
 
-    /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`. `2 rows
-    /// columns k` flops.
+    /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`. Takes
+    /// `2 rows columns k` flops.
     ///
     /// # Panics
     ///
@@ -83,7 +83,7 @@ fn assert_extent(values: &[f64], rows: usize, columns: usize, leading: usize) {
 mod tests {
     use super::*;
 
-    /// Deterministic values in [-1, 1].
+    /// Returns deterministic values in [-1, 1].
     fn noise(count: usize, seed: u64) -> Vec<f64> {
         let mixed = |i: u64| (i + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15 ^ seed).rotate_left(29);
         (0..count as u64)
@@ -98,7 +98,7 @@ mod tests {
     fn operations_are_the_sums_written_out<K: ThreadedKernels>(threads: usize) {
         for k in SIZES {
             let leading = k + PADDING;
-            // A Gram matrix: the triangle is summed, the rest is unchanged.
+            // Check a Gram matrix: its lower triangle is summed, and all other values are unchanged.
             let rows = k + 5;
             let block = noise(rows * k, 1);
             let start = noise(leading * k, 2);
@@ -113,7 +113,8 @@ mod tests {
                     assert!((gram[j * leading + i] - expected).abs() < 1e-11, "Gram matrix of {k}: {i}, {j}");
                 }
             }
-            // A positive definite matrix times its factor's inverse.
+            // Check the factor of a positive definite matrix: the product of the factor and its transpose is the
+            // matrix.
             let diagonal = 2.0 * k as f64;
             (0..k).for_each(|j| gram[j * leading + j] += diagonal);
             let mut factor = gram.clone();
@@ -128,8 +129,8 @@ mod tests {
             let mut solved = right.clone();
             let triangle = Matrix::new(&factor, k, k, leading);
             K::with_threads(threads).divide_by_transpose(triangle, &mut solved, rows, rows);
-            // The product by C^T is the right-hand side again, and subtracting it by `subtract_outer` leaves zeros. The
-            // factor's upper triangle isn't part of C.
+            // The solution times C^T is the right-hand side, so subtracting this product by `subtract_outer` leaves
+            // zeros. The factor's upper triangle isn't part of C.
             let mut c = factor.clone();
             (0..k).for_each(|j| c[j * leading..][..j].fill(0.0));
             let mut left = right.clone();

@@ -1,5 +1,5 @@
-//! Accelerated residual fitting, and Gram matrices from moments, compared with plain fitting and the full least
-//! squares.
+//! Tests accelerated residual fitting, and fits with Gram matrices from moments, against plain fitting and the full
+//! least squares.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
@@ -8,7 +8,7 @@ use spharm_solver::{ChunkedRows, IrfFit, IrfParams, IrfSolver, MemoryOperator, M
 
 const L: usize = 8;
 
-/// 1,200 directions, most of them around the north pole: blocks are far from orthogonal.
+/// Returns 1,200 directions, most of them around the north pole, so that blocks are far from orthogonal.
 fn uneven() -> Directions {
     let north = (0..900).map(|i| [1.2 * ((i as f64 + 0.5) / 900.0).sqrt(), 2.4 * i as f64]);
     let south = (0..300).map(|i| [1.2 + 1.9 * (i as f64 + 0.5) / 300.0, 2.4 * i as f64]);
@@ -32,7 +32,7 @@ fn run(operator: &MemoryOperator, targets: ArrayView2<'_, f64>, params: &IrfPara
     irf::solve(operator, targets, std::slice::from_ref(&(0..targets.ncols())), params, &Silent).unwrap()
 }
 
-/// Returns `|A^T W (f - A x)|` relative to `|A^T W f|`, the largest of the columns.
+/// Returns `|A^T W (f - A x)|` relative to `|A^T W f|`: the maximum over the columns.
 fn optimality(operator: &MemoryOperator, targets: &Array2<f64>, x: &Array2<f64>, weights: Option<&[f64]>) -> f64 {
     let gradient = |mut r: Array2<f64>| {
         r.rows_mut().into_iter().enumerate().for_each(|(i, mut row)| row *= weights.map_or(1.0, |w| w[i]));
@@ -69,7 +69,8 @@ fn accelerated_fits_reach_the_least_squares() {
     }
 }
 
-/// On a very irregular sampling: 1,050 directions are within 0.9 of the pole, and only 150 elsewhere.
+/// Acceleration at least halves the number of passes on a very irregular sampling: 1,050 directions are within 0.9 of
+/// the pole, and only 150 elsewhere.
 #[test]
 fn acceleration_takes_fewer_passes_than_plain_fitting() {
     let crowd = (0..1050).map(|i| [0.9 * ((i as f64 + 0.5) / 1050.0).sqrt(), 2.4 * i as f64]);
@@ -88,7 +89,7 @@ fn acceleration_takes_fewer_passes_than_plain_fitting() {
     assert!(2 * accelerated <= plain, "{accelerated} against {plain}");
 }
 
-/// One pass is a plain pass; three passes are a plain pass and an iteration.
+/// With acceleration, one pass is a plain pass, and three passes are a plain pass and an iteration.
 #[test]
 fn an_odd_number_of_passes_begins_with_a_plain_one() {
     let operator = MemoryOperator::new(&uneven(), L, 104).unwrap();
@@ -111,7 +112,8 @@ fn the_same_fit_gives_the_same_bits_and_a_zero_column_stays_zero() {
     assert!(first.coefficients.values().column(2).iter().all(|&x| x == 0.0));
 }
 
-/// Nine directions, four times each: blocks have more functions than the directions determine.
+/// Acceleration handles singular blocks: with nine directions that occur four times each, blocks have more functions
+/// than the directions determine.
 #[test]
 fn singular_blocks_are_accelerated_too() {
     let angles: Vec<[f64; 2]> = (0..36).map(|i| i % 9).map(|i| [0.3 * i as f64 + 0.2, 2.4 * i as f64]).collect();

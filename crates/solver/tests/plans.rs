@@ -1,5 +1,5 @@
-//! Memory plans fit their budget, include the stated memory, and choose the fastest option within it; reports are
-//! correct.
+//! Tests that memory plans fit their budget, include the stated memory, and choose the fastest option within the
+//! budget, and that reports are correct.
 
 use std::ops::RangeInclusive;
 use std::sync::Mutex;
@@ -24,8 +24,8 @@ fn operator() -> MemoryOperator {
     MemoryOperator::new(&Directions::fibonacci(N).unwrap(), L, CHUNK).unwrap()
 }
 
-/// A basis that is stored elsewhere: a block needs 1,000 bytes per column if it is entirely in memory, or 30,000 bytes
-/// in all if it is read in chunks.
+/// A basis outside memory: a block needs 1,000 bytes per column if it is read into memory as a whole, or 30,000 bytes
+/// in total if it is read in chunks.
 struct Elsewhere(MemoryOperator);
 
 const WHOLE: usize = 1000;
@@ -85,7 +85,7 @@ fn adds_up(plan: &IrfPlan) {
 #[test]
 fn arrays_and_factors_are_counted_to_the_byte() {
     let operator = operator();
-    // Degrees 0 to 3, 4 and 5, 6, 7: 16, 20, 13 and 15 columns, K = 64.
+    // The blocks have degrees 0 to 3, 4 and 5, 6, and 7, with 16, 20, 13 and 15 columns: K = 64.
     let (columns, size, widest, c) = ([16, 20, 13, 15], 64, 20, 3);
     let planned = |change: &dyn Fn(&mut IrfParams)| {
         let mut params = params(3, 20);
@@ -102,7 +102,7 @@ fn arrays_and_factors_are_counted_to_the_byte() {
     // Acceleration needs two more arrays like the residual, and two more like the coefficients.
     let accelerated = planned(&|params| params.accelerate = true);
     assert_eq!(accelerated.arrays, plain.arrays + 8 * 2 * (N * c + size * c));
-    // The factors are all factors that are kept, and the one being computed.
+    // Memory for factors covers all kept factors and the one being computed.
     let squares: usize = columns.iter().map(|k| k * k).sum();
     assert_eq!((plain.factors, plain.keep_factors), (8 * (squares + widest * widest), true));
     let once = planned(&|params| params.method = Method::Irf { passes: 1, granularity: 20 });
@@ -111,7 +111,7 @@ fn arrays_and_factors_are_counted_to_the_byte() {
     assert_eq!((reused.factors, reused.keep_factors), (plain.factors, true));
     let refined = planned(&|params| (params.method, params.refinements) = (Method::Nlsf, 1));
     assert_eq!((refined.factors, refined.keep_factors), (8 * size * size, true));
-    // Each thread has a Gram matrix, a chunk of the block, sums of the right-hand sides, and 4 MiB for products.
+    // Each thread needs a Gram matrix, a chunk of the block, sums of the right-hand sides, and 4 MiB for products.
     let thread = 8 * (widest * widest + CHUNK * widest + widest * c);
     assert_eq!(plain.work, thread + (4 << 20));
     assert_eq!(planned(&|params| params.threads = 3).work, 3 * plain.work);
@@ -128,7 +128,7 @@ fn arrays_and_factors_are_counted_to_the_byte() {
 #[test]
 fn wide_blocks_are_shared_by_the_threads() {
     let directions = Directions::fibonacci(1200).unwrap();
-    // (32 + 1)^2 = 1089 columns in chunks of 120 rows.
+    // The basis has (32 + 1)^2 = 1089 columns in chunks of 120 rows.
     let operator = MemoryOperator::new(&directions, 32, 120).unwrap();
     let planned = |max_degree, threads| {
         let params = IrfParams { max_degree, method: Method::Nlsf, threads, memory: 1 << 30, ..IrfParams::default() };
@@ -143,13 +143,13 @@ fn wide_blocks_are_shared_by_the_threads() {
     assert_eq!(two.work - one.work, one.work - stacked);
     assert!(one.work > stacked + thread);
     assert_eq!([one.reserved, two.reserved], [1, 2].map(|threads| threads * Kernels::RESERVED_PER_THREAD));
-    // 1,024 columns are shared, 961 aren't.
+    // Threads share blocks of 1,024 columns, but not of 961.
     assert_eq!([31, 30].map(|degree| planned(degree, 1).reserved), [Kernels::RESERVED_PER_THREAD, 0]);
     assert_eq!(planned(30, 1).work, 8 * (961 * 961 + 120 * 961 + 961 * 2) + (4 << 20));
 }
 
-/// The error states the smallest sufficient budget and the largest granularity that fits. Both work; a byte less, or a
-/// larger granularity, doesn't.
+/// The error states the smallest sufficient budget and the largest granularity that fits. Both suffice, but a byte less
+/// or a larger granularity doesn't.
 #[test]
 fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
     let operator = Elsewhere(operator());
@@ -190,7 +190,7 @@ fn a_refusal_names_the_least_budget_and_the_granularity_that_fits() {
         }
     }
     assert!(!told.is_empty());
-    // For methods with fixed blocks the error advises no granularity.
+    // For methods with fixed blocks the error states no granularity.
     let sirf = IrfParams { memory: 1, method: Method::Sirf { start_degree: 2 }, ..params(1, 64) };
     assert!(matches!(plan(&operator, 3, &sirf), Err(SolverError::Budget { granularity: None, .. })));
 }
@@ -203,7 +203,8 @@ fn what_is_left_of_the_budget_goes_to_the_basis() {
     let columns = [16, 20, 13, 15];
     let generous = plan(&operator, 3, &params(1, 20)).unwrap();
     assert!(generous.read_ahead && generous.whole == [true; 4]);
-    // The two largest neighbouring blocks, including the pair of the first block and the last.
+    // Read-ahead needs memory for the two largest neighbouring blocks; the last block and the first are neighbours,
+    // too.
     assert_eq!(generous.basis, WHOLE * (16 + 20));
     let fixed = generous.total - generous.basis;
     let with = |basis: usize| plan(&operator, 3, &IrfParams { memory: fixed + basis, ..params(1, 20) });
@@ -225,7 +226,7 @@ fn what_is_left_of_the_budget_goes_to_the_basis() {
     assert_eq!((one.basis, one.read_ahead), (WHOLE * columns.iter().sum::<usize>(), true));
 }
 
-/// Records the calls of a monitor.
+/// A monitor that records its calls.
 #[derive(Default)]
 struct Told {
     total: AtomicU64,

@@ -1,4 +1,4 @@
-//! Properties of operators and fits that hold for any sampling.
+//! Tests properties of operators and fits that hold for any sampling.
 
 use ndarray::{Array2, ArrayView2};
 use proptest::prelude::*;
@@ -32,7 +32,7 @@ fn inner(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> f64 {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// `<A x, r> = <x, A^T r>`, and `A x` equals the direct sum.
+    /// Checks that `<A x, r> = <x, A^T r>`, and that `A x` equals the direct sum.
     #[test]
     fn synthesis_and_adjoint_are_transposes(
         n in 1usize..300, max_degree in 0usize..12, channels in 1usize..12, chunk in 1usize..9, seed in 0u64..1000
@@ -132,10 +132,10 @@ fn passes_converge_to_the_full_least_squares_on_uneven_samplings() {
     }
 }
 
-/// Linearly dependent columns get the minimum-norm solution, which is reported.
+/// For linearly dependent columns the fit finds the minimum-norm solution and reports the rank.
 #[test]
 fn repeated_directions_leave_a_rank_that_is_told() {
-    // Nine different directions, four times each: rank 9 of 16.
+    // Nine different directions, four times each, give 16 columns the rank 9.
     let few = scattered(9, 3).as_slice().to_vec();
     let directions = Directions::from_vertices(&few.repeat(4)).unwrap();
     let operator = MemoryOperator::new(&directions, 3, 16).unwrap();
@@ -154,8 +154,8 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
 }
 
-/// Blocks of 1,024 functions and more have a Gram matrix that is summed jointly by the threads. The fit is the same, by
-/// Cholesky, weighted or not, in chunks that do and don't divide the rows.
+/// For blocks of 1,024 functions and more, the threads share one Gram matrix. The fit still recovers the coefficients
+/// by Cholesky, with and without weights, for chunk sizes that do and don't divide the number of rows.
 #[test]
 fn a_block_of_more_than_a_thousand_functions_finds_what_the_samples_hold() {
     let max_degree = 31;

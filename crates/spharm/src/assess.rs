@@ -1,5 +1,5 @@
-//! Distances between a model and its surface: over the whole area, at vertices, at centres of triangles, and at
-//! held-out vertices.
+//! Measures distances between a model and its surface: over the whole area, at vertices, at centres of triangles, and
+//! at held-out vertices.
 
 mod hold_out;
 mod model_surface;

@@ -1,10 +1,10 @@
 //! Numeric defaults of fits, with the reason for each.
 
-/// Granularity of [`Method::Irf`](crate::Method::Irf), as in the paper.
+/// Default granularity of [`Method::Irf`](crate::Method::Irf), as in the paper.
 pub const GRANULARITY: usize = 100;
 
-/// Default number of passes of an accelerated iterative residual fit. These are eight iterations, which suffice on even
-/// samplings.
+/// Default number of passes of an accelerated iterative residual fit: eight iterations of two passes, which suffice on
+/// even samplings.
 pub const ACCELERATED_PASSES: usize = 16;
 
 /// Default optimality at which the full least squares is treated as converged.
@@ -31,8 +31,8 @@ pub(crate) const MOST_TOGETHER: usize = 128;
 /// multiplies the remaining rounding error by eps times the condition number.
 pub(crate) const REFINEMENTS: usize = 5;
 
-/// Default smoothness penalty over a sphere made by parametrisation: its size at the highest degree, relative to the
-/// weight of the vertices. Without a penalty, a model is undetermined between the corners of large triangles. The
+/// Default smoothness penalty over a sphere made by parametrisation: the penalty at the highest degree, relative to
+/// the weight of the vertices. Without a penalty, a model is undetermined between the corners of large triangles. The
 /// penalty increases the msd by some per cent.
 const RELATIVE_PENALTY: f64 = 0.01;
 

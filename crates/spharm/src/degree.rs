@@ -1,9 +1,10 @@
-//! Chooses the degree of a model: the lowest with which the model is accurate enough.
+//! Chooses the degree of a model: the lowest degree with which the model is accurate enough.
 //!
-//! The error of a surface's model is the root mean square distance between the surfaces, which falls as the degree
-//! grows, roughly as a power of it. So the degree is found by a few fits: it is doubled until the error is small
-//! enough, and then lies between the last two. There a power law predicts it, in turn with bisection, since the errors
-//! of surfaces that are models themselves end abruptly.
+//! The error of a surface's model is the root mean square distance between the surfaces. It falls roughly as a power
+//! of the degree. A few fits therefore suffice to find the degree. The degree is first doubled until the error is
+//! small enough. The wanted degree then lies between the last two, and is found by predictions with a power law
+//! alternating with bisection. Bisection is needed for surfaces that are themselves models, whose errors fall abruptly
+//! at the model's degree.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -16,7 +17,7 @@ use spharm_surface::{Mesh, Sphere, Target};
 use crate::parametrize::Input;
 use crate::{Error, Fit, FitParams, MappedSurface, fit_target};
 
-/// Error that a model may have: the root mean square distance between model and surface.
+/// Largest error that a model may have: the root mean square distance between model and surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Accuracy {
     /// A length in the unit of the surface.
@@ -26,7 +27,7 @@ pub enum Accuracy {
 }
 
 impl Default for Accuracy {
-    /// Returns 0.2 % of the size.
+    /// Returns 0.2 % of the surface's size.
     fn default() -> Self {
         Self::Share(0.002)
     }
@@ -35,7 +36,7 @@ impl Default for Accuracy {
 impl FromStr for Accuracy {
     type Err = String;
 
-    /// Parses a length, `0.3`, or a percentage of the size, `0.2%`.
+    /// Parses a length such as `0.3`, or a percentage of the surface's size such as `0.2%`.
     fn from_str(text: &str) -> Result<Self, String> {
         let percent = text.strip_suffix('%').map(str::trim_end);
         let value = percent.unwrap_or(text).parse().ok().filter(|value: &f64| *value > 0.0 && value.is_finite());
@@ -69,7 +70,8 @@ impl Accuracy {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct DegreeChoice {
-    /// The degree: the lowest that is accurate enough or, if none is, that which resolves one and a half edges.
+    /// The lowest degree that is accurate enough. If no degree is, the degree that resolves one and a half edges of
+    /// the mesh.
     pub degree: usize,
     /// Root mean square distance between the surface and its model of this degree.
     pub rms: f64,
@@ -80,7 +82,7 @@ pub struct DegreeChoice {
 }
 
 impl DegreeChoice {
-    /// Returns whether the model is as accurate as wanted.
+    /// Returns whether the model is as accurate as requested.
     #[must_use]
     pub fn reached(&self) -> bool {
         self.rms <= self.wanted
@@ -102,25 +104,26 @@ impl fmt::Display for DegreeChoice {
     }
 }
 
-/// The highest degree tried. Models of higher degrees need a deliberate choice.
+/// The highest degree tried. Higher degrees must be chosen explicitly.
 const MOST: usize = 256;
 
 /// The first degree tried.
 const FIRST: usize = 16;
 
-/// Length that a model resolves, in edges of a mesh, if no degree is accurate enough. Finer models would follow the
+/// Length that a model resolves if no degree is accurate enough, in edges of the mesh. Finer models would follow the
 /// mesh's facets.
 const EDGES: f64 = 1.5;
 
-/// Returns the lowest degree with which the model of a surface, over a sphere of its own, is as accurate as wanted: at
-/// most 256, and with at most as many functions as the surface has vertices. If none is, the degree is at most that
-/// which resolves one and a half edges of the surface.
+/// Returns the lowest degree with which the model of a surface is as accurate as requested. The surface is mapped to a
+/// sphere for each fit. The degree is at most 256, and a model has at most as many functions as the surface has
+/// vertices. If no degree is accurate enough, returns the degree that resolves one and a half edges of the surface, or
+/// the highest possible degree if it is lower.
 ///
-/// A degree is tried by a fit with `params`, whose own degree is ignored. There are usually five to eight fits.
+/// Each degree is tried by a fit with `params`, except for their degree. Five to eight fits are usual.
 ///
 /// # Errors
 ///
-/// Those of [`fit_mesh`](crate::fit_mesh()); [`Error::Setting`] if `params` fit the vertices.
+/// The errors of [`fit_mesh`](crate::fit_mesh()); [`Error::Setting`] if `params` fit the vertices.
 pub fn choose_degree(
     surface: &Input,
     accuracy: Accuracy,
@@ -134,12 +137,12 @@ pub fn choose_degree(
     })
 }
 
-/// Returns the lowest degree with which the model of a surface over a given sphere is as accurate as wanted, as
-/// [`choose_degree`] does.
+/// Returns the lowest degree with which the model of a surface over a given sphere is as accurate as requested, like
+/// [`choose_degree`].
 ///
 /// # Errors
 ///
-/// Those of [`fit()`](crate::fit()); [`Error::Setting`] if `params` fit the vertices.
+/// The errors of [`fit()`](crate::fit()); [`Error::Setting`] if `params` fit the vertices.
 pub fn choose_degree_over(
     sphere: &Sphere,
     surface: &Mesh,
@@ -180,10 +183,10 @@ fn choose(
     Ok(DegreeChoice { degree, rms, wanted, most })
 }
 
-/// Returns the lowest degree from 1 to `most` whose error is at most `wanted`, and its error; `most` if there is none.
-/// Assumes that errors fall as the degree grows.
+/// Returns the lowest degree from 1 to `most` whose error is at most `wanted`, and its error. Returns `most` if no
+/// degree suffices. Assumes that errors fall as the degree grows.
 fn search<E>(wanted: f64, most: usize, mut error: impl FnMut(usize) -> Result<f64, E>) -> Result<(usize, f64), E> {
-    // The highest degree known to fail, if any, and the lowest known to suffice.
+    // `fails` is the highest degree known to fail, if any, and `suffices` the lowest degree known to suffice.
     let mut fails: Option<(usize, f64)> = None;
     let mut degree = FIRST.min(most);
     let mut suffices = loop {
@@ -217,7 +220,7 @@ fn search<E>(wanted: f64, most: usize, mut error: impl FnMut(usize) -> Result<f6
     }
 }
 
-/// Returns the degree strictly between two others at which a power law through their errors has the wanted error.
+/// Returns the degree strictly between two others at which the power law through their errors gives the wanted error.
 fn expected(wanted: f64, fails: (usize, f64), suffices: (usize, f64)) -> usize {
     let (low, high) = (fails.0 as f64, suffices.0 as f64);
     let share = (fails.1 / wanted).ln() / (fails.1 / suffices.1).ln();
@@ -249,7 +252,7 @@ mod tests {
                 assert!(tried <= 9, "{least}: {tried} fits");
             }
         }
-        // Errors that end abruptly, of surfaces that are models of some degree.
+        // The errors of surfaces that are themselves models fall abruptly at the degree `least`.
         for least in [43, 60, 129, 250, 256] {
             for rest in [0.0, 1e-6] {
                 let (degree, tried) = found(0.5, 256, |degree| if degree < least { 1.0 } else { rest });

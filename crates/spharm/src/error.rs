@@ -44,7 +44,7 @@ pub enum Error {
     /// Shapes that can't be analysed.
     #[error(transparent)]
     Shape(#[from] ShapeError),
-    /// A template that can't be moved onto a surface.
+    /// A template that can't be registered to a surface.
     #[error(transparent)]
     Register(#[from] RegisterError),
     /// A surface without area, or with coordinates that aren't finite.
@@ -78,7 +78,7 @@ pub enum Error {
         /// Actual value of the setting.
         found: String,
     },
-    /// A degree above the highest supported degree.
+    /// A degree above the highest degree supported.
     #[error("degree {found} is above {most}, the highest supported degree")]
     Degree {
         /// The requested degree.
@@ -97,13 +97,13 @@ pub enum Error {
     NeedsTriangles {
         /// Computation that needs triangles: `quadrature`, `density`, `area`.
         what: &'static str,
-        /// Path of the sphere.
+        /// Path of the sphere's file.
         sphere: PathBuf,
     },
-    /// A number of weights other than the number of vertices.
+    /// A number of weights that differs from the number of vertices.
     #[error("{name}: expected one weight for each of {expected} vertices, found {found}")]
     WeightCount {
-        /// Name of the weights.
+        /// Name of the weights: a file name, or the name given with the values.
         name: String,
         /// Number of vertices.
         expected: usize,
@@ -115,12 +115,12 @@ pub enum Error {
     Weight {
         /// Name of the weights.
         name: String,
-        /// Vertex, counted from 0.
+        /// Index of the vertex, counted from 0.
         vertex: usize,
-        /// The vertex's weight.
+        /// Weight of the vertex.
         found: f64,
     },
-    /// Weights that leave out every triangle of a surface.
+    /// Weights that exclude every triangle of a surface.
     #[error("{name}: no triangle has positive weights at all three corners")]
     NoTriangle {
         /// Name of the weights.
@@ -149,7 +149,7 @@ pub enum Error {
         what: &'static str,
         /// Bytes allowed by the limit.
         limit: u64,
-        /// Bytes that the computation needs.
+        /// Bytes needed by the computation.
         needed: u64,
     },
     /// The iteration ended before the tolerance was met; only with [`FitParams::strict`](crate::FitParams::strict).
@@ -162,9 +162,9 @@ pub enum Error {
     NotFinite {
         /// Row of the coefficients, l^2 + l + m.
         row: usize,
-        /// Channel, counted from 0.
+        /// Index of the channel, counted from 0.
         channel: usize,
-        /// The coefficient.
+        /// Value of the coefficient.
         found: f64,
     },
     /// Threads that the system can't start.
@@ -182,13 +182,13 @@ impl Error {
         Self::NeedsTriangles { what: "the area of a vertex", sphere: sphere.name().to_owned() }
     }
 
-    /// Adds the index of a group's surface to an error. Interruptions are returned unchanged, since they don't belong
-    /// to a surface.
+    /// Adds the index of a group's surface to an error. Interruptions are returned unchanged, since they don't concern
+    /// a single surface.
     pub(crate) fn of_member(index: usize, error: Self) -> Self {
         if error.is_interrupted() { error } else { Self::Member { index, source: Box::new(error) } }
     }
 
-    /// Returns whether the error is an interruption: the computation stopped because it was asked to.
+    /// Returns whether the error is an interruption, which means that the computation was asked to stop.
     pub fn is_interrupted(&self) -> bool {
         matches!(
             self,

@@ -22,7 +22,7 @@ const ILL_CONDITIONED: f64 = 1e-12;
 pub struct FactorSettings {
     /// Highest degree of the coefficients to solve for.
     pub max_degree: usize,
-    /// Scalar type of the basis in whose folder the factor is stored.
+    /// Scalar type of the basis whose folder receives the factor.
     pub basis_scalar: Scalar,
     /// Scalar type of the factor.
     pub scalar: Scalar,
@@ -36,7 +36,7 @@ pub struct FactorSettings {
     pub allow_large: bool,
 }
 
-/// A planned factor, for which memory and disk space suffice.
+/// A planned factor. Memory and disk space are known to suffice for it.
 #[derive(Debug)]
 pub struct PlannedFactor<'a> {
     store: &'a Path,
@@ -47,11 +47,12 @@ pub struct PlannedFactor<'a> {
 }
 
 impl<'a> PlannedFactor<'a> {
-    /// Plans a factor; nothing is computed or written.
+    /// Plans a factor. Nothing is computed or written.
     ///
     /// # Errors
     ///
-    /// [`StoreError::Budget`], [`StoreError::Space`] or [`Error::Limit`] if memory or disk space is too small for it.
+    /// [`StoreError::Budget`], [`StoreError::Space`] or [`Error::Limit`] if memory or disk space don't suffice for the
+    /// factor.
     pub fn new(store: &'a Path, sphere: &'a Sphere, settings: &FactorSettings) -> Result<Self, Error> {
         let rows = sphere.directions.len();
         let spec = FactorSpec {
@@ -64,7 +65,7 @@ impl<'a> PlannedFactor<'a> {
         let params = FactorParams {
             scalar: settings.scalar,
             memory: settings.memory,
-            // The moments, and the directions and triangles of the sphere.
+            // The memory of the moments, and of the sphere's directions and triangles.
             held: moment_gram_bytes(rows, settings.max_degree)? + 24 * rows + 12 * sphere.faces.len(),
             threads: settings.threads,
             allow_large: settings.allow_large,
@@ -80,7 +81,7 @@ impl<'a> PlannedFactor<'a> {
         Ok(Self { store, sphere, spec, params, plan })
     }
 
-    /// Returns the required memory and disk space; `None` for a factor that is already in the store.
+    /// Returns the required memory and disk space, or `None` for a factor that is already in the store.
     pub fn plan(&self) -> Option<FactorPlan> {
         self.plan
     }
@@ -96,7 +97,7 @@ impl<'a> PlannedFactor<'a> {
         let source = moment_gram(&sphere.directions, None, spec.max_degree)?;
         let penalised = Penalised::new(&source, smoothness_penalty(spec.max_degree, spec.smoothness));
         build_factor(store, spec, &penalised, params, monitor).map_err(|error| match error {
-            // The store's error says that finished files are kept.
+            // The store's error adds that finished files are kept.
             SolverError::Interrupted(interrupted) => StoreError::from(interrupted).into(),
             error => error.into(),
         })

@@ -41,9 +41,9 @@ use job::Job;
 /// The coefficients of one target, and a report on the fit.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// Canonical coefficients, (K, c), in the target's unit.
+    /// Canonical coefficients of shape (K, c), in the target's unit.
     pub coefficients: Coefficients,
-    /// Standard error of each coefficient, (K, c), if requested.
+    /// Standard errors of the coefficients, of shape (K, c), if requested.
     pub standard_errors: Option<Array2<f64>>,
     /// Distances between model and target, and warnings.
     pub report: FitReport,
@@ -51,12 +51,12 @@ pub struct Fit {
 
 /// Data that can be fitted over a sphere.
 pub trait ToTarget {
-    /// Returns the target, checked against the sphere. At vertices of weight 0 values may be NaN or infinite, since
+    /// Returns the target, checked against the sphere. Values at vertices of weight 0 may be NaN or infinite, since
     /// fits don't read them.
     ///
     /// # Errors
     ///
-    /// Those of [`Target::from_mesh_with_gaps`] and [`Target::from_signal_with_gaps`].
+    /// The errors of [`Target::from_mesh_with_gaps`] and [`Target::from_signal_with_gaps`].
     fn to_target(&self, sphere: &Sphere) -> Result<Cow<'_, Target>, SurfaceError>;
 }
 
@@ -104,7 +104,7 @@ pub fn fit(sphere: &Sphere, target: &impl ToTarget, params: &FitParams) -> Resul
 ///
 /// # Errors
 ///
-/// Those of [`fit()`]; [`Error::is_interrupted`] if the monitor stopped it.
+/// The errors of [`fit()`]; [`Error::is_interrupted`] if the monitor stopped the fit.
 pub fn fit_with(
     sphere: &Sphere,
     target: &impl ToTarget,
@@ -119,7 +119,7 @@ pub fn fit_with(
 ///
 /// # Errors
 ///
-/// Those of [`fit_with`].
+/// The errors of [`fit_with`].
 pub fn fit_target(
     sphere: &Sphere,
     target: Target,
@@ -134,7 +134,7 @@ impl PlannedSphere {
     ///
     /// # Errors
     ///
-    /// Those of [`fit_target`].
+    /// The errors of [`fit_target`].
     pub fn fit(&self, target: Target, params: &FitParams, monitor: &dyn Monitor) -> Result<(Fit, ManyReport), Error> {
         fit_one(self.sphere(), Some(self), target, params, monitor)
     }
@@ -154,17 +154,17 @@ fn fit_one(
     Ok((fits.pop().expect("a target that was read has been fitted, or there was an error"), report))
 }
 
-/// Fits many targets over one sphere, as many at a time as the memory allows, and passes each fit to `done` when it is
-/// ready.
+/// Fits many targets over one sphere, as many at a time as memory allows, and passes each fit to `done` as soon as it
+/// is ready.
 ///
-/// `read` returns the target of an index in `0..count`. It is called from several threads, in the order of the indices,
-/// except that a few targets are read at the same time. `done` receives the index of a target and its fit, also from
+/// `read` returns the target with an index in `0..count`. It is called in the order of the indices, but from several
+/// threads, so a few targets are read at the same time. `done` receives the index of a target and its fit, also from
 /// several threads. The results of `done` are returned in the targets' order. An error of `read` or `done` ends the
 /// call, unlike in [`fit_each`].
 ///
 /// # Errors
 ///
-/// Those of [`fit()`], `read` and `done`.
+/// The errors of [`fit()`], `read` and `done`.
 pub fn fit_many<T: Send, E: From<Error> + Send>(
     sphere: &Sphere,
     count: usize,
@@ -184,7 +184,7 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
 ///
 /// # Errors
 ///
-/// Those of `done`, and those of [`fit()`] that concern all targets: settings, memory, the store.
+/// The errors of `done`, and those errors of [`fit()`] that concern all targets: settings, memory, the store.
 pub fn fit_each<T: Send, E: From<Error> + Send>(
     sphere: &Sphere,
     count: usize,
@@ -196,7 +196,7 @@ pub fn fit_each<T: Send, E: From<Error> + Send>(
     fit_over((sphere, None), count, read, params, done, monitor)
 }
 
-/// As [`fit_each`], with the transforms of a planned sphere if there are any.
+/// Fits targets like [`fit_each`], with the transforms of a planned sphere if one is given.
 fn fit_over<T: Send, E: From<Error> + Send>(
     (sphere, planned): (&Sphere, Option<&PlannedSphere>),
     count: usize,
@@ -211,7 +211,7 @@ fn fit_over<T: Send, E: From<Error> + Send>(
         let (scheme, scalar) = (job.key, job.scalar);
         let mut run = Run::new(job, count, read, done, monitor)?;
         match params.method {
-            // No target could be read: there is nothing to fit.
+            // No target could be read, so there is nothing to fit.
             _ if count > 0 && run.next_is_surface()?.is_none() => {}
             Method::Lsq => run_lsq(&mut run)?,
             Method::Quadrature => quadrature::run(&mut run)?,

@@ -15,9 +15,9 @@ use crate::{Error, Fit, FitParams, ManyReport, check_mapping, fit_target};
 /// Changes to a surface before it is mapped to a sphere. A surface that is given with a sphere isn't changed.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Preparation {
-    /// How to read a volume's file.
+    /// Settings for reading a volume's file.
     pub reading: VolumeReading,
-    /// The surface that stands for a label.
+    /// The kind of surface extracted from a label.
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
@@ -26,8 +26,8 @@ pub struct Preparation {
 }
 
 impl Preparation {
-    /// Returns the changes that apply to a surface: none with a sphere, and the defaults of volumes for a surface that
-    /// isn't a label's.
+    /// Returns the changes that apply to a surface: none for a surface with a sphere, and default settings for volumes
+    /// if the surface isn't extracted from a label.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
@@ -37,7 +37,7 @@ impl Preparation {
         }
     }
 
-    /// Repairs a mesh and cuts its handles, if requested. A label's surface is repaired when it is extracted.
+    /// Repairs a mesh and cuts its handles, if requested. A label is repaired earlier, when its surface is extracted.
     ///
     /// # Errors
     ///
@@ -48,31 +48,31 @@ impl Preparation {
     }
 }
 
-/// A surface mapped to a sphere of its own, and the changes made to it beforehand.
+/// A surface mapped to a sphere, and the changes made to the surface beforehand.
 #[derive(Debug, Clone)]
 pub struct MappedSurface {
     /// The map to the sphere.
     pub parametrized: Parametrized,
-    /// Repair of a volume's label, if the surface is a label's.
+    /// Repair of a volume's label, if the surface was extracted from a label.
     pub repair: Option<Repair>,
     /// Repair of a mesh, if it was repaired.
     pub mesh_repair: Option<MeshRepair>,
-    /// Handles that were cut.
+    /// Report on handles that were cut.
     pub handles: Option<HandlesReport>,
-    /// The label's voxels, if the surface is a label's.
+    /// Voxels of the label, if the surface was extracted from a label.
     pub voxels: Option<VoxelRecord>,
     /// Whether a label's surface is smooth or follows the voxels.
     pub label_surface: Option<LabelSurface>,
-    /// Staircase of the voxels, if a model of the fit's degree reproduces it.
+    /// The voxels' staircase, if a model of the fit's degree reproduces it.
     pub steps: Option<VoxelSteps>,
 }
 
 impl MappedSurface {
-    /// Maps a surface to a sphere of its own, after checking that memory suffices for mapping and fitting it.
+    /// Maps a surface to a sphere, after checking that memory suffices for mapping and fitting the surface.
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`] with the memory that suffices for both, [`Error::Parametrize`].
+    /// [`Error::Memory`] with the memory that suffices for both steps, [`Error::Parametrize`].
     pub fn new(surface: &Input, params: &FitParams, monitor: &dyn Monitor) -> Result<Self, Error> {
         check_surface(surface, params)?;
         let mut parametrized = parametrize_with(surface, &params.map(), monitor)?;
@@ -105,13 +105,13 @@ impl MappedSurface {
     ///
     /// # Errors
     ///
-    /// Those of [`fit()`](crate::fit()).
+    /// The errors of [`fit()`](crate::fit()).
     pub fn fit(&self, params: &FitParams, monitor: &dyn Monitor) -> Result<(Fit, ManyReport), Error> {
         let sphere = &self.parametrized.sphere;
         fit_target(sphere, Target::from_mesh(&self.parametrized.map.surface, sphere)?, params, monitor)
     }
 
-    /// Records repairs, cuts, the label's voxels and their steps in a model's provenance.
+    /// Records repairs, cuts, and the label's voxels and staircase in a model's provenance.
     pub fn record(&self, provenance: &mut Provenance) {
         let object = |value: Result<serde_json::Value, _>| value.ok()?.as_object().cloned();
         provenance.repair = self.repair.and_then(|repair| object(serde_json::to_value(repair)));
@@ -129,7 +129,7 @@ impl MappedSurface {
     }
 }
 
-/// The provenance field with a model's [`VoxelSteps`].
+/// Name of the provenance field with a model's [`VoxelSteps`].
 const VOXEL_STEPS: &str = "voxel_steps";
 
 /// Returns the staircase of voxels that a model reproduces, as recorded in its provenance.
@@ -138,8 +138,8 @@ pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
     serde_json::from_value(provenance.other.get(VOXEL_STEPS)?.clone()).ok()
 }
 
-/// Checks, before any work, that memory suffices to map a surface to a sphere and to fit it there. The error states the
-/// memory that suffices for both.
+/// Checks that memory suffices to map a surface to a sphere and to fit it there, before any work starts. The error
+/// states the memory that suffices for both.
 ///
 /// # Errors
 ///
@@ -156,7 +156,7 @@ pub fn check_surface(surface: &Input, params: &FitParams) -> Result<(), Error> {
     }
 }
 
-/// The model of a surface that came without a sphere.
+/// The fit of a surface that was given without a sphere.
 #[derive(Debug, Clone)]
 pub struct MeshFit {
     /// The surface, its sphere, and the changes made to it.
@@ -175,7 +175,7 @@ impl From<MeshFit> for Model {
     }
 }
 
-/// Maps a closed surface of genus zero to a sphere of its own, and fits it there.
+/// Maps a closed surface of genus zero to a sphere, and fits it over that sphere.
 ///
 /// ```
 /// use spharm::generate::{Cortex, cortex};
@@ -190,18 +190,18 @@ impl From<MeshFit> for Model {
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] before any work, [`Error::Parametrize`] with the reason why the surface can't be mapped, and those
-/// of [`fit()`](crate::fit()).
+/// [`Error::Memory`] before any work, [`Error::Parametrize`] with the reason why the surface can't be mapped, and the
+/// errors of [`fit()`](crate::fit()).
 pub fn fit_mesh(surface: &Mesh, params: &FitParams) -> Result<MeshFit, Error> {
     fit_mesh_with(Input::Mesh(surface.clone()), Preparation::default(), params, &Silent)
 }
 
 /// Maps and fits a surface as [`fit_mesh`] does, with progress and cancellation, after repairing it and cutting its
-/// handles if `preparation` requests it. The surface may also be that of a volume's label.
+/// handles, if `preparation` requests this. The surface may also be extracted from a volume's label.
 ///
 /// # Errors
 ///
-/// Those of [`fit_mesh`]; [`Error::is_interrupted`] if the monitor stopped it.
+/// The errors of [`fit_mesh`]; [`Error::is_interrupted`] if the monitor stopped the fit.
 pub fn fit_mesh_with(
     surface: Input,
     preparation: Preparation,
@@ -211,12 +211,13 @@ pub fn fit_mesh_with(
     fit_mesh_masked(surface, preparation, None, params, monitor)
 }
 
-/// As [`fit_mesh_with`], without reading the vertices at which `keep` is false: the triangles at them aren't fitted.
-/// The mask, one element per vertex of the prepared surface, applies to the fit, not to the map.
+/// Maps and fits a surface like [`fit_mesh_with`], but ignores the vertices at which `keep` is false: the triangles at
+/// these vertices aren't fitted. The mask has one element per vertex of the prepared surface. It applies to the fit,
+/// not to the map.
 ///
 /// # Errors
 ///
-/// Those of [`fit_mesh_with`], and of [`Weights::masked`](crate::Weights::masked).
+/// The errors of [`fit_mesh_with`] and of [`Weights::masked`](crate::Weights::masked).
 pub fn fit_mesh_masked(
     surface: Input,
     preparation: Preparation,

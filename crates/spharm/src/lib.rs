@@ -1,8 +1,8 @@
 //! Spherical-harmonic (SPHARM) models of closed surfaces: read, parametrise, fit, assess, write, reconstruct.
 //!
 //! A SPHARM model describes a closed surface of genus zero by three functions on the sphere, x, y and z, each a sum of
-//! spherical harmonics up to a degree L. This crate provides everything that the program `spharm` computes as
-//! functions. `spharm-render` draws pictures, and `spharm-paper` contains the experiments of the paper.
+//! spherical harmonics up to a degree L. The functions of this crate provide everything that the program `spharm`
+//! computes. `spharm-render` draws pictures, and `spharm-paper` contains the experiments of the paper.
 //!
 //! ```
 //! use spharm::prelude::*;
@@ -42,8 +42,8 @@
 //!
 //! No function prints, ends the process, or changes its environment. Reading a store installs a handler of SIGBUS,
 //! which acts only on faults inside the store's memory maps. Every function that may run longer than a second takes a
-//! [`Monitor`], which shows its progress and can cancel it. Such functions run in the caller's rayon pool, or in a pool
-//! of their own if [`FitParams::threads`] is set.
+//! [`Monitor`], which shows its progress and can cancel it. Such functions run in the caller's rayon pool, or in a
+//! separate pool if [`FitParams::threads`] is set.
 //!
 //! # Modules
 //!

@@ -1,4 +1,4 @@
-//! Memory that this process may use, as reported by the system.
+//! Determines the memory that this process may use, as reported by the system.
 
 use std::fs::read_to_string;
 use std::path::Path;
@@ -7,15 +7,16 @@ use rustix::process::{Resource, getrlimit};
 
 use crate::Error;
 
-/// Free memory that is assumed if the system doesn't report it.
+/// Number of bytes of free memory that is assumed if the system doesn't report it.
 const UNKNOWN: u64 = 2 << 30;
 
-/// Limits on a process: the limit, the field of `/proc/self/status` that counts against it, and its name.
+/// Limits on a process: each limit, the field of `/proc/self/status` that is limited by it, and its name in messages.
 const LIMITS: [(Resource, &str, &str); 2] =
     [(Resource::Data, "VmData:", "data (ulimit -d)"), (Resource::As, "VmSize:", "address space (ulimit -v)")];
 
-/// Returns the free memory in bytes: the minimum of the system's free memory, the rest of the limits of this process's
-/// control groups, and the rest of the limits on its data and address space; 2 GiB if none of them is known.
+/// Returns the free memory in bytes: the minimum of the system's free memory, the unused part of the limits of this
+/// process's control groups, and the unused part of the limits on its data and address space. Returns 2 GiB if none of
+/// these is known.
 pub fn available_memory() -> usize {
     let meminfo = read_to_string("/proc/meminfo").unwrap_or_default();
     let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
@@ -28,7 +29,7 @@ pub fn available_memory() -> usize {
     free.into_iter().chain(groups).chain(limits).min().unwrap_or(UNKNOWN) as usize
 }
 
-/// Returns the minimum of the memory that the control groups of `/proc/self/cgroup` and their ancestors leave. The
+/// Returns the minimum of the free memory of the control groups in `/proc/self/cgroup` and of their ancestors. The
 /// hierarchies of both versions are mounted below `root`.
 fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| -> Option<u64> {
@@ -39,18 +40,19 @@ fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
             names if names.split(',').any(|name| name == "memory") => (root.join("memory"), &V1),
             _ => return None,
         };
-        // In a container the path may be the host's, of which only the root exists here.
+        // In a container, the path may be that of the host. Only the root of such a path exists in the container.
         let group = Path::new(path.trim_start_matches('/'));
         group.ancestors().filter_map(|group| version.free(&mount.join(group))).min()
     };
     groups.lines().filter_map(of_line).min()
 }
 
-/// Names of the files with the limits and the usage, for a version of control groups.
+/// Names of the files with limits and usage, for one version of control groups.
 struct Version {
     limits: &'static [&'static str],
     used: &'static str,
-    /// Fields of `memory.stat` for pages of files, which count as used and are dropped if memory is short.
+    /// Fields of `memory.stat` for pages of files. These pages are included in the usage, but are dropped when memory
+    /// is short.
     files: [&'static str; 2],
 }
 
@@ -60,7 +62,7 @@ const V1: Version = Version {
     files: ["total_inactive_file ", "total_active_file "],
 };
 
-/// Above `memory.high` a process isn't killed but slowed down until it hardly runs.
+/// Above `memory.high`, a process isn't killed but slowed down until it hardly runs.
 const V2: Version = Version {
     limits: &["memory.max", "memory.high"],
     used: "memory.current",
@@ -68,7 +70,7 @@ const V2: Version = Version {
 };
 
 impl Version {
-    /// Returns the memory that a group leaves of its limit; `None` if it has no limit.
+    /// Returns the difference between a group's limit and its usage, or `None` if it has no limit.
     fn free(&self, group: &Path) -> Option<u64> {
         let number = |name: &&str| read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
         let limit = self.limits.iter().filter_map(number).min()?;
@@ -82,14 +84,14 @@ impl Version {
 /// A limit on this process that a computation would exceed.
 pub(crate) struct Exceeded {
     pub(crate) what: &'static str,
-    /// Bytes allowed.
+    /// Number of bytes allowed.
     pub(crate) limit: u64,
-    /// Bytes needed.
+    /// Number of bytes needed.
     pub(crate) needed: u64,
 }
 
-/// Returns the limit that further `data` bytes of anonymous memory and `mapped` bytes of mapped files would exceed, if
-/// any.
+/// Returns the limit that a further `data` bytes of anonymous memory and `mapped` bytes of mapped files would exceed,
+/// if there is one.
 pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
     LIMITS.iter().zip([data, data.saturating_add(mapped)]).find_map(|(&(resource, used, what), more)| {
         let (limit, used) = (getrlimit(resource).current?, process_status(used)?);
@@ -98,8 +100,8 @@ pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
     })
 }
 
-/// Checks, before work starts, that this process's limits on data (`ulimit -d`) and address space (`ulimit -v`) allow a
-/// further `data` bytes of anonymous memory and `mapped` bytes of mapped files.
+/// Checks that this process's limits on data (`ulimit -d`) and address space (`ulimit -v`) allow a further `data`
+/// bytes of anonymous memory and `mapped` bytes of mapped files, before work starts.
 ///
 /// # Errors
 ///
@@ -158,7 +160,7 @@ mod tests {
         assert_eq!(free("0::/pod\n"), Some(600));
         assert_eq!(free("0::/pod/step\n"), Some(400));
         assert_eq!(free("9:memory:/job/step_0\n0::/pod\n"), Some(60));
-        // A limit without a usage, for example if the file isn't readable.
+        // A group with a limit but without a usage, for example because the file of the usage isn't readable.
         group("odd", &[("memory.max", "1000\n")]);
         assert_eq!(free("0::/odd\n"), None);
     }

@@ -1,4 +1,4 @@
-//! Models made from fits, with their provenance.
+//! Makes models from fits, with their provenance.
 
 use serde_json::Value;
 use spharm_harmonics::Coefficients;
@@ -18,7 +18,7 @@ pub fn versions() -> Versions {
     }
 }
 
-/// The provenance field that lists the operations on a model's coefficients after the fit, in order.
+/// Name of the provenance field that lists the operations on a model's coefficients after the fit, in order.
 pub const TRANSFORM: &str = "transform";
 
 /// Returns a model without a sphere, made by `tool` from coefficients.
@@ -37,8 +37,8 @@ pub fn signed(mut model: Model, tool: &str) -> Model {
 
 /// Returns a model of coefficients that were derived from the coefficients of `source`, over the same sphere.
 ///
-/// `transform` describes the operation; it is added to the provenance's list [`TRANSFORM`]. The settings and distances
-/// of the fit are left out, since the model is no longer the result of that fit.
+/// `transform` describes the operation. It is appended to the list [`TRANSFORM`] in the provenance. The settings and
+/// distances of the fit are omitted, since the derived model isn't the result of that fit.
 #[must_use]
 pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
     let mut model = signed(Model { coefficients, ..source.clone() }, tool);

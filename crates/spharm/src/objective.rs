@@ -1,4 +1,4 @@
-//! The choice between fitting a mesh's surface and fitting its vertices.
+//! Defines the choice between fitting a mesh's surface and fitting its vertices.
 
 use std::str::FromStr;
 
@@ -6,16 +6,16 @@ use spharm_surface::Kind;
 
 use crate::{FitParams, Method};
 
-/// The part of a mesh that the full least squares fits.
+/// The part of a mesh to which the full least squares is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Objective {
-    /// The surface, for meshes over a sphere with triangles; the vertices for signals and for fits over a store.
+    /// The surface for meshes over a sphere with triangles, and the vertices for signals and for fits over a store.
     #[default]
     Default,
-    /// The surface: the integral over the sphere of the squared distance. All triangles are sampled as densely as the
-    /// degree requires. Signals are interpolated linearly on each triangle.
+    /// The surface: the integral over the sphere of the squared distance is minimised. All triangles are sampled as
+    /// densely as the degree requires. Signals are interpolated linearly on each triangle.
     Surface,
-    /// The vertices alone, as in the paper.
+    /// The vertices alone are fitted, as in the paper.
     Vertices,
 }
 
@@ -33,7 +33,7 @@ impl Objective {
 impl FromStr for Objective {
     type Err = String;
 
-    /// Parses `surface` and `vertices`.
+    /// Parses the names `surface` and `vertices`.
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "surface" => Ok(Self::Surface),
@@ -44,7 +44,7 @@ impl FromStr for Objective {
 }
 
 impl FitParams {
-    /// Returns whether a target of this kind is fitted as a surface. `triangles` states whether its sphere has
+    /// Returns whether a target of the given kind is fitted as a surface. `triangles` states whether the sphere has
     /// triangles.
     pub fn fits_surface(&self, kind: Kind, triangles: bool) -> bool {
         match (self.method, self.objective) {

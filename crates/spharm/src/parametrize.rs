@@ -34,7 +34,7 @@ impl TryFrom<Parametrization> for Parametrized {
     }
 }
 
-/// Maps a closed surface of genus zero to the sphere, one to one, by the default method: equal areas with little length
+/// Maps a closed surface of genus zero one to one to the sphere by the default method: equal areas with little length
 /// distortion (Shen and Makedon 2006), or least stretch if that fails.
 ///
 /// # Errors
@@ -49,7 +49,7 @@ pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, 
 ///
 /// # Errors
 ///
-/// Those of [`parametrize`](parametrize()).
+/// The errors of [`parametrize`](parametrize()).
 pub fn parametrize_with<'a>(
     surface: impl Into<Source<'a>>,
     params: &CaldParams,
@@ -58,12 +58,12 @@ pub fn parametrize_with<'a>(
     Method::Auto(params.clone()).run(surface, monitor)?.try_into()
 }
 
-/// Returns a surface's map to a sphere from an existing sphere mesh.
+/// Returns a surface's map to the sphere, given by a mesh of the sphere.
 ///
 /// # Errors
 ///
-/// [`Error::Surface`] if the sphere's vertices and triangles don't match the surface's, [`Error::Parametrize`] if the
-/// map isn't one to one.
+/// [`Error::Surface`] if the sphere's vertices and triangles don't match those of the surface, [`Error::Parametrize`]
+/// if the map isn't one to one.
 pub fn with_sphere(surface: &Mesh, sphere: &Mesh) -> Result<Parametrized, Error> {
     Target::from_mesh(surface, &Sphere::from_mesh(sphere)?)?;
     Parametrization::given(surface.clone(), sphere.clone())?.try_into()

@@ -13,7 +13,7 @@ use crate::machine::available_memory;
 use crate::parametrize::CaldParams;
 use crate::{Error, Objective, Weights, defaults};
 
-/// Method that computes the coefficients.
+/// The method that computes the coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Full least squares by fast transforms, without a basis on disk: the paper's NLSF at any degree.
@@ -24,7 +24,7 @@ pub enum Method {
         passes: usize,
         /// Largest number of basis functions that are solved together, g, at least 1.
         granularity: usize,
-        /// Whether to accelerate pairs of passes, one forward and one backward, by conjugate gradients; `passes` is
+        /// Whether to accelerate pairs of passes, one forward and one backward, by conjugate gradients. `passes` is
         /// then the maximum number of passes.
         accelerate: bool,
     },
@@ -33,13 +33,13 @@ pub enum Method {
         /// Last degree of the first block, s.
         start_degree: usize,
     },
-    /// SIRF repeated on the residual, over a store.
+    /// Stepwise fitting (SIRF) over a store, repeated on the residual.
     Mirf {
         /// Number of passes, p, at least 1.
         passes: usize,
         /// Last degree of the first block, s.
         start_degree: usize,
-        /// Whether to accelerate pairs of passes, as for [`Method::Irf`].
+        /// Whether to accelerate pairs of passes by conjugate gradients, as for [`Method::Irf`].
         accelerate: bool,
     },
     /// The full least squares over a store, all degrees in one block.
@@ -111,8 +111,8 @@ impl Method {
 /// The smoothness penalty of the full least squares: `lambda sum (l (l + 1))^2 a^2`, added to the squared distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Smoothness {
-    /// No penalty for surfaces, or over a given sphere; [`defaults::parametrized_smoothness`] for vertices over a
-    /// sphere made by parametrisation.
+    /// No penalty for surfaces, and none for vertices over a given sphere. For vertices over a sphere made by
+    /// parametrisation, [`defaults::parametrized_smoothness`].
     #[default]
     Default,
     /// A given lambda, finite and not negative.
@@ -135,7 +135,7 @@ impl Smoothness {
 impl FromStr for Smoothness {
     type Err = String;
 
-    /// Parses `auto`, or a number of at least 0.
+    /// Parses `auto` or a number of at least 0.
     fn from_str(text: &str) -> Result<Self, String> {
         if text == "auto" {
             return Ok(Self::Auto);
@@ -145,11 +145,11 @@ impl FromStr for Smoothness {
     }
 }
 
-/// Preconditioner of the iterations of the full least squares.
+/// Preconditioner for the iterations of the full least squares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
-    /// Automatic: the density of uneven samples, if computing their moments pays off, and later a Cholesky factor of
-    /// the normal equations, if iterations are slow and memory allows.
+    /// Automatic choice: the density of uneven samples if computing their moments pays off, and later a Cholesky
+    /// factor of the normal equations if iterations are slow and memory allows.
     #[default]
     Auto,
     /// No preconditioner.
@@ -175,7 +175,7 @@ impl fmt::Display for Preconditioner {
 impl FromStr for Preconditioner {
     type Err = String;
 
-    /// Parses the names in lower case.
+    /// Parses the names of the preconditioners in lower case.
     fn from_str(text: &str) -> Result<Self, String> {
         Ok(match text {
             "auto" => Self::Auto,
@@ -187,8 +187,8 @@ impl FromStr for Preconditioner {
     }
 }
 
-/// Settings of a fit, from [`lsq`](Self::lsq) or [`irf`](Self::irf). Each setter returns the settings with another
-/// value of its field.
+/// Settings of a fit, created by [`lsq`](Self::lsq) or [`irf`](Self::irf). Each setter returns the settings with
+/// another value of one field.
 ///
 /// ```
 /// use spharm::{FitParams, Objective, Smoothness};
@@ -203,19 +203,20 @@ impl FromStr for Preconditioner {
 #[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct FitParams {
-    /// Highest degree, L, inclusive; at most [`MAX_DEGREE`].
+    /// Highest degree L, inclusive; at most [`MAX_DEGREE`].
     pub max_degree: usize,
     /// Method that computes the coefficients.
     pub method: Method,
     /// Whether meshes are fitted as surfaces or at their vertices, for [`Method::Lsq`].
     pub objective: Objective,
-    /// Allowed area distortion, from 0 to 1, of the map of a mesh without a sphere, see
-    /// [`CaldParams::area`](crate::parametrize::CaldParams::area); by default 0.8, as far as it improves the fit.
+    /// Allowed area distortion, from 0 to 1, of the map of a mesh without a sphere (see
+    /// [`CaldParams::area`](crate::parametrize::CaldParams::area)). The default is 0.8, of which only the part that
+    /// improves the fit is used.
     #[setters(into)]
     pub area: Option<f64>,
     /// Smoothness penalty, for [`Method::Lsq`].
     pub smoothness: Smoothness,
-    /// Whether to remove noise within the fit, by a penalty on each degree that is estimated from the target; for
+    /// Whether to remove noise within the fit, by a penalty on each degree that is estimated from the target. Only for
     /// [`Method::Lsq`] without a smoothness penalty. See [`spharm_solver::lsq::denoise`].
     pub denoise: bool,
     /// Weight of each vertex.
@@ -239,15 +240,15 @@ pub struct FitParams {
     /// Folder of the basis store, with the basis for methods over a store, or an optional factor for [`Method::Lsq`].
     #[setters(into)]
     pub store: Option<PathBuf>,
-    /// Scalar type of the basis; by default the type found in the store, f64 if it has both types.
+    /// Scalar type of the basis. By default it is the type found in the store, or f64 if the store has both types.
     #[setters(into)]
     pub scalar: Option<Scalar>,
     /// Whether to verify the entire basis against its hash before fitting.
     pub verify: bool,
-    /// Memory budget in bytes, mapped files included; for the default see [`memory_budget`](Self::memory_budget).
+    /// Memory budget in bytes, including mapped files. See [`memory_budget`](Self::memory_budget) for the default.
     #[setters(into)]
     pub memory: Option<usize>,
-    /// Number of threads; by default the number of threads of the caller's rayon pool.
+    /// Number of threads. By default it is the number of threads of the caller's rayon pool.
     #[setters(into)]
     pub threads: Option<usize>,
 }
@@ -278,12 +279,12 @@ impl FitParams {
         }
     }
 
-    /// Returns the settings with weight 0 at the vertices of a sphere at which `keep`, (n), is false. They are named
-    /// `mask` in the provenance.
+    /// Returns the settings with weight 0 at the sphere's vertices for which `keep` is false. The new weights are
+    /// named `mask` in the provenance.
     ///
     /// # Errors
     ///
-    /// Those of [`Weights::masked`].
+    /// The errors of [`Weights::masked`].
     pub fn masked(&self, keep: &[bool], sphere: &Sphere) -> Result<Self, Error> {
         let name = match &self.weights {
             Weights::Uniform => "mask".to_owned(),
@@ -292,12 +293,12 @@ impl FitParams {
         Ok(Self { weights: self.weights.masked(keep, name, sphere)?, ..self.clone() })
     }
 
-    /// Returns iterative residual fitting over a store, one pass with the paper's granularity.
+    /// Returns the settings of iterative residual fitting over a store, with one pass and the paper's granularity.
     pub fn irf(max_degree: usize, store: impl Into<PathBuf>) -> Self {
         Self { method: Method::irf(), store: Some(store.into()), ..Self::lsq(max_degree) }
     }
 
-    /// Returns the memory budget of a fit, in bytes: [`memory`](Self::memory) if set, else
+    /// Returns the memory budget of a fit in bytes: [`memory`](Self::memory) if it is set. Otherwise
     /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of the free
     /// memory for the others.
     pub fn memory_budget(&self) -> usize {

@@ -15,16 +15,18 @@ use crate::warning::FitWarning;
 pub struct FitReport {
     /// Number of channels, c.
     pub channels: usize,
-    /// Cube root of the bounding box's volume, in the target's unit; none for targets without volume.
+    /// Cube root of the bounding box's volume, in the target's unit; `None` for targets without volume.
     pub scale: Option<f64>,
-    /// Mean squared distance at the vertices, bounding box scaled to volume 1; none for targets without volume.
+    /// Mean squared distance at the vertices, with the bounding box scaled to volume 1; `None` for targets without
+    /// volume.
     #[serde(skip)]
     pub msd: Option<f64>,
-    /// Maximal squared distance at the vertices, bounding box scaled to volume 1; none for targets without volume.
+    /// Maximal squared distance at the vertices, with the bounding box scaled to volume 1; `None` for targets without
+    /// volume.
     #[serde(skip)]
     pub xsd: Option<f64>,
-    /// Mean squared distance at the centres of some triangles, bounding box scaled to volume 1; none without volume or
-    /// triangles.
+    /// Mean squared distance at the centres of some triangles, with the bounding box scaled to volume 1; `None` for
+    /// targets without volume or triangles.
     #[serde(skip)]
     pub off_vertex: Option<f64>,
     /// Distances at the vertices after each sweep; the last entry is for the final model.
@@ -38,10 +40,10 @@ pub struct FitReport {
     /// Distances at the held-out vertices and at the fitted vertices.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOut>,
-    /// The noise that was estimated and removed: once for a surface, else for each channel. Empty without denoising.
+    /// The noise that was estimated and removed: one entry for a surface, or one per channel. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoised>,
-    /// Smoothness penalty, lambda; zero for the methods that have none.
+    /// Smoothness penalty lambda; zero for the methods without a penalty.
     #[serde(skip)]
     pub smoothness: f64,
     /// Optimality reached by the full least squares.
@@ -63,7 +65,7 @@ pub struct Denoised {
     #[serde(flatten)]
     pub noise: Denoise,
     /// Rms of the detail beyond the fit's degree, per channel, in the target's unit, estimated at held-out vertices;
-    /// none if there are too few vertices for an estimate.
+    /// `None` if there are too few vertices for an estimate.
     pub left_out: Option<f64>,
 }
 
@@ -79,7 +81,7 @@ pub struct Settings {
     pub area: Option<f64>,
     /// Choice of the penalty: `default`, `fixed`, `auto` or `denoise`.
     pub penalty: &'static str,
-    /// Name of the weights: `uniform`, `area`, or the name given with them.
+    /// Name of the weights: `uniform`, `area`, or the name given with the values.
     pub weights: String,
     /// Hash of the weights given, see [`Weights::hash`](crate::Weights::hash).
     pub weights_hash: Option<String>,
@@ -101,7 +103,7 @@ pub struct Settings {
     pub meta: Meta,
 }
 
-/// Report on the targets that were fitted together, by kind of method.
+/// Report on the targets that were fitted together, for each kind of method.
 #[derive(Debug, Clone, Serialize)]
 #[serde(untagged)]
 #[non_exhaustive]
@@ -123,8 +125,7 @@ pub enum BatchReport {
         max_degree: usize,
         /// Numbers of rings and azimuths of the grid.
         grid: [usize; 2],
-        /// For each target: mean and maximum over the vertices of the squared norm of its residual, in the square of
-        /// the target's unit.
+        /// Mean and maximum over the vertices of each target's squared residual, in the square of the target's unit.
         residuals: Vec<ResidualNorms>,
     },
 }
@@ -138,7 +139,7 @@ impl BatchReport {
         }
     }
 
-    /// Returns the smoothness penalty, lambda; zero for the methods that have none.
+    /// Returns the smoothness penalty lambda, or zero for the methods without a penalty.
     pub fn smoothness(&self) -> f64 {
         match self {
             Self::LeastSquares { report, .. } => report.smoothness,
@@ -168,7 +169,7 @@ pub struct ManyReport {
     pub scheme: SchemeKey,
     /// Scalar type of the basis.
     pub scalar: Scalar,
-    /// A report on each batch of targets that were fitted together, in order.
+    /// Reports on the batches of targets that were fitted together, in order.
     pub batches: Vec<BatchReport>,
     /// Wall time of the call.
     pub seconds: Seconds,

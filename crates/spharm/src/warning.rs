@@ -7,7 +7,7 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
 use spharm_solver::lsq::LsqWarning;
 
-/// Largest rms of unresolved detail, relative to the noise, that gives no warning. Held-out vertices reveal only part
+/// Largest rms of unresolved detail, relative to the noise, that causes no warning. Held-out vertices reveal only part
 /// of the detail.
 const DETAIL: f64 = 0.3;
 
@@ -15,16 +15,16 @@ const DETAIL: f64 = 0.3;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum FitWarning {
-    /// The model is far from the surface between the vertices: the vertices don't determine it there.
+    /// The model is far from the surface between the vertices, because the vertices don't determine it there.
     Oscillation {
         /// Rms distance between the vertices, relative to the rms distance at the vertices.
         ratio: f64,
     },
-    /// The normal equations are singular on this sampling: the minimum-norm solution was used.
+    /// The normal equations are singular on this sampling, so the minimum-norm solution was used.
     Singular {
         /// Highest degree of the fit.
         max_degree: usize,
-        /// Column and degree at which the factorisation of the Gram matrix breaks down, if it does.
+        /// Column and degree at which the factorisation of the Gram matrix broke down, if it did.
         breaks_at: Option<[usize; 2]>,
         /// The largest norm of a column of coefficients.
         norm: f64,
@@ -65,7 +65,7 @@ pub enum FitWarning {
         /// Reason why the factor isn't used.
         reason: String,
     },
-    /// The samples don't determine the degree: there are too few of them, or none in a part of the sphere.
+    /// The samples don't determine a fit of the degree: there are too few of them, or none in a part of the sphere.
     Gap {
         /// Highest degree of the fit.
         max_degree: usize,
@@ -175,7 +175,7 @@ impl FitWarning {
         warnings
     }
 
-    /// Returns a warning if much of the removed noise is detail.
+    /// Returns a warning if a large part of the removed noise is detail.
     pub(crate) fn of_denoised(left_out: f64, sigma: f64, max_degree: usize) -> Option<Self> {
         (left_out > DETAIL * sigma).then_some(Self::Detail { max_degree, left_out, sigma })
     }

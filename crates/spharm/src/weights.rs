@@ -1,4 +1,4 @@
-//! Weights of a fit's vertices.
+//! Defines the weights of a fit's vertices.
 
 use std::path::Path;
 
@@ -8,21 +8,21 @@ use spharm_surface::io::read_signal;
 
 use crate::Error;
 
-/// Weight of each vertex in the least squares. A fit of the surface weighs a sample of a triangle by the harmonic mean
-/// of its corners' weights. A vertex of weight 0 is left out, as by a mask: its value is never read and may be NaN, and
-/// a fit of the surface leaves out its triangles.
+/// Weight of each vertex in the least squares. A fit of the surface weights a sample of a triangle by the harmonic
+/// mean of the weights of the triangle's corners. A vertex of weight 0 is excluded, as by a mask: its value is never
+/// read and may be NaN, and a fit of the surface skips its triangles.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum Weights {
-    /// One.
+    /// The weight of each vertex is 1.
     #[default]
     Uniform,
-    /// Its share of the sphere's area, in steradians.
+    /// The weight of each vertex is its share of the sphere's area, in steradians.
     Area,
-    /// Given values, (n), finite, not negative and not all zero.
+    /// Given weights, one per vertex: finite, not negative and not all zero.
     Values {
-        /// Their name in the model's provenance: a file name.
+        /// Name of the weights in the model's provenance: a file name.
         name: String,
-        /// The weights, (n).
+        /// Weights of the n vertices.
         values: Vec<f64>,
     },
 }
@@ -32,7 +32,7 @@ impl Weights {
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] if it can't be read, [`Error::WeightCount`] if it has several columns.
+    /// [`Error::Surface`] if the file can't be read, [`Error::WeightCount`] if it has several columns.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, Error> {
         let (signal, name) = (read_signal(&path)?, path.as_ref().to_string_lossy().into_owned());
         if signal.channels != 1 {
@@ -42,7 +42,7 @@ impl Weights {
         Ok(Self::Values { name, values: signal.values })
     }
 
-    /// Returns their name in the provenance: `uniform`, `area`, or the name of the values.
+    /// Returns the name of the weights in the provenance: `uniform`, `area`, or the name given with the values.
     pub fn name(&self) -> &str {
         match self {
             Self::Uniform => "uniform",
@@ -51,13 +51,13 @@ impl Weights {
         }
     }
 
-    /// Returns these weights over a sphere, with 0 at the vertices at which `keep`, (n), is false. `name` names the
-    /// result in the provenance.
+    /// Returns these weights for the vertices of a sphere, with 0 at the vertices for which `keep` is false. `name` is
+    /// the name of the result in the provenance.
     ///
     /// # Errors
     ///
-    /// [`Error::WeightCount`] if the mask, or given values, aren't one per vertex of the sphere; [`Error::Weight`] if
-    /// the mask leaves no vertex.
+    /// [`Error::WeightCount`] if the number of elements of the mask or of given values isn't the number of vertices;
+    /// [`Error::Weight`] if the mask leaves no vertex.
     pub fn masked(&self, keep: &[bool], name: String, sphere: &Sphere) -> Result<Self, Error> {
         let expected = sphere.directions.len();
         let check = |name: &str, found: usize| match found == expected {
@@ -81,7 +81,7 @@ impl Weights {
         Ok(Self::Values { name, values })
     }
 
-    /// Returns a hash of the given values, 64 hexadecimal digits. A store identifies a factor's weights by it.
+    /// Returns a hash of given weights, as 64 hexadecimal digits. A store uses it to identify the weights of a factor.
     pub fn hash(&self) -> Option<String> {
         let Self::Values { values, .. } = self else { return None };
         Some(WeightsHash::of(Some(values)).0.iter().map(|byte| format!("{byte:02x}")).collect())

@@ -1,4 +1,5 @@
-//! Fits of many targets over one sphere: bit-identical to single fits, in bounded memory, with errors passed through.
+//! Tests fits of many targets over one sphere: they are bit-identical to single fits, use bounded memory, and pass
+//! errors on.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -38,7 +39,7 @@ fn results_are_in_order_and_those_of_each_alone() {
     let (found, report) = fit_many(&sphere, COUNT, &next, &params(), &keep, &Silent).expect("fits");
     assert!(found.iter().map(|(number, _)| *number).eq(0..COUNT));
     assert_eq!(report.batches.len(), 3, "96 columns at a time are 32 surfaces");
-    // One batch of 32 targets, and 2 targets of the next batch that the threads have read.
+    // These are one batch of 32 targets, and 2 targets of the next batch that the threads have read.
     assert!(most.into_inner() <= 32 + 2);
     for number in [0, 1, 31, 32, COUNT - 2, COUNT - 1] {
         let (alone, among) = (fit(&sphere, &target(number), &params()).expect("a fit"), &found[number].1);
@@ -97,7 +98,7 @@ fn errors_of_the_caller_and_of_the_library_come_back_as_they_are() {
     assert!(matches!(error, Mine::Library(Error::Surface(_))), "{error:?}");
 }
 
-/// Covers unreadable targets, targets with too few values, and valid targets.
+/// The targets include unreadable ones, ones with too few values, and valid ones.
 #[test]
 fn targets_that_fail_are_handed_over_and_change_no_other() {
     let sphere = sphere();
@@ -127,7 +128,7 @@ fn targets_that_fail_are_handed_over_and_change_no_other() {
     assert!(none == [None, None, None] && report.batches.is_empty());
 }
 
-/// If a batch misses the tolerance, each of its targets that meets the tolerance alone gets its fit.
+/// If a batch misses the tolerance, each target that meets the tolerance when fitted separately gets its fit.
 #[test]
 fn a_fit_that_does_not_converge_is_named_alone() {
     let sphere = sphere();

@@ -1,4 +1,4 @@
-//! Little-endian numbers in byte arrays.
+//! Reads and writes little-endian numbers in byte arrays.
 
 #[cfg(target_endian = "big")]
 compile_error!("the store maps little-endian arrays; a big-endian machine would need a converting reader");

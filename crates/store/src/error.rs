@@ -18,7 +18,7 @@ pub enum StoreError {
     /// The operating system refused an operation.
     #[error("{}: {action}: {source}", .path.display())]
     Io {
-        /// The file or folder.
+        /// Path of the file or folder.
         path: PathBuf,
         /// The attempted operation.
         action: &'static str,
@@ -28,17 +28,17 @@ pub enum StoreError {
     /// The path of a basis file or factor names something other than a regular file.
     #[error("{}: expected a regular file, found {found}; move it away and build the file again", .path.display())]
     NotAFile {
-        /// Path.
+        /// Path of the basis file or factor.
         path: PathBuf,
         /// Kind found: folder, symbolic link, FIFO, ...
         found: &'static str,
     },
-    /// A field or check of the file violates the format.
+    /// The file violates the format: a field is invalid, or a check fails.
     #[error("{}: damaged or not a file of a basis store: {what}: expected {expected}, found {found}; delete the file and build it again", .path.display())]
     Corrupt {
         /// Path of the file.
         path: PathBuf,
-        /// The field or check.
+        /// Name of the invalid field or failed check.
         what: String,
         /// Value required by the format.
         expected: String,
@@ -50,9 +50,9 @@ pub enum StoreError {
     ChunkDamaged {
         /// Path of the file.
         path: PathBuf,
-        /// Chunk number from 0.
+        /// Index of the chunk, from 0.
         chunk: usize,
-        /// The check that failed.
+        /// Name of the failed check.
         what: &'static str,
     },
     /// The bytes of a factor's tile don't match its checksum.
@@ -60,11 +60,11 @@ pub enum StoreError {
     TileDamaged {
         /// Path of the file.
         path: PathBuf,
-        /// Tile row from 0.
+        /// Tile row, counted from 0.
         row: usize,
-        /// Tile column from 0.
+        /// Tile column, counted from 0.
         column: usize,
-        /// The check that failed.
+        /// Name of the failed check.
         what: &'static str,
     },
     /// An opened factor differs from the requested one.
@@ -98,7 +98,7 @@ pub enum StoreError {
     FactorLayout {
         /// Number of columns, K.
         size: usize,
-        /// Rows and columns of a tile.
+        /// Number of rows, and of columns, of a tile.
         tile: usize,
     },
     /// The file has a format version that this program can't read.
@@ -111,7 +111,7 @@ pub enum StoreError {
         /// The version found.
         found: u32,
     },
-    /// A file was truncated or changed, or couldn't be read any more, after it had been opened.
+    /// A file was truncated, changed or became unreadable after it had been opened.
     #[error("{}: the file was truncated, changed or became unreadable during reading; verify the store and build the damaged files again", .path.display())]
     ChangedWhileRead {
         /// Path of the file.
@@ -186,7 +186,7 @@ pub enum StoreError {
     Budget {
         /// The budget in bytes.
         budget: usize,
-        /// The smallest budget that works, in bytes.
+        /// The smallest sufficient budget in bytes.
         needed: usize,
     },
     /// The computation was cancelled; finished files are kept.
@@ -207,11 +207,11 @@ pub enum StoreError {
          of {MAX_CHUNK_LEN} bytes; choose another number of rows per chunk"
     )]
     Layout {
-        /// Degree of the file.
+        /// Number of directions.
         rows: usize,
-        /// Highest degree.
+        /// Degree of the file.
         degree: usize,
-        /// Rows of a chunk.
+        /// Number of rows per chunk.
         chunk_rows: usize,
     },
 }

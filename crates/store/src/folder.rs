@@ -110,9 +110,9 @@ fn is_too_much(needed: u64, free: u64) -> bool {
     needed > free || needed > LARGE
 }
 
-/// Returns the free bytes of the disk on which the store is, or will be created.
+/// Returns the free bytes on the disk of the store, whose folder need not exist yet.
 fn free_space(store: &Path) -> Result<u64, StoreError> {
-    // The store's folder may not exist yet: ask its nearest existing ancestor for its free space.
+    // If the store's folder doesn't exist, use its nearest existing ancestor.
     let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
     let statistics =

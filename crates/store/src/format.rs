@@ -5,8 +5,8 @@ pub const VERSION: u32 = 1;
 /// Format version of factors. Factors are written in this version, and other versions can't be read.
 pub const FACTOR_VERSION: u32 = 1;
 
-/// Maximum number of rows (directions). No file can hold this many, and no product of the numbers in a header
-/// overflows.
+/// Maximum number of rows (directions). No file can hold this many, and the limit keeps products of the numbers in a
+/// header from overflowing.
 pub const MAX_ROWS: u64 = 1 << 40;
 /// Maximum number of rows in a chunk.
 pub const MAX_CHUNK_ROWS: usize = 1 << 20;

@@ -11,7 +11,7 @@
 //!
 //! Files are immutable. A file is valid if its footer passes all checks and it has its final name; there is no separate
 //! manifest that could contradict the files. A store built to degree 60 is extended to 100 by adding files.
-//! `store-format.md` is the authority on bytes.
+//! `store-format.md` specifies every byte.
 //!
 //! Any number of processes may build and read a store at the same time. If a file is damaged, or truncated while it is
 //! read, the reader returns an error that names the file; it neither crashes nor returns wrong values.
@@ -19,7 +19,7 @@
 //! Long-running functions take a [`Monitor`](spharm_monitor::Monitor) as their last argument and run on the caller's
 //! rayon pool.
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
 //! | [`scheme`] | key of a sampling scheme: a hash of everything that its basis depends on |
 //! | [`basis`] | basis files: building them, opening a scheme, reading chunks |

@@ -118,8 +118,8 @@ struct Slot {
 
 const FREE: usize = 0;
 const CLAIMED: usize = 1;
-/// Enough for 64 threads with one window for each of 500 degrees. Operating systems allow about 65,000 maps per
-/// process.
+/// Maximum number of open windows: enough for 64 threads with one window for each of 500 degrees. Operating systems
+/// allow about 65,000 maps per process.
 const SLOT_COUNT: usize = 32_768;
 
 static SLOTS: [Slot; SLOT_COUNT] =

@@ -50,13 +50,14 @@ impl Scalar {
     }
 }
 
-/// BLAKE3 key of a sampling scheme; also the name of its folder in a store, as 64 hexadecimal digits.
+/// BLAKE3 hash that identifies a sampling scheme. Its 64 hexadecimal digits are the name of the scheme's folder in a
+/// store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct SchemeKey(pub [u8; 32]);
 
 const CONTEXT: &str = "spharm-rs 2026-11 sampling scheme key v1";
 
-/// Coordinates that are hashed at a time: 2 MiB, enough for several threads.
+/// Number of coordinates hashed at a time: 2 MiB, enough for several threads.
 const PART: usize = 1 << 18;
 
 impl SchemeKey {
@@ -87,7 +88,7 @@ impl SchemeKey {
             // Adding 0 turns -0 into +0. `Directions` contains neither NaN nor infinity.
             let (words, _) = bytes.as_chunks_mut();
             words.iter_mut().zip(part).for_each(|(word, &c)| *word = (c + 0.0).to_bits().to_le_bytes());
-            // Outside of a pool the global one would be used, which a forked process doesn't have.
+            // Outside a pool, rayon would use its global pool, which doesn't exist in a forked process.
             match rayon::current_thread_index() {
                 Some(_) => hasher.update_rayon(bytes),
                 None => hasher.update(bytes),

@@ -17,7 +17,7 @@ const PREFIXES: [&str; 2] = [".A_", ".factor_"];
 const SUFFIX: &str = ".tmp";
 
 /// Creates a temporary file and locks it, so that other processes see that it is in use. On file systems without locks,
-/// other processes take a file for abandoned if it is old.
+/// other processes regard a file as abandoned if it is old.
 pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     debug_assert!(PREFIXES.iter().any(|known| prefix.starts_with(known)), "{prefix}");
     loop {
@@ -36,7 +36,7 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     }
 }
 
-/// Lists the temporary files in a folder that no process is writing to any more.
+/// Lists the temporary files in a folder that no process is writing to.
 pub(crate) fn abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut found = Vec::new();
     for_each_abandoned(folder, &mut |path| found.push(path.to_path_buf()))?;

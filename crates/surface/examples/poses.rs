@@ -1,11 +1,11 @@
-//! Measures how often pose searches miss the best optimum, their time, and the resulting distances between landmarks.
+//! Measures the failure rate and the time of pose searches, and the resulting distances between landmarks.
 //!
-//! Usage: `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`, with the number of pairs of each
-//! kind and the number of rotations, 10 and 20 by default. Pairs are vertebrae of the shared data, and generated rods,
-//! boxes, cubes and near-spheres. The two bodies of a generated pair differ slightly and are meshed differently. Each
-//! pair is tried from ROTATIONS random rotations. The optimum counts as missed if the distance exceeds 1.05 times the
-//! least distance found. This least distance is taken over all these rotations, 24 random starts that are independent
-//! of the search, and the true pose.
+//! Usage: `cargo run --release -p spharm-surface --example poses [PAIRS [ROTATIONS]]`, with PAIRS pairs of each kind
+//! (10 by default) and ROTATIONS rotations of each pair (20 by default). Pairs are vertebrae of the shared data, and
+//! generated rods, boxes, cubes and near-spheres. The two bodies of a generated pair differ slightly and are meshed
+//! differently. Each pair is tried from ROTATIONS random rotations. The optimum counts as missed if the distance
+//! exceeds 1.05 times the least distance found. This least distance is taken over all these rotations, 24 random
+//! starts that are independent of the search, and the true pose.
 
 use std::time::Instant;
 
@@ -45,8 +45,9 @@ fn main() -> Result<(), Failure> {
     landmarks(&vertebrae)
 }
 
-/// Prints, for a group's poses, the distance of each vertebra's landmarks from the mean of the other vertebrae's
-/// landmarks, relative to the residual of the best rigid motions of the landmarks.
+/// Poses the vertebrae as a group and prints the distance of each vertebra's landmarks from the mean of the other
+/// vertebrae's landmarks. For comparison, also prints this distance after the best rigid alignment of the landmarks
+/// themselves, and the ratio of the two.
 fn landmarks(vertebrae: &[Vertebra]) -> Result<(), Failure> {
     let surfaces: Vec<PoseSurface> = vertebrae.iter().filter_map(|v| PoseSurface::new(&v.mesh)).collect();
     let start = Instant::now();
@@ -192,7 +193,7 @@ fn vertebrae() -> Result<Vec<Vertebra>, Failure> {
     paths.iter().map(read).collect()
 }
 
-/// Returns two bodies of a kind, in the same pose.
+/// Returns two slightly different bodies of the given kind, in the same pose.
 fn bodies(kind: &str, random: &mut SplitMix64) -> (Mesh, Mesh) {
     let sides: [f64; 3] = match kind {
         "rods" => [10.0, 1.0, 1.0],

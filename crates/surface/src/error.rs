@@ -15,7 +15,7 @@ pub enum SurfaceError {
     /// The operating system reported an error.
     #[error("{}: cannot {action}: {cause}", path.display())]
     Io {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The action that failed, as a verb: "open", "write".
         action: &'static str,
@@ -32,17 +32,17 @@ pub enum SurfaceError {
         found: &'static str,
     },
 
-    /// A file without a byte, whose name doesn't tell its format.
+    /// The file is empty, and its name doesn't imply a format.
     #[error("{}: the file is empty", path.display())]
     EmptyFile {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
 
     /// Neither the name nor the first bytes match a known format.
     #[error("{}: unknown format ({found}): expected {expected}", path.display())]
     UnknownFormat {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The supported names and formats.
         expected: String,
@@ -57,7 +57,7 @@ pub enum SurfaceError {
         path.display()
     )]
     LosesOrder {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The format implied by the file's name.
         format: &'static str,
@@ -66,9 +66,9 @@ pub enum SurfaceError {
     /// The file holds a volume or an image instead of a surface or values on vertices.
     #[error("{}: expected a surface or values on vertices, found a volume ({format})", path.display())]
     VolumeInput {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The volume's format.
+        /// Name of the volume's format.
         format: &'static str,
     },
 
@@ -78,35 +78,35 @@ pub enum SurfaceError {
         path.display()
     )]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The format that the file was read as.
         format: &'static str,
-        /// What the format requires, and where in the file.
+        /// The format's requirement, with the position in the file.
         expected: String,
-        /// What the file contains at that position.
+        /// The contents found at that position.
         found: String,
     },
 
     /// The file uses a part of its format that isn't supported.
     #[error("{}: {format} with {found} is not supported: {remedy}", path.display())]
     Unsupported {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The format that the file was read as.
         format: &'static str,
-        /// The unsupported part.
+        /// The unsupported part of the format.
         found: String,
-        /// How to avoid the unsupported part.
+        /// Advice on how to avoid the unsupported part.
         remedy: &'static str,
     },
 
     /// Reading the file needs more memory than is free.
     #[error("{}: the contents need {room}; make more memory available, or make the file smaller", path.display())]
     NoRoom {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The number of bytes needed and the number free.
+        /// Number of bytes needed and number of bytes free.
         room: crate::room::NoRoom,
     },
 
@@ -117,7 +117,7 @@ pub enum SurfaceError {
         path.display()
     )]
     NotAMesh {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Number of vertices of the signal.
         vertices: usize,
@@ -132,7 +132,7 @@ pub enum SurfaceError {
         path.display()
     )]
     NotASignal {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Number of vertices of the surface.
         vertices: usize,
@@ -143,9 +143,9 @@ pub enum SurfaceError {
     /// The surface has no vertices or triangles, or the signal has no values.
     #[error("{}: expected at least one {what}, found none; export the file again", path.display())]
     Empty {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is missing: "vertex", "triangle", "value".
+        /// The missing item: "vertex", "triangle" or "value".
         what: &'static str,
     },
 
@@ -156,11 +156,11 @@ pub enum SurfaceError {
         path.display()
     )]
     NonFinite {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The first vertex with such a number, counted from 0.
         vertex: usize,
-        /// The value.
+        /// The value found: NaN or an infinity.
         value: f64,
     },
 
@@ -171,7 +171,7 @@ pub enum SurfaceError {
         path.display()
     )]
     IndexOutOfRange {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Index of the triangle, counted from 0 after polygons were split into triangles.
         face: usize,
@@ -184,7 +184,7 @@ pub enum SurfaceError {
     /// The surface has more vertices or triangles than this crate supports.
     #[error("{}: found {found} {what}, expected at most {limit}; simplify the surface", path.display())]
     TooLarge {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// "vertices" or "triangles".
         what: &'static str,
@@ -197,7 +197,7 @@ pub enum SurfaceError {
     /// The output file already exists, and overwriting wasn't requested.
     #[error("{}: the file exists", path.display())]
     OutputExists {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
 
@@ -207,7 +207,7 @@ pub enum SurfaceError {
         path.display()
     )]
     NotRepresentable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// The first vertex with such a number, counted from 0.
         vertex: usize,
@@ -220,15 +220,15 @@ pub enum SurfaceError {
     /// Two arrays that belong together have different lengths.
     #[error("{what}: expected {expected}, found {found}: both must come from the same surface")]
     LengthMismatch {
-        /// The elements that were counted.
+        /// Description of the counted elements.
         what: &'static str,
-        /// The number that the other array requires.
+        /// Number of elements that the other array requires.
         expected: usize,
-        /// The number found.
+        /// Number of elements found.
         found: usize,
     },
 
-    /// Two surfaces that must have the same triangles don't.
+    /// Two surfaces that must have the same triangles have different ones.
     #[error(
         "the surfaces' triangles differ, first at triangle {face} (counted from 0): expected {expected:?}, \
          found {found:?}; compare surfaces of one mesh, vertex for vertex"
@@ -275,28 +275,28 @@ pub enum SurfaceError {
     /// A vertex of a sphere has no direction: it is at the origin or not finite.
     #[error("{}: {cause}", path.display())]
     NoDirection {
-        /// The sphere's file.
+        /// Path of the sphere's file.
         path: PathBuf,
-        /// The vertex, and why it has no direction.
+        /// The vertex and the reason why it has no direction.
         cause: HarmonicsError,
     },
 
     /// A table of directions doesn't have two columns.
     #[error("{}: expected two columns, theta and phi in radians, found {columns}", path.display())]
     NotAngles {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// Number of columns.
         columns: usize,
     },
 
-    /// A colatitude is outside of 0 to pi.
+    /// A colatitude is outside the range from 0 to pi.
     #[error(
         "{}: row {row}: theta must be from 0 to pi (radians, from the pole), found {found}",
         path.display()
     )]
     Colatitude {
-        /// The table.
+        /// Path of the table.
         path: PathBuf,
         /// The row of the colatitude, counted from 0.
         row: usize,
@@ -311,14 +311,14 @@ pub enum SurfaceError {
         path.display()
     )]
     OriginOutside {
-        /// The sphere's file.
+        /// Path of the sphere's file.
         path: PathBuf,
     },
 
     /// A sphere's mesh winds around the origin more than once.
     #[error("{}: not a sphere: the mesh winds around the origin {turns} times, expected once", path.display())]
     SeveralTurns {
-        /// The sphere's file.
+        /// Path of the sphere's file.
         path: PathBuf,
         /// Number of times that the mesh winds around the origin.
         turns: u64,
@@ -327,9 +327,9 @@ pub enum SurfaceError {
     /// A surface or signal doesn't have the sphere's number of vertices.
     #[error("{}: {found} vertices, but {} has {expected}; both must have the same vertices", path.display(), named(sphere.as_ref()))]
     VertexCount {
-        /// The surface's or the signal's file.
+        /// Path of the surface's or signal's file.
         path: PathBuf,
-        /// The sphere's file, if it has one.
+        /// Path of the sphere's file, if it has one.
         sphere: Option<PathBuf>,
         /// The sphere's number of vertices.
         expected: usize,
@@ -340,7 +340,7 @@ pub enum SurfaceError {
     /// A mask excludes every vertex.
     #[error("{}: all vertices are excluded by the mask", path.display())]
     NothingKept {
-        /// The mask's file.
+        /// Path of the mask's file.
         path: PathBuf,
     },
 
@@ -350,9 +350,9 @@ pub enum SurfaceError {
         path.display(), named(sphere.as_ref())
     )]
     OtherTriangles {
-        /// The surface's file.
+        /// Path of the surface's file.
         path: PathBuf,
-        /// The sphere's file, if it has one.
+        /// Path of the sphere's file, if it has one.
         sphere: Option<PathBuf>,
         /// Number of triangles that only one of the two has.
         differ: usize,
@@ -361,9 +361,9 @@ pub enum SurfaceError {
     /// The seam recorded in a sphere's file is inconsistent with the sphere.
     #[error("{}: the record of the seams doesn't match the sphere: {found}; map the surface again", path.display())]
     Seam {
-        /// The sphere's file.
+        /// Path of the sphere's file.
         path: PathBuf,
-        /// The inconsistency.
+        /// Description of the inconsistency.
         found: String,
     },
 
@@ -374,9 +374,9 @@ pub enum SurfaceError {
     /// An argument is invalid.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {
-        /// The argument.
+        /// Name of the argument.
         what: &'static str,
-        /// Accepted values.
+        /// Description of the accepted values.
         expected: &'static str,
         /// The value given.
         found: String,

@@ -33,7 +33,7 @@ pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Returns a scaled to length 1; the zero vector if the length of a is 0 or not finite.
+/// Returns `a` scaled to length 1, or the zero vector if the length of `a` is 0 or not finite.
 #[must_use]
 pub fn unit(a: Vec3) -> Vec3 {
     let length = dot(a, a).sqrt();
@@ -80,8 +80,8 @@ pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
     robust::orient3d(coord(a), coord(b), coord(c), coord([0.0; 3]))
 }
 
-/// Returns how many times a closed mesh of unit vectors winds around the origin: 1 for a sphere wound outwards, -1 for
-/// a sphere wound inwards, 0 if the origin lies outside of the mesh.
+/// Returns the winding number of a closed mesh of unit vectors around the origin: 1 for a sphere wound outwards, -1
+/// for a sphere wound inwards, 0 if the origin lies outside the mesh.
 ///
 /// # Panics
 ///

@@ -22,13 +22,14 @@ pub struct Svd {
     pub v: Matrix3,
 }
 
-/// Largest number of sweeps, each of three rotations. Four sufficed for every matrix tried.
+/// Largest number of sweeps of three rotations each. Four sweeps were enough for every matrix that was tried.
 const SWEEPS: usize = 12;
 
 /// Returns the singular value decomposition of a matrix, whose entries must be finite.
 #[must_use]
 pub fn svd(matrix: &Matrix3) -> Svd {
-    // The matrix's columns are stored as rows here. They are divided by a power of two, so that squares don't overflow.
+    // The columns of the matrix are stored as rows here. They are divided by a power of two, so that squares don't
+    // overflow.
     let largest = matrix.iter().flatten().fold(0.0_f64, |largest, v| largest.max(v.abs()));
     let scale = if largest > 0.0 { largest.log2().floor().exp2() } else { 1.0 };
     let scale = if scale.is_normal() { scale } else { 1.0 };
@@ -99,8 +100,8 @@ pub fn kabsch(matrix: &Matrix3, mirror: bool) -> Matrix3 {
 /// Returns the largest tr Q^T M over rotations Q, `s_1 + s_2 + d s_3`; with `mirror`, over all orthogonal Q, `s_1 + s_2
 /// + s_3`.
 ///
-/// It is computed from the invariants of `M^T M` by Newton's iteration, at a tenth of the cost of the decomposition. It
-/// is meant for searches: the relative error is about 1e-8 if singular values coincide.
+/// It is computed from the invariants of `M^T M` by Newton's iteration, at a tenth of the cost of the decomposition.
+/// It is meant for searches, because the relative error is about 1e-8 if singular values coincide.
 #[must_use]
 pub fn best_trace(m: &Matrix3, mirror: bool) -> f64 {
     // The result is the largest root of x^4 - 2 e1 x^2 - 8 d x + e1^2 - 4 e2, with e1 = |M|^2, e2 the sum of squared
@@ -169,7 +170,7 @@ mod tests {
             check(&[[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]]);
         }
 
-        /// The two ways to compute the best trace agree, and no rotation has a larger trace.
+        /// The two ways of computing the largest trace agree, and no rotation has a larger trace.
         #[test]
         fn no_rotation_beats_kabschs(m in prop::array::uniform9(-1.0..1.0), r in prop::array::uniform4(-1.0..1.0)) {
             let m = [[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]];

@@ -13,8 +13,8 @@
 //!
 //! The signs of the three determinants decide whether d is inside a triangle. They are exact for the given numbers
 //! (Shewchuk's adaptive predicate, crate `robust`), so a sphere without flipped triangles has no gaps at edges or
-//! vertices. For a direction on an edge, the triangle with the smaller index is returned. Triangles that are flipped or
-//! without area are ignored, which does no harm where other triangles cover their part of the sphere. A direction that
+//! vertices. For a direction on an edge, the triangle with the smaller index is returned. Triangles that are flipped
+//! or without area are ignored, which does no harm if other triangles cover their part of the sphere. A direction that
 //! no triangle covers, as in a hole of the sphere, is assigned to the nearest triangle if its distance is at most
 //! [`TOLERANCE`]; otherwise it isn't found.
 //!
@@ -25,9 +25,9 @@
 //! triangle rises above the plane of its corners by at most 1 - sqrt(1 - e^2 / 3), with e the longest edge of the flat
 //! triangle. Its box is the box of the corners, enlarged by this much.
 //!
-//! If slivers share a pole, each of them lies in the boxes of nearly all others, and these boxes are enlarged by much.
-//! For spheres made of slivers, such as fans, each flat triangle therefore has a box in its own orientation, and all
-//! triangles whose boxes meet the segment from the origin to d are tested (`sliver_tree.rs`).
+//! If slivers share a pole, each of them lies in the boxes of nearly all others, and these boxes are enlarged
+//! considerably. For spheres made of slivers, such as fans, each flat triangle therefore has a box in its own
+//! orientation, and all triangles whose boxes meet the segment from the origin to d are tested (`sliver_tree.rs`).
 
 use ndarray::{Array2, ArrayView2, Axis};
 use parry3d_f64::bounding_volume::Aabb;
@@ -74,7 +74,8 @@ enum Tree {
 }
 
 impl SphereLocator {
-    /// Builds the locator of a sphere around the origin, which can have any radius and either winding. O(n log n).
+    /// Builds the locator of a sphere around the origin, which can have any radius and either winding. Takes O(n log
+    /// n) time for n triangles.
     ///
     /// # Errors
     ///
@@ -158,7 +159,7 @@ impl SphereLocator {
     ///
     /// # Errors
     ///
-    /// [`NotCovered`](SurfaceError::NotCovered), with the number of directions that no triangle covers.
+    /// [`NotCovered`](SurfaceError::NotCovered), with the number of directions that meet no triangle.
     pub fn locate_all(&self, directions: &[[f64; 3]]) -> Result<Vec<Place>, SurfaceError> {
         let found: Vec<Option<Place>> = directions.par_iter().with_min_len(256).map(|&d| self.locate(d)).collect();
         let missed = found.iter().filter(|place| place.is_none()).count();
@@ -169,12 +170,13 @@ impl SphereLocator {
         Err(SurfaceError::NotCovered { missed, directions: directions.len(), first, flipped: self.flipped })
     }
 
-    /// Interpolates values at the sphere's vertices, (n, c), to m unit vectors; returns (m, c).
+    /// Interpolates values at the sphere's n vertices, of shape (n, c), to m unit vectors. The result has shape (m,
+    /// c).
     ///
     /// # Errors
     ///
-    /// As [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) if n isn't the number of
-    /// vertices.
+    /// The errors of [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) if n isn't the
+    /// number of vertices.
     pub fn interpolate(
         &self,
         values: ArrayView2<'_, f64>,
@@ -261,7 +263,8 @@ fn spherical_box(corners: &[Vec3; 3]) -> Aabb {
     let [a, b, c] = *corners;
     let square = |u: Vec3, v: Vec3| dot(sub(u, v), sub(u, v));
     let longest = square(a, b).max(square(b, c)).max(square(c, a));
-    // |p|^2 = 1 - sum w_i w_j |v_i - v_j|^2 >= 1 - e^2 / 3 for any p of the flat triangle. 1e-15 is added for rounding.
+    // A point p of the flat triangle with corners v_i, weights w_i and longest edge e satisfies |p|^2 = 1 - sum w_i
+    // w_j |v_i - v_j|^2 >= 1 - e^2 / 3. 1e-15 is added for rounding.
     let bulge = 1.0 - (1.0 - longest / 3.0).max(0.0).sqrt() + 1e-15;
     let (low, high) = bounds(corners.iter().copied());
     Aabb::new(Vector::from(low.map(|x| x - bulge)), Vector::from(high.map(|x| x + bulge)))

@@ -21,7 +21,7 @@ impl Mesh {
         Self { vertices, faces, meta: Meta::default() }
     }
 
-    /// Returns a mesh with these positions, and the triangles and metadata of this one.
+    /// Returns a mesh with the given positions, and the triangles and metadata of this one.
     ///
     /// # Panics
     ///
@@ -44,11 +44,12 @@ impl Mesh {
 pub struct Meta {
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`; Workbench requires it.
     pub anatomical_structure_primary: Option<String>,
-    /// GIfTI metadata of the file as a whole: (name, value).
+    /// GIfTI metadata of the file as a whole, as pairs (name, value).
     pub file_metadata: Vec<(String, String)>,
-    /// GIfTI metadata of the point set, without `AnatomicalStructurePrimary`: (name, value).
+    /// GIfTI metadata of the point set, without `AnatomicalStructurePrimary`, as pairs (name, value).
     pub surface_metadata: Vec<(String, String)>,
-    /// GIfTI's coordinate system. It is preserved but not applied: positions are as stored, as in other readers.
+    /// GIfTI's coordinate system. It is preserved but not applied: positions are returned as stored, as in other
+    /// readers.
     pub coordinate_system: Option<CoordinateSystem>,
     /// The comment at the beginning of a FreeSurfer file ("created by ...").
     pub freesurfer_stamp: Option<String>,
@@ -71,7 +72,7 @@ pub struct CoordinateSystem {
 /// Values on the vertices of a mesh, such as thickness, curvature or a time series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signal {
-    /// The values: (vertices, channels), row-major.
+    /// The values, of shape (vertices, channels), row-major.
     pub values: Vec<f64>,
     /// Number of vertices.
     pub vertices: usize,
@@ -80,7 +81,7 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Returns a signal with the given values, (vertices, channels) row-major.
+    /// Returns a signal with the given values, of shape (vertices, channels), row-major.
     ///
     /// # Panics
     ///
@@ -97,7 +98,7 @@ impl Signal {
     }
 }
 
-/// What the channels at each vertex mean.
+/// The meaning of the channels of a vertex.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// Positions: the three channels are x, y and z.
@@ -107,7 +108,7 @@ pub enum Kind {
     Signal,
 }
 
-/// The contents of a file.
+/// The contents of a file: a surface or values on vertices.
 #[derive(Clone, Debug, PartialEq)]
 // Boxing the larger variant would save nothing, since there is only one value per file.
 #[expect(clippy::large_enum_variant)]

@@ -35,7 +35,7 @@ pub struct Nearest {
 }
 
 impl TriangleTree {
-    /// Builds the search tree of a mesh, O(n log n).
+    /// Builds the search tree of a mesh in O(n log n) time.
     ///
     /// # Panics
     ///

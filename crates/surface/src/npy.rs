@@ -50,7 +50,7 @@ pub struct Header {
 pub struct Field {
     /// Name of the field.
     pub name: String,
-    /// Kind of the field, as in [`Header`].
+    /// Kind of the field's values, in the notation of [`Header`].
     pub kind: char,
     /// Number of bytes of the field.
     pub size: usize,
@@ -59,11 +59,11 @@ pub struct Field {
 }
 
 impl Header {
-    /// Reads a header. The input is then at the first value.
+    /// Reads a header. Afterwards, the input is positioned at the first value.
     ///
     /// # Errors
     ///
-    /// Those of `input`; [`InvalidData`](io::ErrorKind::InvalidData) if it doesn't begin with a valid header.
+    /// The errors of `input`; [`InvalidData`](io::ErrorKind::InvalidData) if it doesn't begin with a valid header.
     pub fn read(input: &mut dyn Read) -> io::Result<Self> {
         let invalid = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
         let mut begin = [0; 8];
@@ -292,8 +292,8 @@ mod tests {
             expected
         );
         assert_eq!((header.count(), header.bytes()), (Some(6), Some(24)));
-        // Keys in another order, both kinds of quotation marks, a length as written by Python 2, and an array without
-        // axes.
+        // These headers have keys in another order, both kinds of quotation marks, a length as written by Python 2,
+        // and an array without axes.
         let header = read("{\"shape\": (7L,), 'fortran_order':False,'descr':'|u1'}").unwrap();
         assert_eq!((header.kind, header.shape, header.little), ('u', vec![7], true));
         assert_eq!(read("{'descr': '<U3', 'fortran_order': False, 'shape': (), }\n").unwrap().bytes(), Some(12));

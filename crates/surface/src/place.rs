@@ -4,7 +4,8 @@ use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// A point within a triangle, given by weights of the corners. It corresponds on all meshes with the same triangles.
+/// A point within a triangle, given by weights of the triangle's corners. On meshes with the same triangles, equal
+/// places are corresponding points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// The vertices of the triangle.
@@ -33,13 +34,14 @@ impl Place {
         std::array::from_fn(|k| self.shares[0] * a[k] + self.shares[1] * b[k] + self.shares[2] * c[k])
     }
 
-    /// Whether the indices of all corners are below `vertices`.
+    /// Returns whether the indices of all corners are below `vertices`.
     #[must_use]
     pub fn is_within(&self, vertices: usize) -> bool {
         self.corners.iter().all(|v| (*v as usize) < vertices)
     }
 
-    /// Returns the weighted sum of the corners' rows of a matrix, (vertices, width), row-major.
+    /// Returns the weighted sum of the rows that belong to the corners. `rows` is a matrix of shape (vertices, width),
+    /// row-major.
     #[must_use]
     pub fn row(&self, rows: &[f64], width: usize) -> Vec<f64> {
         let own = |k: usize| {

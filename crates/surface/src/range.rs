@@ -23,13 +23,14 @@ pub fn exponent(values: impl IntoIterator<Item = f64>) -> i32 {
     if largest == 0.0 || !largest.is_finite() {
         return 0;
     }
-    // A subnormal number has no exponent of its own, so it is multiplied by a power of two first.
+    // The exponent bits of a subnormal number are all zero, so the number is multiplied by a power of two first.
     let of = |normal: f64| (normal.to_bits() >> 52) as i32 - 1023;
     let exponent = if largest.is_normal() { of(largest) } else { of(times(largest, STEP)) - STEP };
     if exponent.abs() <= SAFE { 0 } else { exponent - exponent.rem_euclid(2) }
 }
 
-/// Returns `value * 2^exponent`. It is exact unless it is below the smallest normal number; infinite if it overflows.
+/// Returns `value * 2^exponent`. The result is exact unless it is below the smallest normal number, and infinite on
+/// overflow.
 #[must_use]
 pub fn times(value: f64, exponent: i32) -> f64 {
     let power = |e: i32| f64::from_bits(((1023 + e) as u64) << 52);
@@ -42,8 +43,8 @@ pub fn times(value: f64, exponent: i32) -> f64 {
     value
 }
 
-/// Returns `value * 2^exponent`, clamped: on overflow the largest finite number, and for a nonzero value never 0, but
-/// at least the smallest number above 0. It is meant for reports, where infinity and zero would mislead.
+/// Returns `value * 2^exponent`, clamped in magnitude to at most the largest finite number and, for a nonzero value,
+/// at least the smallest number above 0. It is meant for reports, in which infinity and zero would mislead.
 #[must_use]
 pub fn times_within(value: f64, exponent: i32) -> f64 {
     let found = times(value, exponent);
@@ -68,7 +69,8 @@ pub(crate) fn scaled_points(points: &[Vec3], exponent: i32) -> Vec<Vec3> {
     points.iter().map(|point| point.map(|x| times(x, -exponent))).collect()
 }
 
-/// Returns meshes with their coordinates divided by 2^e, and e, the [`exponent`] of all coordinates; `None` if e is 0.
+/// Returns the meshes with all coordinates divided by 2^e, together with e, the [`exponent`] of the coordinates.
+/// Returns `None` if e is 0.
 #[must_use]
 pub fn scaled_meshes<const N: usize>(meshes: [&Mesh; N]) -> Option<([Mesh; N], i32)> {
     let exponent = exponent(meshes.iter().flat_map(|mesh| mesh.vertices.iter().flatten().copied()));

@@ -104,7 +104,8 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     fill_holes(&mut vertices, &mut faces, &mut found);
     let welded = found.welded;
     let (vertices, unused) = compact(&vertices, &mut faces);
-    // No triangle uses the vertices that were merged with others, so they are subtracted.
+    // The vertices that were merged with others are unused, too. They are subtracted, since they are counted as
+    // welded.
     found.unused = unused.saturating_sub(welded);
     (Mesh { vertices, faces, meta: mesh.meta.clone() }, found)
 }
@@ -141,7 +142,7 @@ fn keep_largest(vertices: usize, faces: &mut Vec<[u32; 3]>) -> usize {
 /// loop of four by two, a longer one by a fan around the mean of its vertices.
 fn fill_holes(vertices: &mut Vec<[f64; 3]>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
-    // The rim's edges run opposite to those of the triangles. Rims that meet at a vertex are separated by taking the
+    // The edges of a rim run opposite to the triangles' edges. Rims that meet at a vertex are separated by taking the
     // shortest rim through each edge.
     let mut open: Vec<(u32, u32)> =
         edges.iter().filter(|&&(a, b)| !edges.contains(&(b, a))).map(|&(a, b)| (b, a)).collect();

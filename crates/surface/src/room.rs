@@ -1,4 +1,4 @@
-//! Checks, before memory is allocated for a file's contents, that it suffices.
+//! Checks that memory suffices for a file's contents before it is allocated.
 //!
 //! A file states the size of its contents, and the contents of a compressed file can be a thousand times as large as
 //! the file. Before readers allocate memory, and again while they decode, they compare the size with two bounds. These
@@ -43,7 +43,7 @@ pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)
 }
 
-/// Memory doesn't suffice. The text gives the bytes needed and free, in a form that ends a sentence.
+/// The error of insufficient memory. Its text gives the bytes needed and free, worded as the end of a sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct NoRoom {
     /// Number of bytes needed.
@@ -92,8 +92,8 @@ mod tests {
         assert_eq!(room.to_string(), "2.5 GiB of memory, of which 1.5 MiB are free");
     }
 
-    /// If no function for free memory is set, every amount of memory passes, but the size of decompressed data is still
-    /// bounded.
+    /// If no function for free memory is set, every amount of memory is accepted, but the size of decompressed data is
+    /// still bounded.
     #[test]
     fn expansion_is_bounded() {
         assert_eq!(check_room(u64::MAX), Ok(()));

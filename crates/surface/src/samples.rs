@@ -45,22 +45,22 @@ const CELLS_OF_DEGREE: f64 = 3.0;
 /// Number of triangles per parallel task.
 const RUN: usize = 1024;
 
-/// The division of each triangle of a sphere into cells. The samples themselves are computed later, for as many
-/// triangles at a time as fit in memory.
+/// The division of each triangle of a sphere into cells. The samples themselves are computed later, for ranges of
+/// triangles that fit in memory.
 #[derive(Debug, Clone)]
 pub struct SphereSampling {
     cuts: Vec<Cut>,
-    /// For each triangle, the number of samples before it; at the end, the total number of samples.
+    /// Number of samples before each triangle, followed by the total number of samples.
     first: Vec<usize>,
 }
 
 /// Samples of a range of a sphere's triangles.
 #[derive(Debug, Clone)]
 pub struct SphereSamples {
-    /// Direction of each sample, (samples, 3).
+    /// Directions of the samples, of shape (samples, 3).
     pub directions: Directions,
-    /// Solid angle of each sample, in steradians, (samples). If the triangles cover the sphere once, all solid angles
-    /// sum to 4 pi, up to the error of the rule.
+    /// Solid angle of each sample, in steradians. If the triangles cover the sphere once, all solid angles sum to 4
+    /// pi, up to the error of the rule.
     pub weights: Vec<f64>,
 }
 
@@ -69,7 +69,7 @@ impl SphereSampling {
     ///
     /// # Errors
     ///
-    /// Those of [`new`](Self::new).
+    /// The errors of [`new`](Self::new).
     pub fn for_degree(directions: &Directions, faces: &[[u32; 3]], max_degree: usize) -> Result<Self, SurfaceError> {
         Self::new(directions, faces, CELLS_OF_DEGREE / max_degree.max(1) as f64)
     }
@@ -119,7 +119,7 @@ impl SphereSampling {
     }
 
     /// Divides the triangles into consecutive ranges with at most `most` samples each. A triangle with more samples
-    /// gets a range of its own.
+    /// gets a separate range.
     #[must_use]
     pub fn runs(&self, most: usize) -> Vec<Range<usize>> {
         let (mut runs, mut start) = (Vec::new(), 0);
@@ -164,8 +164,8 @@ impl SphereSampling {
         Ok(SphereSamples { directions, weights })
     }
 
-    /// Interpolates values at the vertices, (n, c), linearly to the samples of a range of triangles; returns (samples,
-    /// c).
+    /// Interpolates values at the vertices, of shape (n, c), linearly to the samples of a range of triangles. The
+    /// result has shape (samples, c).
     ///
     /// # Panics
     ///
@@ -177,8 +177,8 @@ impl SphereSampling {
         samples
     }
 
-    /// As [`interpolate`](Self::interpolate), but writes the values to `samples`, (samples, c), which may be a part of
-    /// an array's columns.
+    /// Interpolates like [`interpolate`](Self::interpolate), but writes the values to `samples`, of shape (samples,
+    /// c), which may be some of the columns of a larger array.
     ///
     /// # Panics
     ///

@@ -2,8 +2,8 @@
 //!
 //! A surface with handles can't be mapped to the sphere. It can be mapped after it was cut open along loops and both
 //! sides of each loop were filled. The vertices of the cut surface are the n vertices of the original in their order,
-//! then copies of those on the seams, then the vertices of the fillings. Its triangles are the F triangles of the
-//! original in their order, on one side of each seam with copied vertices, then the triangles of the fillings.
+//! then copies of the vertices on the seams, then the vertices of the fillings. Its triangles are the F triangles of
+//! the original in their order, on one side of each seam with copied vertices, then the triangles of the fillings.
 //! Therefore n, F and the list of copied vertices suffice to recover the original.
 //!
 //! The GIfTI file of the sphere stores them as metadata: `SpharmCutFrom` has n and F, `SpharmSeam` the vertices that

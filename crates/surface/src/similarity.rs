@@ -30,14 +30,15 @@ impl Similarity {
         Self { orthogonal: rotation.into(), ..Self::default() }
     }
 
-    /// Returns the reflection of left and right, x to -x, of frames whose first axis is left to right, such as RAS.
+    /// Returns the reflection x -> -x, which exchanges left and right in frames whose first axis runs from left to
+    /// right, such as RAS.
     #[must_use]
     pub const fn reflection() -> Self {
         let orthogonal = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         Self { orthogonal, scale: 1.0, translation: [0.0; 3] }
     }
 
-    /// Whether the similarity contains a reflection.
+    /// Returns whether the similarity contains a reflection.
     #[must_use]
     pub fn mirrors(&self) -> bool {
         determinant(&self.orthogonal) < 0.0

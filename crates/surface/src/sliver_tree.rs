@@ -19,8 +19,8 @@ use crate::geometry::{Vec3, cross, dot, sub};
 /// Largest number of triangles in a leaf.
 const LEAF: usize = 2;
 
-/// A mesh counts as one of slivers if the sum of its squared longest edges exceeds this multiple of its area. The
-/// quotient is 2.3 for equilateral triangles, and about 10 for typical meshes.
+/// A mesh is treated as one of slivers if the sum of the squared longest edges of its triangles exceeds this multiple
+/// of its area. The quotient is 2.3 for equilateral triangles, and about 10 for typical meshes.
 const THIN: f64 = 100.0;
 
 /// A search tree over triangles.
@@ -52,7 +52,8 @@ impl Node {
 const ROUNDING: f64 = 1e-14;
 
 impl Node {
-    /// Whether the segment from the origin to `end`, which has length at most 1, comes within `slack` of the box.
+    /// Returns whether the segment from the origin to `end`, which has length at most 1, comes within `slack` of the
+    /// box.
     fn is_on_the_way(&self, end: Vec3, slack: f64) -> bool {
         let slack = slack + ROUNDING;
         let (mut first, mut last) = (0.0_f64, 1.0_f64);
@@ -74,7 +75,7 @@ impl Node {
     }
 }
 
-/// A node still to be visited. The greatest entry is the one with the smallest bound, then the smallest index.
+/// A node to be visited. The greatest entry is the one with the smallest bound, then the smallest index.
 #[derive(PartialEq)]
 struct Entry {
     bound: f64,
@@ -106,7 +107,7 @@ fn longest([a, b, c]: [Vec3; 3]) -> Vec3 {
     edges.into_iter().fold(edges[0], |most, edge| if dot(edge, edge) > dot(most, most) { edge } else { most })
 }
 
-/// Whether the triangles are so thin that axis-aligned boxes would hardly separate them.
+/// Returns whether the triangles are so thin that axis-aligned boxes would hardly separate them.
 pub(crate) fn is_of_slivers(triangles: &[[Vec3; 3]]) -> bool {
     let squares: f64 = triangles.iter().map(|&t| dot(longest(t), longest(t))).sum();
     let area: f64 = triangles.iter().map(|[a, b, c]| 0.5 * length(cross(sub(*b, *a), sub(*c, *a)))).sum();
@@ -180,12 +181,13 @@ impl SliverTree {
         }
     }
 
-    /// Returns the triangle for which `distance` returns the smallest distance, with the result of `distance`; `None`
-    /// if there are no triangles. `distance` must not return less than the distance from the point to the triangle.
+    /// Returns the triangle for which `distance` returns the smallest distance, together with the result of
+    /// `distance`; `None` if there are no triangles. `distance` must not return less than the distance from the point
+    /// to the triangle.
     pub(crate) fn nearest<T>(&self, point: Vec3, mut distance: impl FnMut(u32) -> (f64, T)) -> Option<(u32, (f64, T))> {
         let mut best: Option<(u32, (f64, T))> = None;
         // Nodes are visited in order of their bounds. Otherwise a point beside a fan would visit all triangles on the
-        // far side, which are all as far away as the pole.
+        // far side, which are all about as far away as the pole.
         let mut left = BinaryHeap::with_capacity(64);
         if let Some(root) = self.nodes.first() {
             left.push(Entry { bound: root.bound(point), node: 0 });
@@ -212,7 +214,7 @@ impl SliverTree {
     /// Visits the triangles whose boxes come within `slack` of the segment from the origin to `end`, in an unspecified
     /// order. Triangles and segment must lie inside the unit sphere.
     pub(crate) fn along(&self, end: Vec3, slack: f64, mut visit: impl FnMut(u32)) {
-        // Enough for the tree's depth, which is at most log2 of the largest number of triangles.
+        // 34 entries suffice for the tree's depth, which is at most log2 of the largest number of triangles.
         let mut left = Vec::with_capacity(34);
         if !self.nodes.is_empty() {
             left.push(0);
@@ -287,7 +289,7 @@ mod tests {
             let tree = SliverTree::new(&triangles);
             let (mut count, points) = (0_usize, 400_u32);
             for k in 0..points {
-                // Tests centroids of triangles and points off the surface.
+                // The points tested are centroids of triangles and points off the surface.
                 let [a, b, c] = triangles[(k * 37 % (2 * sides)) as usize];
                 let t = f64::from(k);
                 let off = if k % 2 == 0 { 0.0 } else { 0.2 * t.sin() };

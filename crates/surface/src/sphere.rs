@@ -1,4 +1,4 @@
-//! Defines spheres, the sampling schemes that surfaces are fitted over, and checks them before any work starts.
+//! Defines spheres, the sampling schemes over which surfaces are fitted, and checks them before any work starts.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -17,9 +17,9 @@ use crate::topology::Topology;
 /// The directions of a sampling scheme, with triangles if the scheme was made from a mesh.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sphere {
-    /// The sphere's file; `None` if it was made in memory.
+    /// Path of the sphere's file, or `None` if the sphere was made in memory.
     pub path: Option<PathBuf>,
-    /// The directions as unit vectors, (n, 3).
+    /// The directions as unit vectors, of shape (n, 3).
     pub directions: Directions,
     /// Triangles over `directions`; empty if the directions were given without triangles.
     pub faces: Vec<[u32; 3]>,
@@ -58,7 +58,8 @@ pub enum SphereWarning {
 }
 
 impl SphereWarning {
-    /// The spread of radii, `(max - min) / max`, above which [`RadiusSpread`](Self::RadiusSpread) is given.
+    /// The spread of radii, `(max - min) / max`, above which the warning [`RadiusSpread`](Self::RadiusSpread) is
+    /// given.
     pub const RADIUS_SPREAD: f64 = 0.01;
 }
 
@@ -84,7 +85,7 @@ impl Sphere {
     ///
     /// # Panics
     ///
-    /// Above level 14, as [`icosphere`].
+    /// For levels above 14, as for [`icosphere`].
     #[must_use]
     pub fn icosphere(level: u32) -> Self {
         let mesh = icosphere(level);
@@ -201,8 +202,8 @@ impl Sphere {
 ///
 /// # Errors
 ///
-/// If the file can't be read; those of [`Sphere::from_mesh`]; for tables [`NotAngles`](SurfaceError::NotAngles) and
-/// [`Colatitude`](SurfaceError::Colatitude).
+/// An error if the file can't be read; the errors of [`Sphere::from_mesh`]; for tables
+/// [`NotAngles`](SurfaceError::NotAngles) and [`Colatitude`](SurfaceError::Colatitude).
 pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
     let path = path.as_ref();
     let name = name_without_gz(path);

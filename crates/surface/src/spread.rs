@@ -6,13 +6,13 @@ use crate::mesh::Mesh;
 /// Points on a mesh. Each represents an equal share of the mesh's area.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SpreadPoints {
-    /// Positions of the points, (n).
+    /// Positions of the n points.
     pub points: Vec<Vec3>,
-    /// Unit normal of each point's triangle, (n).
+    /// Unit normal of the triangle of each point.
     pub normals: Vec<Vec3>,
-    /// Index of each point's triangle, (n), counted from 0.
+    /// Index of the triangle of each point, counted from 0.
     pub triangles: Vec<u32>,
-    /// For each point, the weights of its triangle's corners, (n), which sum to 1.
+    /// Weights of the triangle's corners for each point, with sum 1.
     pub barycentric: Vec<[f64; 3]>,
 }
 
@@ -87,9 +87,9 @@ fn normal([a, b, c]: [Vec3; 3]) -> Vec3 {
 /// The reciprocals of the plastic number and of its square, which generate the sequence R2.
 const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_2];
 
-/// Returns the position of a point along the total area, in shares. The position within its share follows a
-/// golden-section sequence. Otherwise the points could always hit the same positions of a repeating pattern of
-/// triangles.
+/// Returns the position of a point along the total area, in units of one point's share. The position within the share
+/// follows a golden-section sequence. Otherwise the points could always hit the same positions of a repeating pattern
+/// of triangles.
 fn place(index: usize, seed: usize) -> f64 {
     index as f64 + (0.5 + 0.618_033_988_749_894_9 * (index + seed) as f64).fract()
 }

@@ -10,12 +10,13 @@ use crate::mesh::{Input, Kind, Mesh, Meta, Signal};
 use crate::sphere::Sphere;
 use crate::topology::{Topology, different_triangles};
 
-/// A surface or a signal: c values at each vertex of a [`Sphere`].
+/// A surface or a signal: c values for each vertex of a [`Sphere`].
 #[derive(Debug, Clone)]
 pub struct Target {
-    /// The target's file; `None` if it was made in memory.
+    /// Path of the target's file, or `None` if the target was made in memory.
     pub path: Option<PathBuf>,
-    /// The positions or signal values, (n, c) row-major. They are finite, except at vertices that a fit ignores.
+    /// The positions or signal values, of shape (n, c), row-major. They are finite, except at vertices that a fit
+    /// ignores.
     pub values: Vec<f64>,
     /// Number of channels, c; 3 for a surface.
     pub channels: usize,
@@ -27,13 +28,13 @@ pub struct Target {
     pub warnings: Vec<TargetWarning>,
 }
 
-/// A property of a target that doesn't prevent a fit, since the least-squares problem is defined, but may be a mistake.
+/// A property of a target that may be a mistake. It doesn't prevent a fit, since the least-squares problem is defined.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TargetWarning {
     /// The target isn't a closed surface of genus zero.
     NotClosed(Topology),
-    /// Target and sphere are of different hemispheres, according to their files' metadata or names.
+    /// The target and the sphere belong to different hemispheres, according to their files' metadata or names.
     OtherHemisphere {
         /// The target's hemisphere.
         target: Hemisphere,
@@ -85,7 +86,7 @@ impl Target {
     ///
     /// # Errors
     ///
-    /// Those of [`from_mesh`](Self::from_mesh), except [`NonFinite`](SurfaceError::NonFinite).
+    /// The errors of [`from_mesh`](Self::from_mesh), except [`NonFinite`](SurfaceError::NonFinite).
     pub fn from_mesh_with_gaps(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
         mesh_with_gaps(Path::new("the surface"), mesh)?;
         Self::of_mesh(mesh.clone(), sphere, None)
@@ -96,13 +97,13 @@ impl Target {
     ///
     /// # Errors
     ///
-    /// Those of [`from_signal`](Self::from_signal), except [`NonFinite`](SurfaceError::NonFinite).
+    /// The errors of [`from_signal`](Self::from_signal), except [`NonFinite`](SurfaceError::NonFinite).
     pub fn from_signal_with_gaps(signal: Signal, sphere: &Sphere) -> Result<Self, SurfaceError> {
         signal_with_gaps(Path::new("the signal"), &signal)?;
         Self::of_signal(signal, sphere, None)
     }
 
-    /// Checks that the values are finite at all vertices except those for which `unread`, (n), is true.
+    /// Checks that the values are finite at all vertices, except those for which `unread`, a list of n flags, is true.
     ///
     /// # Errors
     ///
@@ -168,7 +169,7 @@ fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), Surface
 ///
 /// # Errors
 ///
-/// If the file can't be read; those of [`Target::from_mesh`] and [`Target::from_signal`].
+/// An error if the file can't be read; the errors of [`Target::from_mesh`] and [`Target::from_signal`].
 pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
     target_of(read_input(path)?, path, sphere)
@@ -179,7 +180,7 @@ pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, Su
 ///
 /// # Errors
 ///
-/// Those of [`read_target`], except [`NonFinite`](SurfaceError::NonFinite).
+/// The errors of [`read_target`], except [`NonFinite`](SurfaceError::NonFinite).
 pub fn read_target_with_gaps(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
     target_of(read_input_with_gaps(path)?, path, sphere)

@@ -1,23 +1,24 @@
-//! Locates the surfaces and references with which tests compare.
+//! Locates the surfaces and reference results that tests use.
 //!
 //! References in `tests/data/reference` are part of every clone. Public surfaces, and results of other packages for
-//! these surfaces, are beside the checkout, in `../shared/data`, or in the folder that `SPHARM_SHARED_DATA` names. If
-//! such a file is missing, a test that needs it fails, unless `SPHARM_WITHOUT_SHARED_DATA` is set. Thus no test passes
-//! merely because nothing was compared.
+//! these surfaces, are in `../shared/data` beside the checkout, or in the folder given by `SPHARM_SHARED_DATA`. If
+//! such a file is missing, a test that needs it fails, unless `SPHARM_WITHOUT_SHARED_DATA` is set. Therefore no test
+//! passes merely because nothing was compared.
 
 use std::env;
 use std::path::{Path, PathBuf};
 
-/// Environment variable with the folder of the shared data.
+/// Environment variable for the folder of the shared data.
 const FOLDER: &str = "SPHARM_SHARED_DATA";
 /// Environment variable that skips comparisons with missing files.
 const WITHOUT: &str = "SPHARM_WITHOUT_SHARED_DATA";
 
-/// Returns a file or folder of the shared data, or `None` if it is missing and comparisons with it are to be skipped.
+/// Returns the path of a file or folder of the shared data. Returns `None` if it is missing and comparisons with
+/// missing files are to be skipped.
 ///
 /// # Panics
 ///
-/// If it is missing and `SPHARM_WITHOUT_SHARED_DATA` isn't set.
+/// If the file is missing and `SPHARM_WITHOUT_SHARED_DATA` isn't set.
 #[must_use]
 pub fn shared(name: &str) -> Option<PathBuf> {
     let folder = env::var_os(FOLDER).map_or_else(|| checkout().join("../shared/data"), PathBuf::from);
@@ -34,7 +35,7 @@ pub fn shared(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// Returns a file of `tests/data/reference`.
+/// Returns the path of a file in `tests/data/reference`.
 #[must_use]
 pub fn reference(name: &str) -> PathBuf {
     checkout().join("tests/data/reference").join(name)

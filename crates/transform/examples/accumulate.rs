@@ -1,4 +1,4 @@
-//! The time of accumulating the sums of random samples, and of the transforms at the end.
+//! Measures the time for accumulating the sums of random samples, and for the transforms at the end.
 //!
 //! `cargo run --release -p spharm-transform --example accumulate [DEGREE [SAMPLES [CHANNELS]]]`
 
@@ -7,7 +7,7 @@ use std::time::Instant;
 use ndarray::Array2;
 use spharm_transform::{Accumulator, SumsSeconds};
 
-/// Uniform in [-1, 1), from a counter.
+/// Returns a pseudorandom number in [-1, 1), computed from a counter.
 fn noise(i: u64) -> f64 {
     let mut z = (i + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

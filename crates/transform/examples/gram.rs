@@ -1,5 +1,6 @@
-//! Seconds and GFLOP/s of the Gram matrix: `cargo run --release -p spharm-transform --example gram -- [L] [columns a
-//! tile]`.
+//! Measures seconds and GFLOP/s of the Gram matrix.
+//!
+//! `cargo run --release -p spharm-transform --example gram -- [DEGREE [COLUMNS_PER_TILE]]`
 
 use std::time::Instant;
 
@@ -10,7 +11,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<usize> = std::env::args().skip(1).map(|a| a.parse()).collect::<Result<_, _>>()?;
     let max_degree = arguments.first().copied().unwrap_or(100);
     let width = arguments.get(1).copied().unwrap_or(1_024);
-    // Any moments do: the time doesn't depend on them.
+    // The moments are arbitrary, since the time doesn't depend on them.
     let moments: Vec<f64> = (0..basis_size(2 * max_degree)).map(|i| (i as f64).sin()).collect();
 
     let start = Instant::now();
@@ -20,7 +21,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let gram = MomentGram::new(max_degree, &moments)?;
     println!("tables, {:.1} MB: {:.4} s", MomentGram::bytes(max_degree) as f64 / 1e6, start.elapsed().as_secs_f64());
 
-    // 2 flops for each of L + 1 rings and each entry of the lower triangle.
+    // Each of L + 1 rings costs 2 flops for each entry of the lower triangle.
     let size = gram.size();
     let flops = (max_degree + 1) as f64 * size as f64 * (size + 1) as f64;
     let report = |what: &str, seconds: f64| println!("{what}: {seconds:.4} s, {:.1} GFLOP/s", flops / seconds / 1e9);

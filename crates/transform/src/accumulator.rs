@@ -1,14 +1,15 @@
-//! Sums over weighted samples that a least-squares fit needs, accumulated chunk by chunk.
+//! Sums over weighted samples for a least-squares fit, accumulated chunk by chunk.
 //!
 //! For samples at directions `x_i` with weights `w_i` and values `f_i` these are the moments `s_{lm} = sum_i w_i
 //! S_{lm}(x_i)` to degree 2L, from which [`gram`](crate::gram) computes `A^T W A`, the right-hand sides `A^T W f` to
-//! degree L, and a few numbers. The sums of parts of the data add up, and none of them is as large as the data.
+//! degree L, and a few numbers. The sums of parts of the data add up to those of all data, and are smaller than the
+//! data.
 //!
-//! A sample costs as much as spreading it to a grid: w and w f go to the oversampled grids of two [adjoint
+//! The cost of a sample is that of spreading it to two grids: w and w f go to the oversampled grids of two [adjoint
 //! syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L, which are turned into coefficients
-//! once, at the end. The second grid is every second point of the first in either direction, so that samples are placed
-//! and sorted once for both. Samples are gathered in *blocks* that fit a cache, each sorted by strips of the grids.
-//! Once enough samples have been gathered, all samples of a strip are spread together.
+//! once, at the end. The second grid consists of every second point of the first in either direction, so that samples
+//! are placed and sorted once for both. Samples are gathered in *blocks* that fit a cache, each sorted by strips of
+//! the grids. Once enough samples have been gathered, all samples of a strip are spread together.
 //!
 //! Memory: the grids take `4 M^2 + c M^2` bytes for M points around and c channels, with M from 2.4 to 5.6 times 2L. Up
 //! to 8 million samples take `32 + 8 c` bytes each, and at the end spectra take some `16 L M` bytes. At L = 1,000 the
@@ -68,23 +69,23 @@ pub struct Accumulator {
     seconds: SumsSeconds,
 }
 
-/// Wall time of accumulating, by kind of work.
+/// Wall time of accumulation in seconds, by kind of work.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SumsSeconds {
-    /// Placing samples on the grids, and sorting them in blocks.
+    /// Time for placing samples on the grids and sorting them in blocks.
     pub place: f64,
-    /// Spreading the samples to the grids.
+    /// Time for spreading the samples to the grids.
     pub spread: f64,
 }
 
 /// Result of an [`Accumulator`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Accumulated {
-    /// The sums.
+    /// The accumulated sums.
     pub sums: SampleSums,
-    /// Number of samples, including those of weight 0.
+    /// Number of samples added, including those of weight 0.
     pub rows: u64,
-    /// Cells of the sphere that contain samples with weight.
+    /// Cells of the sphere that contain samples of nonzero weight.
     pub occupied: Occupied,
 }
 
@@ -121,7 +122,7 @@ impl Accumulator {
         })
     }
 
-    /// Returns the peak bytes of the sums, including their result.
+    /// Returns the peak memory of the accumulation in bytes, including its result.
     pub fn bytes(max_degree: usize, channels: usize) -> usize {
         let griddings = Griddings::choose(max_degree, channels);
         let [fine, coarse] = griddings.layouts(channels).map(|layout| 8 * layout.len());
@@ -160,7 +161,7 @@ impl Accumulator {
         let values = values.as_standard_layout();
         let values = values.as_slice().unwrap_or_default();
         let starts: Vec<usize> = (0..n).step_by(BLOCK).collect();
-        // Take as many blocks at a time as may still be held.
+        // Takes as many blocks at once as can still be held.
         let mut at = 0;
         while at < starts.len() {
             let most = (self.most_held - self.held).div_ceil(BLOCK);
@@ -201,7 +202,7 @@ impl Accumulator {
         self.seconds
     }
 
-    /// Spreads the samples that are held. [`add`](Self::add) calls this when there are enough samples, and
+    /// Spreads all held samples to the grids. [`add`](Self::add) calls this when there are enough samples, and
     /// [`finish`](Self::finish) calls it at the end.
     pub fn spread(&mut self) {
         let started = Instant::now();
@@ -222,7 +223,8 @@ impl Accumulator {
         let [fine, coarse] = std::mem::take(&mut self.grids);
         let degrees = [2 * self.max_degree, self.max_degree];
         let channels = [1, self.channels];
-        // One after the other: the working memory of the first is freed before the second allocates its own.
+        // The transforms run one after the other, so that the memory of the first is freed before the second
+        // allocates its own.
         let mut found = Vec::with_capacity(2);
         for (which, grid) in [fine, coarse].into_iter().enumerate() {
             if channels[which] == 0 {
@@ -248,7 +250,7 @@ mod tests {
     use super::*;
 
     fn samples(n: usize, channels: usize) -> (Directions, Vec<f64>, Array2<f64>) {
-        // Not evenly spread, and with samples at both poles and on the seam.
+        // The samples aren't evenly spread, and include both poles and the seam.
         let mut vertices = Directions::fibonacci(n - 3).unwrap().as_slice().to_vec();
         for v in &mut vertices {
             v[0] += 0.3;

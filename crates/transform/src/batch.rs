@@ -6,7 +6,7 @@ use crate::grid::{Layout, MARGIN};
 use crate::kernel::{Kernel, MAX_WIDTH};
 use crate::points::Points;
 
-/// Points whose kernel values are computed together.
+/// Number of points whose kernel values are computed together.
 pub(crate) const BATCH: usize = 32;
 
 /// Kernel values of at most [`BATCH`] points, and the places of their first grid values.
@@ -35,8 +35,8 @@ impl Batch {
         self.fill_at(layout, kernel, &points.cells[places.clone()], &points.fractions[places]);
     }
 
-    /// Computes the kernel values of points, at most [`BATCH`] of them, in these cells and at these positions within
-    /// them.
+    /// Computes the kernel values of at most [`BATCH`] points, given by their cells and by their positions in these
+    /// cells.
     pub(crate) fn fill_at(&mut self, layout: Layout, kernel: &Kernel, cells: &[[u32; 2]], fractions: &[[f64; 2]]) {
         let (mut row_arguments, mut column_arguments) = ([0.0; BATCH], [0.0; BATCH]);
         let count = cells.len();
@@ -48,7 +48,7 @@ impl Batch {
         }
         kernel.values(&row_arguments[..count], &mut self.row_values[..count]);
         kernel.values(&column_arguments[..count], &mut self.column_values[..count]);
-        // Narrow kernels read and write little, and gain nothing.
+        // Narrow kernels read and write few grid values, and gain nothing from shared cells.
         self.dense = kernel.padded > 8
             && 2 * (1..count).filter(|&i| self.corner(i) == self.corner(i - 1)).count() >= count.max(1);
     }

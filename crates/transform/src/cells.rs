@@ -89,7 +89,7 @@ fn cells<const FMA: bool>(x: &[f64; LANES], y: &[f64; LANES], grid: usize) -> ([
         let (across, up) = (x[i].abs(), y[i].abs());
         let steep = up > across;
         let (short, long) = if steep { (across, up) } else { (up, across) };
-        // Beyond pi / 8 from the axis, measure from the diagonal.
+        // Angles of more than pi / 8 from the axis are measured from the diagonal.
         let far = short > TAN_EIGHTH * long;
         let (numerator, denominator) = if far { (short - long, short + long) } else { (short, long) };
         let t = numerator / if denominator > 0.0 { denominator } else { 1.0 };
@@ -119,7 +119,7 @@ fn cells<const FMA: bool>(x: &[f64; LANES], y: &[f64; LANES], grid: usize) -> ([
 mod tests {
     use super::*;
 
-    /// The cell and the position in it of the angle of (x, y) as a column.
+    /// Returns the column that contains the angle of (x, y), and the position in it.
     fn column(x: f64, y: f64, grid: usize) -> (u32, f64) {
         let mut places = [([0; 2], [0.0; 2])];
         place(&[[x, y, 0.0]], grid, &mut places);
@@ -148,7 +148,8 @@ mod tests {
 
     #[test]
     fn positions_in_cells_are_those_of_the_angle_to_rounding() {
-        // The grid has 2^20 points; the errors are those of an angle and of a sixteenth of the circle.
+        // The grid has 2^20 points around. The tolerance covers the rounding errors of the expected angle and of the
+        // computed one, which is at most a sixteenth of the circle.
         let grid = 1 << 20;
         for i in 0..2_000 {
             let t = (f64::from(i) - 1000.0) / 1000.0;

@@ -26,16 +26,16 @@
 
 use rayon::prelude::*;
 
-/// Degree from which on pairs of degrees pay: mixing coefficients takes as long as some ten rings, and so does an
-/// additional zone.
+/// Lowest degree at which pairs of degrees pay off. Mixing coefficients takes as long as about ten rings, and so does
+/// an additional zone.
 const PAIRS_FROM: usize = 256;
 /// A ring is next to the equator if the cosine of its colatitude is below the first constant plus the second times the
 /// degree: there pairs of degrees lose a digit, and more at high degrees.
 const EQUATORIAL_COSINE: f64 = 0.05;
 const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
 
-/// Returns the number of rings before those next to the equator, for rings with these cosines of the colatitude from
-/// the pole to the equator; 0 if the degree is too low for pairs.
+/// Returns the number of rings before those next to the equator, or 0 if the degree is too low for pairs. `cosines`
+/// are the cosines of the rings' colatitudes, from the pole to the equator.
 pub(crate) fn end(max_degree: usize, cosines: &[f64]) -> usize {
     let least = EQUATORIAL_COSINE + EQUATORIAL_COSINE_PER_DEGREE * max_degree as f64;
     if max_degree < PAIRS_FROM { 0 } else { cosines.partition_point(|z| *z >= least) }
@@ -49,9 +49,9 @@ pub(crate) struct DegreePairs {
 
 #[derive(Debug)]
 struct Order {
-    /// `a_{j-1}` and `b_{j-1}`, with which t_j is computed from the two values before; zero for j = 0.
+    /// `a_{j-1}` and `b_{j-1}`, by which t_j is computed from t_{j-1} and t_{j-2}; zero for j = 0.
     steps: Vec<[f64; 2]>,
-    /// `sigma_j / A_{2j+1}`, `sigma_j / A_{2j+3}` and `sigma_j`.
+    /// Mixing factors `sigma_j / A_{2j+1}`, `sigma_j / A_{2j+3}` and `sigma_j` for each j.
     mixing: Vec<[f64; 3]>,
 }
 
@@ -61,7 +61,7 @@ impl DegreePairs {
         Self { orders: (0..=max_degree).into_par_iter().map(|m| order(m, alpha(m))).collect() }
     }
 
-    /// The steps of order m.
+    /// Returns `a_{j-1}` and `b_{j-1}` of order m for each j.
     pub(crate) fn steps(&self, m: usize) -> &[[f64; 2]] {
         &self.orders[m].steps
     }
@@ -103,8 +103,8 @@ impl DegreePairs {
     }
 }
 
-/// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`: a and b are
-/// computed from that with errors in the last bit only, since these accumulate from step to step.
+/// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`. From this
+/// equation a and b are computed with errors in the last bit only, since errors accumulate from step to step.
 fn order(m: usize, alpha: &[f64]) -> Order {
     let count = alpha.len().div_ceil(2);
     let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };
@@ -117,7 +117,7 @@ fn order(m: usize, alpha: &[f64]) -> Order {
         let ((above, below), (above_before, below_before)) = (square(m + 2 * j), square(m + 2 * j - 1));
         (above * below_before, below * above_before)
     };
-    // A_{2j+1}; the one beyond the highest degree is computed from the previous one.
+    // Returns A_{2j+1}. The value beyond the highest degree is computed from the previous one.
     let odd = |j: usize| match (alpha.get(2 * j + 1), j) {
         (Some(alpha), _) => *alpha,
         (None, 0) => 1.0,
@@ -169,7 +169,7 @@ mod tests {
         pairs: DegreePairs,
     }
 
-    /// Only order m is tested; the others fill the index.
+    /// Prepares the tables of all orders; only order m is tested.
     fn problem(max_degree: usize, m: usize) -> Problem {
         let recurrence = MonicRecurrence::new(max_degree).unwrap();
         let of = |m: usize| {
@@ -183,7 +183,7 @@ mod tests {
         Problem { alpha, scale, pairs }
     }
 
-    /// Returns `r_l` for all degrees at a colatitude, in double-double, each with its scale: P except for the factor
+    /// Computes `r_l` times its scale in double-double for all degrees at a colatitude, which is P without the factor
     /// `u^m`.
     fn exact(max_degree: usize, m: usize, theta: f64, scale: &[f64]) -> Vec<f64> {
         let alpha = MonicRecurrence::new(max_degree).unwrap().exact_order::<false>(m);
@@ -197,7 +197,7 @@ mod tests {
         alpha.iter().map(step).zip(scale).map(|(r, s): (f64, _)| r * s).collect()
     }
 
-    /// The values t by the recurrence.
+    /// Returns the values t_j, computed by the recurrence.
     fn values(pairs: &DegreePairs, m: usize, square: f64) -> Vec<f64> {
         let (mut older, mut newest) = (-1.0, 0.0);
         let step = |&[a, b]: &[f64; 2]| {
@@ -208,8 +208,8 @@ mod tests {
         pairs.steps(m).iter().map(step).collect()
     }
 
-    /// Computes each function by mixing its unit coefficient and compares with double-double: the largest error
-    /// relative to the largest value.
+    /// Computes each function by mixing its unit coefficient and compares it with the one in double-double. Returns
+    /// the largest error relative to the largest value.
     fn off(max_degree: usize, m: usize, theta: f64) -> f64 {
         let Problem { alpha, scale, pairs } = problem(max_degree, m);
         let expected = exact(max_degree, m, theta, &scale);
@@ -236,8 +236,8 @@ mod tests {
         }
     }
 
-    /// Errors grow with the degree and next to poles and equator, as the effect of a rounding of z on the phase `l
-    /// theta` does.
+    /// Errors grow with the degree and towards poles and equator, like the effect of a rounding error of z on the
+    /// phase `l theta`.
     #[test]
     fn high_degrees_keep_their_digits() {
         const DEGREE: usize = 1000;

@@ -6,12 +6,12 @@ use spharm_harmonics::{Directions, HarmonicsError};
 
 use crate::{FINEST, Transform, TransformError, TransformParams};
 
-/// Up to this number of directions times coefficients, direct sums are faster than planning a transform; at this size
-/// both take some milliseconds.
+/// Largest number of directions times coefficients at which direct sums are faster than planning a transform. At this
+/// size both take some milliseconds.
 const DIRECT: usize = 3_000_000;
 
-/// Returns the samples, (n, c), at `directions` of the c functions with the canonical coefficients `coefficients`, (K,
-/// c), to a relative accuracy of at least [`FINEST`].
+/// Evaluates c functions at `directions` from their canonical `coefficients`, (K, c), to a relative accuracy of at
+/// least [`FINEST`], and returns the samples, (n, c).
 ///
 /// For repeated synthesis at the same directions, plan a [`Transform`] once.
 ///

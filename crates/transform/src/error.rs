@@ -9,7 +9,7 @@ pub enum TransformError {
     /// Invalid degree or coefficients.
     #[error(transparent)]
     Harmonics(#[from] HarmonicsError),
-    /// A degree above that of the plan to be shared.
+    /// A degree above that of the plan that is to be shared.
     #[error("degree: expected at most {max}, found {found}")]
     Degree {
         /// The requested degree.
@@ -22,9 +22,9 @@ pub enum TransformError {
     Accuracy {
         /// The requested accuracy.
         found: f64,
-        /// The finest, [`FINEST`](crate::FINEST).
+        /// The finest possible accuracy, [`FINEST`](crate::FINEST).
         min: f64,
-        /// The coarsest, [`COARSEST`](crate::COARSEST).
+        /// The coarsest possible accuracy, [`COARSEST`](crate::COARSEST).
         max: f64,
     },
     /// More directions than a plan can hold.
@@ -32,7 +32,7 @@ pub enum TransformError {
     TooManyDirections {
         /// Number of directions.
         found: usize,
-        /// Largest possible number.
+        /// Largest possible number of directions.
         max: usize,
     },
     /// An array with the wrong number of rows.
@@ -58,7 +58,7 @@ pub enum TransformError {
     /// A moment that is NaN or infinite.
     #[error("moment {column}: expected a finite value, found {found}; check the weights and directions")]
     MomentNotFinite {
-        /// Canonical column, from 0.
+        /// Canonical column of the moment, from 0.
         column: usize,
         /// The value found.
         found: f64,

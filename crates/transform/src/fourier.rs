@@ -22,10 +22,10 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::kernel::Kernel;
 
-/// Rows of the grid that are gathered together: in memory, the orders of one row are far apart, but neighbouring rows
-/// are not.
+/// Number of grid rows gathered together. In memory, the orders of one row are far apart, but neighbouring rows are
+/// close.
 const ROWS: usize = 8;
-/// Pairs of orders that [`Fourier::grid_to_circles`] processes together.
+/// Number of pairs of orders that [`Fourier::grid_to_circles`] processes together.
 const PAIRS: usize = 4;
 
 /// The Fourier transforms of one gridding.
@@ -38,7 +38,8 @@ pub(crate) struct Fourier {
     grid_inverse: Arc<dyn Fft<f64>>,
     to_reals: Arc<dyn ComplexToReal<f64>>,
     from_reals: Arc<dyn RealToComplex<f64>>,
-    /// For frequency `k >= 0` of theta: `e^{-i k pi / 2N} / (2 N p_k)`; conjugate for -k.
+    /// Correction factors of the frequencies `k >= 0` of theta, `e^{-i k pi / 2N} / (2 N p_k)`; those of -k are
+    /// conjugate.
     correction: Vec<Complex64>,
 }
 
@@ -119,7 +120,8 @@ impl Fourier {
         let circle = &mut work.circle[..];
         for j in 0..n.div_ceil(2) {
             let RingPair { even_order: [ee, eo], odd_order: [oe, oo] } = ring(j);
-            // South first, so that the equator, which is both rings of its pair, keeps the northern value.
+            // The southern ring is written first, so that the equator, which is both rings of its pair, keeps the
+            // northern value.
             let (even, odd) = (ee - eo, oe - oo);
             (circle[n - 1 - j], circle[n + j]) = (even + odd, even - odd);
             let (even, odd) = (ee + eo, oe + oo);
@@ -208,7 +210,7 @@ impl Fourier {
         circles: &mut [Complex64],
     ) {
         let (m, channels, count) = (self.gridding.grid, layout.channels, self.max_degree + 1);
-        // First the rows' spectra, (rows, channels, orders), then the circles computed from them.
+        // Computes first the rows' spectra, (rows, channels, orders), then the circles from these spectra.
         layout.core_mut(grid, ROWS).zip(spectra.par_chunks_mut(ROWS * channels * count)).for_each_init(
             || self.work(),
             |work, (rows, spectra)| {
@@ -236,7 +238,7 @@ impl Fourier {
                         let circle = &mut circles[channel * m..(channel + 1) * m];
                         let mut even = spectrum[order];
                         if order == 0 {
-                            // Sines of order 0 aren't coefficients.
+                            // Order 0 has no sine coefficients.
                             even.im = 0.0;
                         }
                         let odd = spectrum.get(order + 1).copied().unwrap_or_default();

@@ -63,10 +63,11 @@ use crate::moments::check;
 use measure::Measure;
 use panel::{Columns, Part, Rows};
 
-/// Pairs (l', m') per task. Every task reads the entire Legendre table, so tasks must not be small, but there must be
-/// enough of them for all threads.
+/// Number of pairs (l', m') per task. Every task reads the entire Legendre table, so tasks must not be small, but
+/// there must be enough of them for all threads.
 const TASK: usize = 32;
-/// Columns and rows of the tiles in which the matrix is mirrored: a tile takes 32 kB, which fits the L1 cache.
+/// Number of columns and of rows of the tiles in which the matrix is mirrored. A tile takes 32 kB, which fits the L1
+/// cache.
 const MIRROR: usize = 64;
 
 /// The Gram matrix `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.

@@ -11,20 +11,20 @@ use rayon::prelude::*;
 
 use crate::kernel::MAX_WIDTH;
 
-/// Columns of the margin before the first column: half of the widest kernel.
+/// Number of margin columns before the first column: half the width of the widest kernel.
 pub(crate) const MARGIN: usize = MAX_WIDTH / 2;
 
 /// Sizes of a grid, and the memory layout of its rows and columns.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Layout {
-    /// Columns without margins, M: grid points around the sphere.
+    /// Number of columns without margins, M: grid points around the sphere.
     pub(crate) around: usize,
     pub(crate) channels: usize,
-    /// Values from one channel of a row to the next.
+    /// Number of values from one channel of a row to the next.
     pub(crate) stride: usize,
-    /// Rows of the margin before the first row and after the last one.
+    /// Number of margin rows before the first row, and number of those after the last one.
     pub(crate) margin: usize,
-    /// Rows of a strip; points are sorted by strips, and strips are distributed among threads.
+    /// Number of rows of a strip. Points are sorted by strips, and strips are distributed among threads.
     pub(crate) strip: usize,
 }
 
@@ -32,8 +32,8 @@ impl Layout {
     /// Lays out a grid for kernels of `width` points.
     pub(crate) fn new(around: usize, width: usize, channels: usize) -> Self {
         let columns = (around + MARGIN + MAX_WIDTH + 1).next_multiple_of(8);
-        // An odd number of cache lines, so that the same column of successive rows doesn't map to a few sets of the
-        // cache.
+        // A stride of an odd number of cache lines prevents the same column of successive rows from mapping to a few
+        // sets of the cache.
         let stride = if (columns / 8).is_multiple_of(2) { columns + 8 } else { columns };
         let margin = width.div_ceil(2);
         // Kernels of a strip's points extend beyond it by one margin on either side: with its margins it is two strips
@@ -53,7 +53,7 @@ impl Layout {
 
     /// Returns the number of values of the grid, with margins.
     pub(crate) fn len(&self) -> usize {
-        // One more row, so that a row's length of values exists from any column of the last row on.
+        // The additional row lets a slice as long as a row start at any column of the last row.
         (self.core_rows().next_multiple_of(self.strip) + self.strip + 1) * self.row()
     }
 

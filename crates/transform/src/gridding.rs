@@ -11,7 +11,7 @@ pub const FINEST: f64 = 1e-13;
 /// The coarsest accuracy for which a transform can be planned.
 pub const COARSEST: f64 = 1e-3;
 
-/// The smallest grid: it must have several strips of rows, to be shared by several threads.
+/// The smallest number of grid points around. The grid must have several strips of rows, to be shared by threads.
 pub(crate) const MIN_GRID: usize = 64;
 /// The largest oversampling, the ratio of grid points to the Nyquist number `2 L + 2`.
 pub(crate) const MAX_OVERSAMPLING: f64 = 2.8;
@@ -19,20 +19,22 @@ pub(crate) const MAX_OVERSAMPLING: f64 = 2.8;
 /// Grid sizes and kernel width of a transform.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Gridding {
-    /// Points of the oversampled grid around the sphere, M, along meridians and along parallels; a multiple of 8.
+    /// Number of points of the oversampled grid around the sphere, M, along meridians and along parallels; a multiple
+    /// of 8.
     pub(crate) grid: usize,
-    /// Grid points under the kernel in each direction, w.
+    /// Number of grid points under the kernel in each direction, w.
     pub(crate) width: usize,
-    /// The width for which strips of the grid are laid out, at least w: that of the plan that sorted the directions.
+    /// Kernel width for which strips of the grid are laid out, at least w: the width of the plan that sorted the
+    /// directions.
     pub(crate) reach: usize,
-    /// Rings from pole to pole on which Legendre functions are summed, N; 2 N points around a great circle.
+    /// Number of rings from pole to pole on which Legendre functions are summed, N; 2 N points around a great circle.
     pub(crate) rings: usize,
 }
 
 impl Gridding {
     /// Chooses the cheapest gridding for `directions` directions at a relative accuracy.
     pub(crate) fn choose(max_degree: usize, directions: usize, accuracy: f64) -> Result<Self, TransformError> {
-        // Also rejects NaN.
+        // The condition also rejects NaN.
         if !(FINEST..=COARSEST).contains(&accuracy) {
             return Err(TransformError::Accuracy { found: accuracy, min: FINEST, max: COARSEST });
         }
@@ -53,17 +55,18 @@ impl Gridding {
                 grids.get(found).map(|&grid| Self { grid, width, reach: width, rings })
             })
             .min_by(|a, b| a.cost(max_degree, directions).total_cmp(&b.cost(max_degree, directions)));
-        // The widest kernel on the largest grid serves the finest accuracy.
+        // Fallback for the finest accuracy: the widest kernel on the largest grid.
         Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, reach: MAX_WIDTH, rings }))
     }
 
-    /// Returns the same grid for a lower degree, for which it is finer, so that a narrower kernel is enough.
+    /// Returns the gridding of the same grid for a lower degree. A narrower kernel is enough, since the grid is finer
+    /// for it.
     pub(crate) fn of_degree(&self, max_degree: usize, accuracy: f64) -> Self {
         let width = (4..self.width).find(|&width| error(width, max_degree, self.grid) <= accuracy);
         Self { width: width.unwrap_or(self.width), rings: smooth(max_degree + 1, 1), ..*self }
     }
 
-    /// Returns the estimated nanoseconds of one thread per channel; the constants were measured.
+    /// Estimates the time of one thread per channel in nanoseconds. The constants were measured.
     fn cost(&self, max_degree: usize, directions: usize) -> f64 {
         let (m, l) = (self.grid as f64, max_degree as f64 + 1.0);
         let fourier = m * m.log2() * (l / 2.0 + m / 4.0);
@@ -72,15 +75,15 @@ impl Gridding {
     }
 }
 
-/// Returns the estimated nanoseconds in which one thread spreads a direction's values to a grid in the cache, if
-/// `density` directions per grid point are sorted together; the constants were measured.
+/// Estimates the time in nanoseconds that one thread takes to spread a direction's values to a grid in the cache, if
+/// `density` directions per grid point are sorted together. The constants were measured.
 pub(crate) fn point_cost(width: usize, channels: usize, density: f64) -> f64 {
     let lanes = width.next_multiple_of(4) as f64 / 8.0;
-    // Kernels of a cell's directions cover the same grid points if their width is even, otherwise one of four sets of
-    // points.
+    // If the kernel's width is even, kernels of a cell's directions cover the same grid points; otherwise each covers
+    // one of four sets of points.
     let density = if width.is_multiple_of(2) { density } else { density / 4.0 };
-    // Occupied places per direction: the values of a place's directions are summed in registers and go to the grid
-    // once.
+    // Number of occupied places per direction. The values of a place's directions are summed in registers and go to
+    // the grid once.
     let places = if density > 0.0 { -(-density).exp_m1() / density } else { 1.0 };
     let product = (0.36 + places).min(0.9);
     width as f64 * lanes * product * channels as f64 + 12.0 * lanes + 4.0

@@ -17,7 +17,7 @@ use crate::points::Points;
 /// Interpolates from the grid to the points: `values` is (places, channels) row-major.
 pub(crate) fn interpolate(layout: Layout, grid: &[f64], kernel: &Kernel, points: &Points, values: &mut [f64]) {
     let channels = layout.channels;
-    // Places per task: enough to be worth a task, few enough that every thread gets some.
+    // Number of places per task: enough to be worth a task, and few enough that every thread gets some tasks.
     const TASK: usize = 1024;
     values.par_chunks_mut(TASK * channels).enumerate().for_each_init(Batch::new, |batch, (task, values)| {
         for (i, values) in values.chunks_mut(BATCH * channels).enumerate() {
@@ -96,7 +96,7 @@ fn over_strips(
                 (!places.is_empty()).then_some((places, index * strip, rows))
             })
             .collect();
-        // The longest first, so that no thread starts on a long one at the end.
+        // The longest tasks come first, so that no thread starts a long task at the end.
         tasks.sort_by_key(|(places, ..)| std::cmp::Reverse(places.len()));
         tasks.into_par_iter().with_max_len(1).for_each(|(places, first, rows)| work(places, first, rows));
     }

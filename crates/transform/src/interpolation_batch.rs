@@ -144,7 +144,7 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
             }
         }
     }
-    // Only loops: a closure that isn't inlined is compiled for the oldest processor.
+    // Only loops are used, since a closure that isn't inlined is compiled for the oldest processor.
     let columns = &batch.column_values[point];
     let mut result = [0.0; C];
     for (result, sums) in result.iter_mut().zip(&sums) {
@@ -179,7 +179,7 @@ fn scatter<const W: usize, const C: usize, const FMA: bool>(
         }
     }
     let start = (batch.rows[point] - first_row) * layout.row() + channel * layout.stride + batch.columns[point];
-    // The last row under a strip's kernels ends with the strip's grid: it is incomplete, but belongs to the sums.
+    // The last row under a kernel may be cut off at the end of the strip's grid, but still takes part in the sums.
     let rows = grid[start..].chunks_mut(layout.row());
     for (weight, row) in batch.row_values[point][..width].iter().zip(rows) {
         let mut lines = row.chunks_mut(layout.stride);
@@ -197,7 +197,7 @@ mod tests {
     use super::*;
     use crate::kernel::MAX_WIDTH;
 
-    /// Compares points of three cells, in runs of one to several, with each point by itself.
+    /// Compares points of three cells, in runs of one to nine points, with each point by itself.
     #[test]
     fn points_of_a_cell_are_as_points_by_themselves() {
         for (width, channels) in [(4, 1), (7, 2), (8, 5), (11, 3), (12, 4), (14, 1), (16, 3)] {

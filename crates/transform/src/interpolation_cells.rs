@@ -14,7 +14,7 @@ use crate::grid::Layout;
 use crate::kernel::Kernel;
 use crate::lanes::{fused, load};
 
-/// Points of one cell that are interpolated together.
+/// Number of points of one cell that are interpolated together.
 const TOGETHER: usize = 4;
 
 /// Computes the same as [`interpolate_batch`](crate::interpolation_batch::interpolate_batch).
@@ -138,7 +138,7 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
                 }
             }
         }
-        // Only loops: a closure that isn't inlined is compiled for the oldest processor.
+        // Only loops are used, since a closure that isn't inlined is compiled for the oldest processor.
         for (p, (sums, columns)) in sums.iter().zip(column_values).enumerate() {
             let mut four = [0.0; 4];
             for (columns, sums) in columns.chunks_exact(4).zip(sums.chunks_exact(4)) {
@@ -199,8 +199,8 @@ fn sums<const R: usize, const L: usize, const FMA: bool>(
         for column in &mut columns {
             *column *= value;
         }
-        // Rows are the inner loop: the optimiser unrolls it and makes vectors of columns. The other way round it makes
-        // vectors of rows, which takes eight times as long.
+        // The inner loop runs over rows: the optimiser unrolls it and forms vectors of columns. With the loops
+        // exchanged it forms vectors of rows, which takes eight times as long.
         for i in 0..L {
             for r in 0..R {
                 sums[r][i] = fused::<FMA>(weights[r], columns[i], sums[r][i]);

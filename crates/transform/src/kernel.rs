@@ -23,13 +23,13 @@ use multiversion::{multiversion, target::target_cfg_f};
 
 /// Width of the widest kernel; a point's kernel values are padded to this number of lanes.
 pub(crate) const MAX_WIDTH: usize = 16;
-/// Chebyshev nodes per piece; more than any accuracy needs.
+/// Number of Chebyshev nodes per piece, more than any accuracy needs.
 const NODES: usize = 24;
 
 /// A kernel of one width, for one grid.
 #[derive(Debug, Clone)]
 pub(crate) struct Kernel {
-    /// Grid points under the kernel.
+    /// Number of grid points under the kernel.
     pub(crate) width: usize,
     /// `width` rounded up to a multiple of four: 4, 8, 12 or 16.
     pub(crate) padded: usize,
@@ -75,7 +75,7 @@ impl Kernel {
         Self { width, padded: width.next_multiple_of(4), beta, coefficients }
     }
 
-    /// The transform `p_k` on a grid of `grid` points.
+    /// Returns the transform `p_k` on a grid of `grid` points.
     pub(crate) fn transform(&self, k: usize, grid: usize) -> f64 {
         transform(self.width, self.beta, k as f64 / grid as f64)
     }
@@ -108,7 +108,7 @@ macro_rules! horner_for {
     ($name:ident, $lanes:literal) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         fn $name(coefficients: &[[f64; MAX_WIDTH]], arguments: &[f64], values: &mut [[f64; MAX_WIDTH]]) {
-            // Two points at a time: the scheme is a chain of dependent steps.
+            // Two points are processed together, since the scheme is a chain of dependent steps.
             for (t, values) in arguments.chunks(2).zip(values.chunks_mut(2)) {
                 let (t0, t1) = (t[0], t[t.len() - 1]);
                 let (mut a, mut b) = ([0.0; $lanes], [0.0; $lanes]);
@@ -133,7 +133,7 @@ macro_rules! horner_for {
 horner_for!(horner_8, 8);
 horner_for!(horner_16, 16);
 
-/// The parameter beta.
+/// Returns the parameter beta.
 fn shape_parameter(width: usize, max_degree: usize, grid: usize) -> f64 {
     let inverse_sigma = (2 * max_degree + 1) as f64 / grid as f64;
     std::f64::consts::PI * width as f64 * (1.0 - inverse_sigma / 2.0)
@@ -170,7 +170,8 @@ pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64
     transform(width, beta, 0.0) / transform(width, beta, max_degree as f64 / grid as f64)
 }
 
-/// `I0(beta sqrt(square)) e^-beta`; an entire function of `square`, which rounding may make slightly negative.
+/// Returns `I0(beta sqrt(square)) e^-beta`, an entire function of `square`, which rounding may make slightly
+/// negative.
 fn bessel_ratio(beta: f64, square: f64) -> f64 {
     // I0(z) = sum (z^2 / 4)^k / k!^2; unless rounding makes z^2 negative, all terms are positive, at most some 60 of
     // them for beta <= 45.
@@ -212,7 +213,7 @@ fn monomials(chebyshev: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Interpolation of single frequencies has the error that `aliasing` says, and rounding.
+    /// Checks that interpolation of single frequencies has the error estimated by `aliasing`, plus rounding errors.
     #[test]
     fn interpolates_to_its_aliasing_error() {
         for (width, grid) in [(4, 64), (7, 64), (8, 56), (13, 80), (16, 64), (16, 96)] {
@@ -229,7 +230,8 @@ mod tests {
                         .map(|j| values[0][j] * angle((first + j as isize) as f64 - 31.0 - fraction).cos())
                         .sum();
                     let error = (sum / kernel.transform(k, grid) - 1.0).abs();
-                    // The bound is the root mean square over places; the worst place has sqrt 2 of it and more terms.
+                    // The bound is the root mean square over positions. The error at the worst position is sqrt 2
+                    // times as large, plus further terms.
                     assert!(
                         error < 3.0 * bound + 4e-15 * magnification(width, max_degree, grid),
                         "{width} {grid} {k}: {error:e} {bound:e}"

@@ -38,7 +38,7 @@ use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
 /// Number of coefficients that one task brings into canonical order.
 const RUN: usize = 1024;
 
-/// Coefficients in canonical order, (K, all) row-major, from the column `first` on.
+/// Columns of coefficients in canonical order, (K, all) row-major, from the column `first` on.
 #[derive(Clone, Copy)]
 pub(crate) struct SomeColumns<'a> {
     pub(crate) values: &'a [f64],
@@ -50,28 +50,28 @@ pub(crate) struct SomeColumns<'a> {
 #[derive(Debug)]
 pub(crate) struct Legendre {
     max_degree: usize,
-    /// `alpha_{l,m}` and `s_{l,m}` at `start(m) + l - m`.
+    /// Coefficients `alpha_{l,m}` at index `start(m) + l - m`; `scale` has `s_{l,m}` in the same layout.
     alpha: Vec<f64>,
     scale: Vec<f64>,
     /// `cos theta` of the northern rings from the pole to the equator, padded.
     z: Vec<f64>,
     /// `2^930 u^m`, (rings, L + 1) column-major.
     power: Vec<f64>,
-    /// For each order, the first ring on which it isn't negligible, rounded down to a multiple of [`LANES`].
+    /// Index of the first ring on which each order isn't negligible, rounded down to a multiple of [`LANES`].
     first_ring: Vec<usize>,
     /// The rings next to the pole; their number is a multiple of [`LANES`].
     polar: PolarRings,
     /// Index of the first ring next to the equator: a multiple of [`LANES`], at or after the end of the polar rings.
     equatorial: usize,
-    /// Present if there are rings between the polar and the equatorial ones.
+    /// Tables for pairs of degrees, if there are rings between the polar and the equatorial ones.
     pairs: Option<DegreePairs>,
     /// `cos^2 theta` of the rings.
     squares: Vec<f64>,
 }
 
 impl Legendre {
-    /// Prepares the transforms for rings with these cosines and sines of the colatitude, (rings, 2), from the north
-    /// pole to the equator at most. Values of `P_{l,m}` below `negligible` need not be computed.
+    /// Prepares the transforms for rings whose colatitudes have the cosines and sines `angles`, (rings, 2), from the
+    /// north pole to the equator at most. Values of `P_{l,m}` below `negligible` need not be computed.
     pub(crate) fn new(recurrence: &MonicRecurrence, angles: &[[f64; 2]], negligible: f64) -> Self {
         let max_degree = recurrence.max_degree();
         let rings = angles.len().next_multiple_of(LANES);
@@ -103,7 +103,8 @@ impl Legendre {
             .collect();
         let polar = PolarRings::new(recurrence, angles, &first_ring);
         let equatorial = degree_pairs::end(max_degree, &z) / LANES * LANES;
-        // Rounded once: next to a pole an error would accumulate from step to step.
+        // Each square is rounded once, since next to a pole its error would accumulate in the steps of the
+        // recurrence.
         let square = |[cosine, sine]: &[f64; 2]| if sine < cosine { 1.0 - sine * sine } else { cosine * cosine };
         let mut squares: Vec<f64> = angles.iter().map(square).collect();
         z.resize(rings, 0.0);
@@ -303,7 +304,7 @@ impl Legendre {
         work.mixed = mixed;
     }
 
-    /// Multiplies the columns by `u^m`, and those of odd `l - m` also by the factor z that pairs of degrees leave out.
+    /// Multiplies the columns by `u^m`, and those of odd `l - m` also by the factor z that pairs of degrees omit.
     fn weigh(&self, m: usize, columns: usize, even: &mut [f64], odd: &mut [f64]) {
         let rings = self.rings();
         let power = &self.power[m * rings..(m + 1) * rings];
@@ -342,14 +343,14 @@ impl Legendre {
     }
 }
 
-/// How the Legendre functions on a ring are computed.
+/// The zone of a ring, which determines how its Legendre functions are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Zone {
-    /// In double-double.
+    /// Next to a pole: in double-double.
     Polar,
-    /// By pairs of degrees.
+    /// Away from poles and equator: by pairs of degrees.
     Middle,
-    /// One degree at a time.
+    /// Next to the equator: one degree at a time.
     Equatorial,
 }
 

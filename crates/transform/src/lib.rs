@@ -24,18 +24,18 @@
 //! | [`moments`] | the normal operator of scattered weighted directions, from their moments |
 //! | [`gram`] | the Gram matrix of scattered weighted directions, from their moments |
 //! | [`accumulator`] | moments and right-hand sides of samples that arrive in chunks |
-//! | [`nodal`] | the same for samples that are linear in values at nodes, for many sets of such values |
+//! | [`nodal`] | moments and right-hand sides of samples that are linear in values at nodes, for many sets of values |
 //! | `either` | [`synthesis`]: direct sums or a transform, whichever is faster |
 //! | `gridding` | the choice of grid size and kernel width |
 //! | `legendre` | coefficients to rings and back |
-//! | `ring_table`, `ring_sums` | the inner loops of `legendre`: Legendre values on a block of rings, and sums with them |
+//! | `ring_table`, `ring_sums` | inner loops of `legendre`: Legendre values on a block of rings, and sums with them |
 //! | `polar_rings` | the Legendre recurrence next to the poles |
 //! | `degree_pairs` | the Legendre recurrence over pairs of degrees, away from poles and equator |
 //! | `fourier` | rings to the oversampled grid and back |
 //! | `grid` | the layout of the oversampled grid and its margins |
 //! | `cells`, `points` | the cells of directions; directions sorted by them |
 //! | `kernel` | the interpolation kernel |
-//! | `interpolation`, `interpolation_batch`, `interpolation_cells` | grid to directions and back, and its inner loops: direction by direction, cell by cell |
+//! | `interpolation`, `interpolation_batch`, `interpolation_cells` | grid to directions and back, and the inner loops |
 //! | `batch` | the kernel values of a batch of directions |
 //! | `workspace` | working memory of calls and threads |
 //! | `lanes` | short arrays in vector registers |

@@ -64,13 +64,13 @@ pub use sums::SampleSums;
 /// Several threads can use an operator at once.
 #[derive(Debug)]
 pub struct MomentOperator {
-    /// The product with `A_g^T D A_g`, where D has the elements `q_g S(g)`.
+    /// The operator `A_g^T D A_g`, with the elements `q_g S(g)` on the diagonal of D.
     on_grid: OnGrid,
     norm: f64,
 }
 
 impl MomentOperator {
-    /// Channels that a product processes together: they share Legendre functions and fit a cache together.
+    /// Number of channels that a product processes together. They share Legendre functions and fit a cache together.
     pub const CHANNELS: usize = ring_grid::CHANNELS;
 
     /// Builds the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L +

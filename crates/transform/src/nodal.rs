@@ -39,14 +39,14 @@ use crate::grid::Layout;
 use crate::gridding::Gridding;
 use crate::{Accumulator, FINEST, SampleSums, Transform, TransformError, TransformParams};
 
-/// Pieces of patches that are computed at a time if they aren't kept.
+/// Number of pieces of patches computed together, if patches aren't kept.
 const TOGETHER: usize = 128;
 
-/// Channels that are transformed at a time: with more of them the grid doesn't fit the caches, with fewer the patches
+/// Number of channels transformed together. With more of them the grid doesn't fit the caches, with fewer the patches
 /// are read more often.
 const CHANNELS: usize = 32;
 
-/// Elements whose squares are summed at a time.
+/// Number of elements whose squares are summed together.
 const ELEMENTS: usize = 4096;
 
 /// Collects the samples of a [`NodalSums`].
@@ -76,14 +76,14 @@ impl NodalSumsBuilder {
     ///
     /// # Errors
     ///
-    /// Those of [`Accumulator::new`].
+    /// The errors of [`Accumulator::new`].
     pub fn new(max_degree: usize, nodes: usize, triangles: usize, samples: usize) -> Result<Self, TransformError> {
         let gridding = Gridding::choose(max_degree, nodes, FINEST)?;
         let weights = Accumulator::new(max_degree, 0)?;
         Ok(Self { nodes, weights, incidence: Incidence::new(gridding, max_degree, triangles, samples) })
     }
 
-    /// Adds samples. Those of one triangle should follow each other.
+    /// Adds samples. Samples of the same triangle should follow each other.
     ///
     /// # Errors
     ///
@@ -121,12 +121,12 @@ impl NodalSumsBuilder {
 }
 
 impl NodalSums {
-    /// Returns the peak bytes for `samples` samples on `triangles` triangles, including those of preparing them and of
-    /// computing sums for c = `channels` channels, but without patches that are kept.
+    /// Returns the peak bytes for `samples` samples on `triangles` triangles, including their preparation and the
+    /// computation of sums for c = `channels` channels, but without kept patches.
     #[must_use]
     pub fn bytes(max_degree: usize, nodes: usize, triangles: usize, samples: usize, channels: usize) -> usize {
-        // Per sample, its place and shares. Per triangle, itself and its entries in the lists of its nodes. Per node,
-        // the starts of its list and of its patches.
+        // Each sample has its place and shares; each triangle its data and entries in the lists of its nodes; each
+        // node the starts of its list and of its patches.
         let own = 48 * samples + (size_of::<Element>() + 24) * triangles + 128 * nodes;
         let scratch = (1 << 20) * rayon::current_num_threads();
         let params = TransformParams { max_degree, accuracy: FINEST, channels: CHANNELS };
@@ -155,7 +155,7 @@ impl NodalSums {
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: the number of rows isn't that of the nodes.
+    /// [`TransformError::Shape`]: the number of rows isn't the number of nodes.
     pub fn sums(&self, values: ArrayView2<'_, f64>) -> Result<SampleSums, TransformError> {
         if values.nrows() != self.nodes {
             return Err(TransformError::Shape { what: "values at nodes", expected: self.nodes, found: values.nrows() });
@@ -209,7 +209,7 @@ impl NodalSums {
         for part in parts {
             squares.iter_mut().zip(part).for_each(|(square, part)| *square += part);
         }
-        // A sum of squares, so negative only by rounding.
+        // A sum of squares is negative only by rounding.
         squares.iter_mut().for_each(|square| *square = square.max(0.0));
         squares
     }
@@ -221,7 +221,7 @@ mod tests {
 
     use super::*;
 
-    /// Nodes in no order, samples near them and far away, at both poles and on the seam; some without weight.
+    /// Unordered nodes, and samples near them and far away, at both poles and on the seam, some of weight 0.
     struct Problem {
         directions: Vec<[f64; 3]>,
         weights: Vec<f64>,
@@ -233,7 +233,7 @@ mod tests {
         let mut vertices = Directions::fibonacci(samples - 4).unwrap().as_slice().to_vec();
         vertices.extend([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [1.0, -1e-12, 0.2], [1.0, 0.0, 0.2]]);
         let directions = Directions::from_vertices(&vertices).unwrap().as_slice().to_vec();
-        // Neighbours along a spiral, so that patches near the poles go around the sphere.
+        // A sample's nodes are neighbours along a spiral, so that patches near the poles go around the sphere.
         let nodes = |i: usize| {
             let near = (i as u64 * u64::from(nodes) / samples as u64) as u32;
             [near, (near + 1) % nodes, if i % 50 == 7 { (near * 7 + 3) % nodes } else { (near + 2) % nodes }]

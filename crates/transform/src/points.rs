@@ -9,13 +9,13 @@ use rayon::prelude::*;
 use crate::TransformError;
 use crate::cells::{self, Place};
 
-/// Columns of a tile; points are sorted by tiles. A tile's part of its strip's rows fits the L1 cache.
+/// Number of columns of a tile. Points are sorted by tiles. A tile's part of its strip's rows fits the L1 cache.
 const TILE_COLUMNS: usize = 16;
 
 /// Number of runs in which directions are sorted, and the minimum length of a run.
 const RUNS: usize = 16;
 const LEAST_RUN: usize = 1 << 13;
-/// Directions that are placed together: their positions stay in the L1 cache until they are sorted.
+/// Number of directions that are placed together. Their positions stay in the L1 cache until they are sorted.
 const PLACED: usize = 256;
 
 /// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
@@ -28,11 +28,11 @@ pub(crate) struct Points {
     /// The place of each direction, computed on first use. Threads write to neighbouring elements, hence atomics; a
     /// relaxed store costs no more than a plain one.
     ranks: OnceLock<Vec<AtomicU32>>,
-    /// The direction at each place.
+    /// Index of the direction at each place.
     order: Vec<u32>,
-    /// At each place, row and column of the grid cell.
+    /// Row and column of the grid cell at each place.
     pub(crate) cells: Vec<[u32; 2]>,
-    /// At each place, the position in the cell along rows and columns, in [0, 1).
+    /// Position in the cell along rows and columns at each place, in [0, 1).
     pub(crate) fractions: Vec<[f64; 2]>,
     /// First place of each strip, followed by the number of places.
     pub(crate) strips: Vec<usize>,
@@ -57,7 +57,7 @@ impl Points {
                 (strip * strip_rows..(strip + 1) * strip_rows, rest.split_off(bounds[1] - bounds[0]))
             })
             .collect();
-        // The longest first, so that no thread starts on a long one at the end.
+        // The longest tasks come first, so that no thread starts a long task at the end.
         tasks.sort_by_key(|(_, slots)| std::cmp::Reverse(slots.order.len()));
         tasks.into_par_iter().with_max_len(1).for_each(|(rows, slots)| {
             let Slots { order, cells, fractions } = slots;
@@ -72,23 +72,23 @@ impl Points {
         Ok(Self { ranks: OnceLock::new(), order, cells, fractions, strips })
     }
 
-    /// Number of directions, n.
+    /// Returns the number of directions, n.
     pub(crate) fn len(&self) -> usize {
         self.order.len()
     }
 
-    /// Returns the bytes held for a number of directions. During construction, those of the longest strip of each
-    /// thread are needed in addition; the total is at most twice the bytes held.
+    /// Returns the bytes held for a number of directions. During construction, each thread also holds a copy of its
+    /// longest strip; the total is at most twice the bytes held.
     pub(crate) const fn bytes(directions: usize) -> usize {
         directions * (2 * 4 + 8 + 16)
     }
 
-    /// The direction at a place.
+    /// Returns the index of the direction at a place.
     pub(crate) fn direction(&self, place: usize) -> usize {
         self.order[place] as usize
     }
 
-    /// The direction at each place.
+    /// Returns the index of the direction at each place.
     pub(crate) fn order(&self) -> &[u32] {
         &self.order
     }
@@ -99,7 +99,8 @@ impl Points {
         if let Some(ranks) = self.ranks.get() {
             return ranks;
         }
-        // Not within `get_or_init`, on which a thread that has picked up other work could wait.
+        // The list isn't computed inside `get_or_init`, since a thread that has picked up other work could wait for
+        // it there.
         let ranks: Vec<AtomicU32> = (0..self.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
         self.order.par_iter().enumerate().for_each(|(place, direction)| {
             ranks[*direction as usize].store(place as u32, Ordering::Relaxed);
@@ -178,8 +179,8 @@ pub(crate) struct CellSorter {
 
 impl CellSorter {
     /// Calls `put` with each of `count` points and its place in their strip, which has the rows `rows` of a grid.
-    /// Points are sorted by tiles of columns, and within a tile by cells if there are enough points for that, with
-    /// those of two by two cells together. The sort is stable.
+    /// Points are sorted by tiles of columns. Within a tile they are sorted by cells if there are enough points, such
+    /// that the points of each two by two cells are contiguous. The sort is stable.
     pub(crate) fn sort<P>(
         &mut self,
         grid: usize,
@@ -191,7 +192,7 @@ impl CellSorter {
     ) {
         let tiles = grid.div_ceil(TILE_COLUMNS);
         let per_tile = rows.len().next_multiple_of(2) * TILE_COLUMNS;
-        // Otherwise few cells have more than one point, and counters cost more than they save.
+        // With fewer points, few cells have more than one of them, and counters cost more than they save.
         let by_cells = count > tiles * per_tile;
         let bucket = |[row, column]: [u32; 2]| {
             let (row, column) = (row as usize - rows.start, column as usize);

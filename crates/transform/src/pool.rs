@@ -2,7 +2,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// Values for reuse, as many as were in use at the same time: touching a fresh page costs more than writing to it.
+/// Values for reuse, as many as were in use at once. Reuse is faster, since touching a fresh page costs more than
+/// writing to it.
 #[derive(Debug)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 

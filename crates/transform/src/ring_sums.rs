@@ -26,7 +26,7 @@ struct Rows<'a> {
     end: usize,
 }
 
-/// A kernel for each number of columns, which calls a function for each width of rings.
+/// Defines a kernel for each number of columns, which calls a function for each width of rings.
 macro_rules! sums_for {
     ($degrees:ident, $columns:literal) => {
         /// Adds sums over even degrees to `even` and over odd ones to `odd`.
@@ -188,7 +188,7 @@ fn projections_to<const C: usize, const FMA: bool>(
 ) {
     let mut k = rows.first;
     while k < rows.end {
-        // Two rows share the loads of h.
+        // Two rows are processed together, so that they share the loads of h.
         let twin = if k + rows.step < rows.end { k + rows.step } else { k };
         let sums = projections::<C, FMA>(rows.table, [k, twin], rings, h);
         for c in 0..C {
@@ -224,7 +224,7 @@ fn projections<const C: usize, const FMA: bool>(
         }
         at += LANES;
     }
-    // A copy, so that the sums themselves never have an address.
+    // The sums are copied here, so that the originals never have an address.
     across(&std::hint::black_box(lanes))
 }
 

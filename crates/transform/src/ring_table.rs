@@ -14,18 +14,18 @@ use crate::lanes::{fused, load};
 /// number of degrees is even, so that every chunk starts with an even `l - m`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tiling {
-    /// Rings of a block; a multiple of [`LANES`].
+    /// Number of rings of a block, a multiple of [`LANES`].
     pub(crate) block: usize,
-    /// Degrees of a chunk.
+    /// Number of degrees of a chunk, which is even.
     pub(crate) chunk: usize,
 }
 
 /// Tiling for sums over degrees, which stay in registers for a chunk.
 pub(crate) const SYNTHESIS: Tiling = Tiling { block: 128, chunk: 16 };
-/// Tiling for sums over rings. For every block, each of these ends with a sum across lanes, which costs as much as five
-/// products.
+/// Tiling for sums over rings. For every block, each sum ends with an addition across lanes, which costs as much as
+/// five products.
 pub(crate) const ADJOINT: Tiling = Tiling { block: 256, chunk: 8 };
-/// The number of rings is padded to a multiple of this.
+/// Number of lanes; the number of rings is padded to a multiple of it.
 pub(crate) const LANES: usize = 8;
 
 /// Values of r, and the state of the recurrence from chunk to chunk.
@@ -57,13 +57,13 @@ impl RingTable {
         self.older[..rings].fill(-SEED);
     }
 
-    /// Computes the next `alpha.len()` degrees on rings with these cosines of the colatitude.
+    /// Computes the next `alpha.len()` degrees on rings whose colatitudes have the cosines `z`.
     pub(crate) fn advance(&mut self, z: &[f64], alpha: &[f64]) {
         fill(z, alpha, self);
     }
 
-    /// Computes the next `steps.len()` [pairs of degrees](crate::degree_pairs) on rings with these squares of the
-    /// cosine.
+    /// Computes the next `steps.len()` [pairs of degrees](crate::degree_pairs) on rings whose colatitudes have the
+    /// squared cosines `squares`.
     pub(crate) fn advance_pairs(&mut self, squares: &[f64], steps: &[[f64; 2]]) {
         fill_pairs(squares, steps, self);
     }
@@ -85,7 +85,7 @@ macro_rules! fill_with {
                     (32, true) => fill_lanes::<32, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (16, true) => fill_lanes::<16, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (_, true) => fill_lanes::<8, true, _>(of_ring, steps, table, at, $factor::<true>),
-                    // On old processors any width is processed in eights.
+                    // Without fused products, on old processors, rings are processed in steps of eight.
                     (step, false) => (at..at + step)
                         .step_by(8)
                         .for_each(|at| fill_lanes::<8, false, _>(of_ring, steps, table, at, $factor::<false>)),

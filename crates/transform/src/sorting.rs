@@ -5,15 +5,15 @@
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Rows that are processed for one group of channels after another: the data read for them stay in the L1 cache.
+/// Number of rows processed for one group of channels after another. The data read for them stay in the L1 cache.
 const ROWS: usize = 64;
 
 /// Consecutive groups of channels.
 #[derive(Clone, Copy)]
 pub(crate) struct Columns {
-    /// The first channel of the first group.
+    /// Index of the first channel of the first group.
     pub(crate) first: usize,
-    /// Channels of each group.
+    /// Number of channels of each group.
     pub(crate) count: usize,
 }
 

@@ -26,10 +26,10 @@ use crate::sorting::{Columns, sort, unsort};
 use crate::workspace::{Sizes, Uses, Workspace};
 use crate::{TransformError, TransformParams};
 
-/// Samples that one task sorts.
+/// Number of samples that one task sorts.
 const RUN: usize = 1 << 12;
-/// Bytes of samples, of several groups of channels, that are sorted together. If rows have many channels, sorting a
-/// single group reads as many cache lines as sorting all groups at once.
+/// Largest number of bytes of samples, of several groups of channels, that are sorted together. If rows have many
+/// channels, sorting a single group reads as many cache lines as sorting all groups at once.
 const SORTED: usize = 16 << 20;
 
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
@@ -46,9 +46,10 @@ pub struct Transform {
     legendre: Legendre,
     fourier: Fourier,
     points: Arc<Points>,
-    /// `1 / (2 p_m)`.
+    /// Factor `1 / (2 p_m)` for each order m.
     order_factor: Vec<f64>,
-    /// Working memory of earlier calls, reused by later ones and by those of plans that share the sorting.
+    /// Working memory of earlier calls, reused by later calls of this plan and of plans that share its sorted
+    /// directions.
     spaces: Arc<Pool<Workspace>>,
 }
 
@@ -143,8 +144,8 @@ impl Transform {
         self.points.len()
     }
 
-    /// Computes the synthesis `A x`: returns the samples, (n, c), at the directions of the c functions with the
-    /// canonical coefficients `coefficients`, (K, c).
+    /// Computes the synthesis `A x`: evaluates c functions at the directions from their canonical `coefficients`, (K,
+    /// c), and returns the samples, (n, c).
     ///
     /// # Errors
     ///
@@ -223,7 +224,7 @@ impl Transform {
         let mut coefficients = Array2::zeros((basis_size(self.max_degree), channels));
         self.grouped(channels, self.sorted_together(), Uses::ADJOINT, |space, block| {
             let (count, length) = self.group(&block);
-            // The same run of samples in every group.
+            // Every task sorts the same run of samples in each group.
             let mut runs: Vec<Vec<&mut [f64]>> = self.points.order().chunks(RUN).map(|_| Vec::new()).collect();
             for sorted in space.samples.chunks_exact_mut(length.max(1)) {
                 runs.iter_mut().zip(sorted.chunks_mut(RUN * count)).for_each(|(run, sorted)| run.push(sorted));
@@ -328,9 +329,9 @@ impl Transform {
         block.clone().step_by(count.max(1)).map(move |first| first..first + count)
     }
 
-    /// Calls `work` for blocks of channels: blocks of up to `together` complete groups, then one block of the channels
-    /// left over. The working memory has the parts that `uses` names: samples for all groups of the block, everything
-    /// else for one group.
+    /// Calls `work` for blocks of channels: blocks of up to `together` complete groups, then one block of the
+    /// remaining channels. The working memory has the parts that `uses` names: samples for all groups of the block,
+    /// everything else for one group.
     fn grouped(
         &self,
         channels: usize,

@@ -20,10 +20,11 @@ pub(crate) struct Workspace {
     pub(crate) by_order: Vec<f64>,
 }
 
-/// The parts of its working memory that a call uses; untouched parts cost nothing.
+/// The parts of the working memory that a call uses. Parts that aren't touched cost nothing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Uses {
-    /// The grid for interpolation; the grid for spreading, together with the parts for computing coefficients from it.
+    /// Whether a call uses the grid for interpolation, and the grid for spreading with the parts to compute
+    /// coefficients.
     grids: [bool; 2],
     samples: bool,
 }
@@ -63,8 +64,8 @@ impl Workspace {
     }
 }
 
-/// Resizes an array; the user overwrites all values. If it grows, all threads create the new one, as touching new pages
-/// takes longer than any other work on the array.
+/// Resizes an array; the caller overwrites all values. If it grows, all threads create the new one, as touching new
+/// pages takes longer than any other work on the array.
 fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize) {
     if length > values.capacity() {
         // The old values need not be copied.
@@ -79,7 +80,7 @@ fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize
 pub(crate) struct ThreadWorkspace {
     /// Scaled coefficients of an order, (L + 1 - m, columns) row-major.
     pub(crate) x: Vec<f64>,
-    /// For the even and for the odd order of the pair: the sums over even and over odd `l - m`, (rings, columns).
+    /// Sums over even and over odd `l - m`, (rings, columns), for the even and for the odd order of the pair.
     pub(crate) sums: [[Vec<f64>; 2]; 2],
     pub(crate) work: Work,
 }

@@ -35,8 +35,8 @@ fn coefficients(max_degree: usize, channels: usize) -> Array2<f64> {
     Array2::from_shape_fn((basis_size(max_degree), channels), |(k, c)| noise(k * 31 + c * 1_000_003 + 17))
 }
 
-/// A plain dot product: ndarray's `dot` would call the BLAS that the workspace selects, and this crate doesn't link
-/// one.
+/// Returns the plain dot product: ndarray's `dot` would call the BLAS that the workspace selects, and this crate
+/// doesn't link one.
 fn dot(a: ArrayView1<'_, f64>, b: ArrayView1<'_, f64>) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -233,7 +233,7 @@ fn groups_of_channels_are_transformed_as_if_alone() {
 fn weighted_sums_are_adjoint_syntheses_of_weights_and_weighted_samples() {
     let directions = directions(700);
     let n = directions.len();
-    // Transforms 2 channels at a time, fewer than the 3 of the samples.
+    // The transform processes 2 channels at a time, fewer than the 3 of the samples.
     let params = TransformParams { max_degree: 20, accuracy: 1e-12, channels: 2 };
     let transform = Transform::new(&directions, &params).unwrap();
     let samples = Array2::from_shape_fn((n, 3), |(i, c)| noise(5 * i + c));

@@ -1,18 +1,18 @@
-//! Models evaluated in a browser.
+//! Evaluates models in a browser.
 //!
 //! The pages of `spharm report` contain this crate as WebAssembly: a [`View`] holds one model's coefficients,
 //! directions and triangles, and evaluates the surface to any degree, with its normals and its distances from a
-//! reference surface. On `wasm32` the module `exports` turns the crate into a library of C functions; on other targets,
-//! for tests, there is only the type.
+//! reference surface. On `wasm32`, the module `exports` turns the crate into a library of C functions. On other
+//! targets, which serve for tests, only the type exists.
 //!
-//! `./run report-assets` builds it into `crates/report/assets`.
+//! `./run report-assets` builds the WebAssembly, and writes it to `crates/report/assets`.
 //!
 //! # Modules
 //!
 //! | module | contents |
 //! |---|---|
 //! | [`view`] | evaluation to any degree, distances from a reference |
-//! | [`normals`] | normals at vertices |
+//! | [`normals`] | normals at the vertices of a mesh |
 //! | `exports` | the C functions that the page's script calls |
 
 #[cfg(target_arch = "wasm32")]

@@ -1,8 +1,8 @@
-//! Normals at the vertices of a mesh.
+//! Computes the normals at the vertices of a mesh.
 
-/// Returns the unit normals at vertices, (n, 3) row-major: the direction of the sum of the normals of a vertex's
-/// triangles, weighted by their areas. They point outwards if triangles are counter-clockwise seen from outside. If the
-/// sum is zero, so is the normal.
+/// Returns the unit normals at the vertices, (n, 3) row-major: area-weighted means of the normals of each vertex's
+/// triangles, scaled to length 1, or zero if the mean is zero. Normals point outwards if triangles are
+/// counter-clockwise seen from outside.
 ///
 /// Triangles, (m, 3), must refer to existing vertices.
 #[must_use]
@@ -45,7 +45,7 @@ mod tests {
         for (normal, vertex) in normals.iter().zip(vertices) {
             assert!((f64::from(*normal) - vertex / 3f64.sqrt()).abs() < 1e-7);
         }
-        // A triangle without area, and a vertex without triangles.
+        // The normals are zero at the corners of a triangle without area, and at vertices without triangles.
         assert_eq!(vertex_normals(&vertices, &[0, 0, 0]), [0.0; 12]);
     }
 }

@@ -1,4 +1,4 @@
-//! One model in a page: its surface to any degree, and the distance of that from a reference.
+//! Evaluates a model of a page up to any degree, and measures its distance from a reference.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::Directions;
@@ -7,19 +7,20 @@ use spharm_transform::{Transform, TransformParams};
 
 use crate::normals::vertex_normals;
 
-/// Relative accuracy of the evaluation: slightly better than the precision of the page's f32 positions.
+/// Relative accuracy of the evaluation, slightly better than the precision of the page's f32 positions.
 const ACCURACY: f64 = 1e-8;
 
-/// A model, the directions at which it is evaluated, and the latest results. Arrays are row-major.
+/// A model, the directions at which it is evaluated, and the latest results. All arrays are row-major.
 #[derive(Debug, Default)]
 pub struct View {
-    /// Vectors of any length, (n, 3).
+    /// Directions at which the model is evaluated, (n, 3), as vectors of any length.
     pub directions: Vec<f64>,
     /// Canonical coefficients, (K, 3).
     pub coefficients: Vec<f64>,
     /// Triangles, (m, 3).
     pub faces: Vec<u32>,
-    /// The reference surface minus the model to its highest degree, (n, 3), in steps; empty without a reference.
+    /// Offsets of the reference surface from the model at its highest degree, (n, 3), in steps; empty without a
+    /// reference.
     pub offsets: Vec<i16>,
     plan: Option<Transform>,
     evaluated: Vec<f64>,
@@ -34,17 +35,17 @@ pub struct View {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ViewError {
-    /// [`View::plan`] hasn't succeeded yet.
+    /// [`View::plan`] must succeed first.
     #[error("no model was given yet")]
     NoPlan,
-    /// An array whose length doesn't match the others.
+    /// An array whose length doesn't match the other arrays.
     #[error("{what}: expected {expected} numbers, found {found}")]
     Shape {
         /// Name of the array.
         what: &'static str,
         /// Length that matches the other arrays.
         expected: usize,
-        /// Length found.
+        /// Length of the array.
         found: usize,
     },
     /// A triangle that refers to a missing vertex.
@@ -55,12 +56,12 @@ pub enum ViewError {
         /// Number of vertices.
         vertices: usize,
     },
-    /// A degree above the model's.
+    /// A requested degree above the model's highest degree.
     #[error("degree {degree} is above the model's {max_degree}")]
     Degree {
         /// The requested degree.
         degree: usize,
-        /// The model's degree.
+        /// Highest degree of the model.
         max_degree: usize,
     },
     /// Invalid directions.
@@ -72,12 +73,11 @@ pub enum ViewError {
 }
 
 impl View {
-    /// Plans the evaluation of models of degree `max_degree`, L, with the directions and triangles that have been
-    /// filled in.
+    /// Plans the evaluation of models up to degree `max_degree` with the current `directions` and `faces`.
     ///
     /// # Errors
     ///
-    /// [`ViewError`]: arrays that don't match, or invalid directions.
+    /// [`ViewError`]: a triangle refers to a missing vertex, or directions are invalid.
     pub fn plan(&mut self, max_degree: usize) -> Result<(), ViewError> {
         let vectors: Vec<[f64; 3]> = self.directions.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
         if let Some(&vertex) = self.faces.iter().find(|vertex| **vertex as usize >= vectors.len()) {
@@ -91,11 +91,12 @@ impl View {
         Ok(())
     }
 
-    /// Evaluates the coefficients that have been filled in, using the degrees up to `degree`.
+    /// Evaluates the current `coefficients`, using the degrees up to `degree`.
     ///
     /// # Errors
     ///
-    /// [`ViewError`]: no plan, a degree above the plan's, or coefficients that don't match it.
+    /// [`ViewError`]: there is no plan, the degree is above the plan's, or the number of coefficients doesn't match
+    /// the plan.
     pub fn evaluate(&mut self, degree: usize) -> Result<(), ViewError> {
         let plan = self.plan.as_ref().ok_or(ViewError::NoPlan)?;
         let max_degree = plan.max_degree();
@@ -103,7 +104,7 @@ impl View {
             return Err(ViewError::Degree { degree, max_degree });
         }
         expect("coefficients", 3 * basis_size(max_degree), self.coefficients.len())?;
-        // A plan to a lower degree over the same sorted directions is cheap, and avoids sums over zeros.
+        // A plan of a lower degree for the same sorted directions is cheap, and avoids sums over zeros.
         let lower = if degree == max_degree { None } else { Some(plan.to_degree(degree, 3)?) };
         let rows = basis_size(degree);
         let used = ArrayView2::from_shape((rows, 3), &self.coefficients[..3 * rows]);
@@ -115,11 +116,11 @@ impl View {
         Ok(())
     }
 
-    /// Computes the reference: the surface that was evaluated last, plus `offsets` times `step`.
+    /// Computes the reference, which is the surface evaluated last plus `offsets` times `step`.
     ///
     /// # Errors
     ///
-    /// [`ViewError::Shape`]: the number of offsets isn't that of the positions.
+    /// [`ViewError::Shape`]: the number of offsets differs from the number of positions.
     pub fn refer(&mut self, step: f64) -> Result<(), ViewError> {
         expect("offsets", self.evaluated.len(), self.offsets.len())?;
         let offsets = self.offsets.iter().map(|offset| f64::from(*offset) * step);
@@ -128,12 +129,12 @@ impl View {
         Ok(())
     }
 
-    /// Measures how far each vertex is from the corresponding vertex of the reference: the distance or, if `signed`,
-    /// the component of the displacement along the reference's normal, positive outside.
+    /// Measures the distance of each vertex from the corresponding vertex of the reference. If `signed`, measures
+    /// instead the component of the displacement along the reference's normal, which is positive outside.
     ///
     /// # Errors
     ///
-    /// [`ViewError::Shape`]: there is no reference of the same size as the surface that was evaluated last.
+    /// [`ViewError::Shape`]: there is no reference with as many vertices as the surface evaluated last.
     pub fn measure(&mut self, signed: bool) -> Result<(), ViewError> {
         expect("reference", self.evaluated.len(), self.reference.len())?;
         let pairs = self.evaluated.chunks_exact(3).zip(self.reference.chunks_exact(3));
@@ -149,25 +150,25 @@ impl View {
         Ok(())
     }
 
-    /// Returns the positions that were evaluated last, (n, 3).
+    /// Returns the positions of the surface evaluated last, (n, 3).
     #[must_use]
     pub fn positions(&self) -> &[f32] {
         &self.positions
     }
 
-    /// Returns the normals at these positions, (n, 3), computed from the triangles.
+    /// Returns the normals of the surface evaluated last, (n, 3), computed from its triangles.
     #[must_use]
     pub fn normals(&self) -> &[f32] {
         &self.normals
     }
 
-    /// Returns the reference's positions, (n, 3).
+    /// Returns the positions of the reference, (n, 3).
     #[must_use]
     pub fn reference(&self) -> Vec<f32> {
         self.reference.iter().map(|value| *value as f32).collect()
     }
 
-    /// Returns the distances that were measured last, (n).
+    /// Returns the distances measured last, (n).
     #[must_use]
     pub fn distances(&self) -> &[f32] {
         &self.distances
@@ -183,7 +184,7 @@ mod tests {
     use super::*;
     use spharm_transform::synthesis;
 
-    /// An octahedron's vertices and triangles, and coefficients of degree 3.
+    /// Returns a view with the vertices and triangles of an octahedron, and coefficients of degree 3.
     fn view() -> View {
         let directions = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
         let mut view = View {
@@ -192,7 +193,7 @@ mod tests {
             faces: vec![0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5],
             ..View::default()
         };
-        // Sphere-like, so that normals are outward.
+        // The surface is similar to a sphere, so that normals point outwards.
         for (row, channel) in [(3, 0), (1, 1), (2, 2)] {
             view.coefficients[3 * row + channel] += 20.0;
         }
@@ -221,7 +222,7 @@ mod tests {
         let mut view = view();
         view.plan(3).unwrap();
         view.evaluate(3).unwrap();
-        // A vertex moved by (2, 0, 0): inwards for the model seen from the reference.
+        // A vertex of the reference is moved outwards by (2, 0, 0), so the model's vertex is inside the reference.
         view.offsets = vec![0; 18];
         view.offsets[0] = 4;
         view.refer(0.5).unwrap();

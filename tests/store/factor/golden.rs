@@ -11,7 +11,7 @@ use spharm_surface::io::read_mesh;
 use super::{ROOT_CONTEXT, Textbook, lower};
 use crate::common::root;
 
-/// Key of the golden sphere's scheme, which is the folder's name.
+/// Key of the golden sphere's scheme, which is also the name of its folder.
 const KEY: &str = "48706de2f3a23acf2cb176a0643736d11eb525b2070ce93aa4f5c51203b73c20";
 const ROWS: usize = 18;
 
@@ -164,7 +164,7 @@ fn header_table_and_footer_lie_where_the_format_says() {
     }
 }
 
-/// Made the committed factors. Keeps existing files.
+/// Makes the committed factors; keeps existing files.
 #[test]
 #[ignore = "makes the golden files where there are none"]
 fn make_golden_factors() {

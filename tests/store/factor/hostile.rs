@@ -1,5 +1,5 @@
-//! Factors with false contents but correct hashes give a typed error: no panic, and no allocation by a number in the
-//! file.
+//! Factors with false contents but correct hashes give a typed error. There is no panic, and no memory is allocated
+//! for sizes that the file only claims.
 
 use spharm_monitor::Silent;
 use spharm_store::factor::open_factor;
@@ -10,7 +10,8 @@ use super::super::{assert_helpful, assert_helpful_line, directions, not_a_file::
 use super::{ROOT_CONTEXT, Textbook};
 use crate::common::{fail, succeed, tool};
 
-/// A false entry in a factor of 9 columns in tiles of 8, and the words of the error for it.
+/// A test case: words of the expected error, and a function that falsifies an entry of a factor with 9 columns in
+/// tiles of 8.
 type Lie = (&'static str, fn(&mut Forged));
 
 const NAN: u64 = f64::NAN.to_bits();
@@ -34,7 +35,7 @@ const LIES: &[Lie] = &[
     ("size of the tiles", |f| put32(&mut f.header, 72, 12)),
     ("size of the tiles", |f| put32(&mut f.header, 72, 1032)),
     ("size of the tiles", |f| put32(&mut f.header, 72, !7)),
-    // Degree 2,000 in tiles of 8 would have 10^11 tiles.
+    // A factor of degree 2,000 in tiles of 8 would have 10^11 tiles.
     ("size of the tiles", |f| {
         put32(&mut f.header, 56, 2000);
         put64(&mut f.header, 64, 2001 * 2001);
@@ -110,7 +111,7 @@ fn a_lie_is_refused_by_name() {
     // A root hash in the context of basis files isn't valid for a factor.
     original.clone().write(&path);
     assert!(FactorFile::open(&path).expect_err("another root").to_string().contains("root hash"));
-    // A wrong checksum or hash of a tile, under a correct root hash.
+    // Test a wrong checksum or hash of a tile, under a correct root hash.
     for (at, what) in [(24, "CRC"), (32, "BLAKE3")] {
         let mut forged = original.clone();
         forged.table[at] ^= 1;

@@ -39,7 +39,7 @@ fn a_factor_is_built_once_listed_shown_and_verified() {
     let before = modified(&path);
     assert!(succeed(&mut builder(&store, &sphere, 10)).contains("already existed"));
     assert_eq!(modified(&path), before);
-    // Adds a second factor, of f32 with a penalty, and a basis.
+    // Add a second factor, of f32 with a penalty, and a basis.
     let mut both = tool("basis-build");
     both.arg("--store").arg(&store).arg("--sphere").arg(&sphere).args(["--max-degree", "3", "--factor", "10"]);
     succeed(both.args(["--factor-dtype", "f32", "--smoothness", "1e-5"]));

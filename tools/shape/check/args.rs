@@ -11,7 +11,7 @@ use super::super::args::{Models, ReportArgs, Resources};
 ///
 /// Compares volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the
 /// modes by robust z, and flags values above 3.5. Also flags subjects with equal inputs, models or surfaces, labels at
-/// the border of their volume, voxels of another size, large repairs, and subjects to which a mode is mostly due. A
+/// the border of their volume, voxels of another size, large repairs, and subjects that account for most of a mode. A
 /// flag isn't a verdict: look at the subject's picture.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
@@ -50,7 +50,7 @@ pub(crate) struct Cli {
     pub(super) warnings: Vec<PathBuf>,
     /// Table with the columns id, state and error, for the subjects without a model
     ///
-    /// A column `accepted` has the reasons why flags were accepted: such a subject is listed, but no longer flagged.
+    /// A column `accepted` has the reasons why flags were accepted: such a subject is listed, but not flagged.
     #[arg(long, value_name = "FILE.tsv", help_heading = INPUT)]
     pub(super) status: Option<PathBuf>,
     /// Table of the subjects to write, the worst first

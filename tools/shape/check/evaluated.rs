@@ -6,15 +6,15 @@ use spharm::{Model, Sphere};
 use spharm_surface::Mesh;
 use spharm_surface::geometry::bounds;
 
-/// Returns the lowest and the highest coordinates of a model after a transform.
+/// Returns the lowest and the highest coordinates of a model's surface after a transform.
 pub(super) fn extent(model: &Model, pose: &Similarity) -> Result<[[f64; 3]; 2]> {
     let mesh = moved(&evaluated(model, &Sphere::icosphere(3))?, pose);
     let (low, high) = bounds(mesh.vertices.iter().copied());
     Ok([low, high])
 }
 
-/// Returns the surface of a model: over its own sphere, if it has one with triangles, so that its facets are as small
-/// as those of the fitted surface; else over an icosphere that suits its degree.
+/// Returns the surface of a model. It is evaluated on the model's own sphere if that has triangles, so that its facets
+/// are as small as those of the fitted surface, otherwise on an icosphere that suits the model's degree.
 pub(super) fn surface_of(model: &Model) -> Result<Mesh> {
     match &model.sphere {
         Some(sphere) if !sphere.faces.is_empty() => evaluated(model, sphere),
@@ -29,7 +29,7 @@ pub(super) fn surface_of(model: &Model) -> Result<Mesh> {
     }
 }
 
-/// Returns a mesh after a transform.
+/// Applies a transform to a mesh.
 pub(super) fn moved(mesh: &Mesh, pose: &Similarity) -> Mesh {
     mesh.with_vertices(mesh.vertices.iter().map(|vertex| pose.apply(*vertex)).collect())
 }

@@ -1,5 +1,4 @@
-//! Reads what is known of the subjects: models, distances from the mean, scores, warnings, and subjects without a
-//! model.
+//! Reads the inputs of the check: models, distances from the mean, scores, warnings, and subjects without a model.
 
 use std::collections::{HashMap, HashSet};
 use std::fmt;
@@ -48,11 +47,11 @@ impl fmt::Display for State {
 pub(super) struct WithoutModel {
     pub(super) id: String,
     pub(super) state: State,
-    /// Why there is no model.
+    /// Reason why there is no model.
     pub(super) reason: String,
 }
 
-/// What was found of a subject.
+/// Facts about a subject with a model.
 pub(super) struct Found {
     pub(super) facts: Facts,
     /// Size of the surface's file in bytes; 0 if it is missing.
@@ -65,7 +64,7 @@ pub(super) struct Found {
 pub(super) struct Inputs {
     pub(super) models: Vec<PathBuf>,
     pub(super) names: Vec<String>,
-    /// The aligned models, in the same order.
+    /// Paths of the aligned models, in the order of `models`.
     aligned: Option<Vec<PathBuf>>,
     mean: Option<Model>,
     scores: Option<Vec<Vec<f64>>>,
@@ -73,7 +72,7 @@ pub(super) struct Inputs {
     frames: Option<Vec<Similarity>>,
     /// Warnings about each subject, without its name.
     warnings: Vec<Vec<String>>,
-    /// Why the flags of a subject were accepted, if they were; empty if no reason was given.
+    /// Reason for accepting the flags of each subject whose flags were accepted; may be empty.
     pub(super) accepted: HashMap<String, String>,
     pub(super) others: Vec<WithoutModel>,
 }
@@ -104,7 +103,7 @@ impl Inputs {
         self.models.iter().chain(self.aligned.iter().flatten()).cloned().collect()
     }
 
-    /// Returns what is known of each subject.
+    /// Collects the facts about each subject.
     pub(super) fn find(&self, monitor: &ConsoleMonitor) -> Result<Vec<Found>> {
         monitor.begin(Stage::counted("check", "models"), self.models.len() as u64);
         let found = self.models.par_iter().enumerate().map(|(index, path)| {
@@ -126,7 +125,7 @@ impl Inputs {
         drop(model);
         if let (Some(mean), Some(aligned)) = (&self.mean, &self.aligned) {
             let aligned = Model::read(&aligned[index])?;
-            // The degrees of a group can differ; such models have no distance.
+            // The degrees of a group can differ; such models have no distance from the mean.
             facts.measures[Measure::Distance as usize] = match rmsd(&aligned.coefficients, &mean.coefficients) {
                 Ok(distance) => Some(distance),
                 Err(ShapeError::Differ { .. }) => None,
@@ -143,14 +142,14 @@ impl Inputs {
         Ok(Found { facts, surface_bytes, extent })
     }
 
-    /// Returns the transform of a subject's surface to the frame in which the subjects are drawn: that of the aligned
-    /// models if their transforms are known, else the surface's own.
+    /// Returns the transform from the frame of a subject's surface to the frame in which the subjects are drawn: that
+    /// of the aligned models if their transforms are known, otherwise the surface's own frame.
     pub(super) fn pose(&self, index: usize) -> Similarity {
         self.frames.as_ref().map_or_else(Similarity::default, |frames| frames[index])
     }
 }
 
-/// Returns the warnings about each subject: those that begin with its name and a colon.
+/// Returns the warnings about each subject: the texts that begin with its name and a colon.
 fn by_subject(texts: Vec<String>, places: &HashMap<&str, usize>, count: usize) -> Vec<Vec<String>> {
     let mut found = vec![Vec::new(); count];
     for text in texts {
@@ -186,7 +185,7 @@ fn in_order(names: &[String], paths: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
     names.iter().map(one).collect()
 }
 
-/// Returns the subjects in a table of states that have no model.
+/// Returns the subjects without a model, from a table of states.
 fn without_model(table: &Table, places: &HashMap<&str, usize>) -> Result<Vec<WithoutModel>> {
     let (ids, states, errors) = (table.cells("id")?, table.cells("state")?, table.texts("error")?);
     let mut seen = HashSet::new();
@@ -203,7 +202,7 @@ fn without_model(table: &Table, places: &HashMap<&str, usize>) -> Result<Vec<Wit
     Ok(rows.map(of).collect())
 }
 
-/// Returns the subjects in a table of states whose flags were accepted, with the reasons.
+/// Returns the subjects whose flags were accepted, with the reasons, from a table of states.
 fn accepted(table: &Table) -> Result<HashMap<String, String>> {
     if !table.has("accepted") {
         return Ok(HashMap::new());

@@ -25,7 +25,7 @@ use super::args::files;
 use super::outputs::{self, check_beside, write_text};
 use super::plan::Plan;
 
-/// Number of flagged subjects in the printed table.
+/// Maximum number of subjects in the printed table.
 const SHOWN: usize = 20;
 
 /// Runs the subcommand.

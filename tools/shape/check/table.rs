@@ -13,9 +13,9 @@ pub(super) struct Line<'a> {
     pub(super) state: State,
     /// Facts and the result of the check; `None` for a subject without a model.
     found: Option<(&'a Facts, &'a Checked)>,
-    /// Why there is no model, or why the flags were accepted.
+    /// Reason why there is no model, or why the flags were accepted.
     reason: &'a str,
-    /// Scale of the picture; below 1 for a surface that is much larger than the others.
+    /// Scale of the picture, at most 1; below 1 for a surface that is much larger than the others.
     scale: Option<f64>,
 }
 
@@ -45,7 +45,7 @@ const COLUMNS: [&str; 20] = [
 
 impl<'a> Line<'a> {
     /// Returns the line of a subject with a model. `accepted` is the reason why its flags were accepted, if they were;
-    /// `scale` is that of its picture.
+    /// `scale` is the scale of its picture.
     pub(super) fn of(facts: &'a Facts, checked: &'a Checked, accepted: Option<&'a String>, scale: Option<f64>) -> Self {
         let state = match (checked.flags.is_empty(), accepted) {
             (true, _) => State::Ok,
@@ -74,7 +74,7 @@ impl<'a> Line<'a> {
         self.flags().join("; ")
     }
 
-    /// Returns the first flag, and the number of the others.
+    /// Returns the first flag, and the number of further flags.
     pub(super) fn first_flag(&self) -> String {
         match &self.flags()[..] {
             [] => String::new(),
@@ -136,7 +136,7 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Sorts the subjects: flagged ones first, the worst of them at the top.
+/// Sorts the subjects: flagged ones first, and among them the worst at the top.
 pub(super) fn sort(lines: &mut [Line<'_>]) {
     lines.sort_by(|a, b| a.state.cmp(&b.state).then(b.severity().total_cmp(&a.severity())));
 }

@@ -24,18 +24,18 @@ use crate::report::surface_file;
 
 /// Width and height of a picture in pixels.
 const SIZE: [usize; 2] = [160, 120];
-/// The pictures show red at this multiple of the median residual, above which few residuals of a good fit lie.
+/// Multiple of the median residual that is drawn in red; few residuals of a good fit are larger.
 const RED: f64 = 4.0;
-/// If residuals are unknown: red at this fraction of the surface's extent.
+/// Fraction of the median size of the surfaces that is drawn in red if residuals are unknown.
 const RED_BY_EXTENT: f64 = 0.02;
-/// The box that pictures show is the median one of the surfaces, enlarged by this factor.
+/// Factor by which the box shown in all pictures exceeds the median box of the surfaces.
 const ROOM: f64 = 1.3;
-/// Number of subjects named in a warning.
+/// Maximum number of subjects named in a warning.
 const NAMED: usize = 6;
-/// Colours of distance 0, of half the largest and of the largest.
+/// Colours of the distance 0, of half the largest distance and of the largest.
 const COLOURS: [[f64; 3]; 3] = [[222.0, 208.0, 196.0], [240.0, 150.0, 60.0], [190.0, 20.0, 30.0]];
 
-/// The pictures that were drawn.
+/// Results of drawing the pictures.
 pub(super) struct Drawing {
     /// Distance at which the colours reach red, in the surfaces' unit.
     pub(super) red_at: f64,
@@ -54,11 +54,11 @@ pub(super) fn paths(folder: &Path, models: &[PathBuf]) -> Vec<PathBuf> {
     models.iter().map(one).collect()
 }
 
-/// Returns the bytes that drawing the largest surface takes, beside its model: the file and the mesh, its copy in the
-/// common pose, and the search tree of the model's surface.
+/// Returns the memory in bytes for drawing the largest surface, besides its model: the file and the mesh, its copy in
+/// the common pose, and the search tree of the model's surface.
 pub(super) fn bytes(found: &[Found]) -> u64 {
     let file = found.iter().map(|found| found.surface_bytes).max().unwrap_or(0);
-    // A vertex takes at least 12 bytes of the file, and there are two triangles for each.
+    // A vertex takes at least 12 bytes of the file, and a mesh has twice as many triangles as vertices.
     let vertices = usize::try_from(file / 12).unwrap_or(usize::MAX);
     let pictures = Settings { width: SIZE[0], height: SIZE[1], ..Settings::default() }.bytes(1, vertices);
     file.saturating_mul(3).saturating_add(distances_to_surface_bytes(vertices.saturating_mul(2), vertices)) + pictures
@@ -102,8 +102,8 @@ pub(super) fn draw(
     Ok(Drawing { red_at, scales, warnings: without_surface(&inputs.names, &missing).into_iter().collect() })
 }
 
-/// Returns a subject's surface and the colour of each vertex; without the surface, its model and why the surface is
-/// missing.
+/// Returns a subject's surface and the colour of each vertex. If the surface is missing, returns the model's surface
+/// and the reason.
 fn coloured(path: &Path, red_at: f64, monitor: &ConsoleMonitor) -> Result<(Mesh, Vec<[u8; 3]>, Option<String>)> {
     let model = Model::read(path)?;
     let modelled = surface_of(&model)?;
@@ -140,8 +140,8 @@ fn common_box(found: &[Found]) -> [[f64; 3]; 2] {
     [-1.0, 1.0].map(|side| std::array::from_fn(|axis| centre[axis] + side * half[axis]))
 }
 
-/// Returns the common box moved to a surface's centre, and enlarged if the surface is larger, with the scale at which
-/// the surface is drawn in it.
+/// Returns the common box moved to a surface's centre, and enlarged if the surface is larger than the box. Also
+/// returns the scale at which the surface is drawn.
 fn around(mesh: &Mesh, [low, high]: [[f64; 3]; 2]) -> ([[f64; 3]; 2], f64) {
     let (own_low, own_high) = bounds(mesh.vertices.iter().copied());
     let grown = (0..3).map(|axis| (own_high[axis] - own_low[axis]) / (high[axis] - low[axis])).fold(1.0, f64::max);

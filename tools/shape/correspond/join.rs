@@ -1,4 +1,4 @@
-//! Adds surfaces to a finished group; members that exist already are skipped.
+//! Adds surfaces to a finished group; skips surfaces that are already members.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -17,9 +17,9 @@ use super::super::outputs::finish;
 use super::surfaces::{Surface, plan};
 use super::{Cli, member_json, rows};
 
-/// Maximum number of group members used to refine a new one.
+/// Maximum number of existing members used to refine a new member's correspondence.
 const REFERENCES: usize = 300;
-/// Share of a surface, of the member or of the template, that may lack a counterpart on the other without a warning.
+/// Fraction of a surface that may lack a counterpart without a warning, for the new member and for the template.
 const LACKING: f64 = 0.05;
 
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
@@ -47,7 +47,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     };
     spharm::Monitor::begin(monitor, spharm::Stage::counted("members", "surfaces"), surfaces.len() as u64);
     let mut done: Vec<Option<Added>> = Vec::with_capacity(surfaces.len());
-    // Processes one surface per thread at a time. Collects all results before returning an error, so that the error
+    // Process one surface per thread at a time. Collect all results before returning an error, so that the error
     // doesn't depend on the order in which threads finish.
     for some in surfaces.chunks(pool.current_num_threads()) {
         let found: Vec<Result<Option<Added>>> = pool.install(|| some.par_iter().map(one).collect());
@@ -73,7 +73,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     Ok(())
 }
 
-/// An added surface.
+/// Result of adding a surface to a group.
 struct Added {
     name: String,
     report: MemberReport,
@@ -81,7 +81,7 @@ struct Added {
     warnings: Vec<String>,
 }
 
-/// Adds a surface; returns `None` if it was added before.
+/// Adds a surface; returns `None` if an earlier run added it.
 fn added(
     cli: &Cli,
     surface: &Surface,
@@ -113,8 +113,8 @@ fn added(
     Ok(Some(Added { name, report: found.report, json, warnings }))
 }
 
-/// Returns whether a model is the leftover of an interrupted run: the member's record, which is written after the
-/// model, doesn't exist. A model made by another subcommand isn't a leftover.
+/// Returns whether a model was left by an interrupted run of `shape correspond`: the member's record, which is written
+/// after the model, doesn't exist.
 fn left_over(folder: &Path, name: &str) -> bool {
     let ours = |path: PathBuf| {
         Model::read(path).is_ok_and(|model| model.provenance.tool.as_deref() == Some("shape correspond"))

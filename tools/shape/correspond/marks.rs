@@ -17,7 +17,8 @@ use super::surfaces::Surface;
 /// Maximum number of members to which each member's landmarks are carried.
 const OTHERS: usize = 40;
 
-/// Distances of carried landmarks from the target members' own landmarks, between their nearest points on the surfaces.
+/// Errors of carried landmarks: distances from the target members' own landmarks, measured between nearest points on
+/// the surfaces.
 pub(super) struct Errors {
     names: Vec<String>,
     mean: f64,
@@ -64,8 +65,8 @@ pub(super) fn read(named: &[PathBuf], surfaces: &[Surface]) -> Result<Option<Mar
     of_surfaces(named, &paths, |index| Ok(surfaces[index].read()?)).map(Some)
 }
 
-/// Returns the landmarks that guide the registration. A template given as a file gets the landmarks of the surface that
-/// is the same file.
+/// Returns the landmarks that guide the registration. If the template is given as a file, its landmarks are those of
+/// the surface in the same file.
 pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[PathBuf]) -> Result<GuideLandmarks> {
     let Some(marks) = marks else {
         return Err(Usage::missing("--guide needs landmarks: give --landmarks, or a column of the table").into());
@@ -77,10 +78,10 @@ pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[Pat
     Ok(GuideLandmarks { members: marks.points.clone(), template: template.map(of_template).transpose()? })
 }
 
-/// Carries the landmarks of each member to at most [`OTHERS`] others, and measures the errors.
+/// Carries the landmarks of each member to at most [`OTHERS`] other members, and measures the errors.
 pub(super) fn errors(marks: Marks, group: &Group, monitor: &ConsoleMonitor) -> Result<Errors> {
     let count = group.models.len();
-    // Each member's own landmarks, moved onto its surface; carried landmarks are compared with these points.
+    // Move each member's own landmarks onto its surface; carried landmarks are compared with these points.
     let own = (0..count).into_par_iter().map(|member| group.carry(&marks.points[member], member, member));
     let own = own.collect::<Result<Vec<_>, _>>()?;
     let of_source = |source: usize| -> Result<Vec<Vec<(f64, bool)>>> {

@@ -38,8 +38,8 @@ use super::outputs::finish;
 ///
 /// One template is mapped to the sphere, and registered in space to every surface, whatever its topology: surfaces may
 /// have handles, holes and stray pieces, and need no common pose. All surfaces are fitted over the template's sphere,
-/// in one frame, and the group's own statistics refine the correspondence. With --to, surfaces are added, one at a
-/// time, to an existing group, which isn't changed.
+/// in one frame, and the group's own statistics refine the correspondence. With --to, each surface is added to an
+/// existing group, which isn't changed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -59,16 +59,16 @@ use super::outputs::finish;
     ],
 ))]
 pub(super) struct Cli {
-    /// Meshes, label volumes, or models, which are evaluated; or @LIST with one path per line
+    /// Meshes, label volumes, or models to evaluate, or @LIST with one path per line
     #[arg(value_name = "SURFACE", required_unless_present = "table", help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
     /// Table of the surfaces: columns id and surface, optionally label, landmarks, mirrored and signals
     ///
-    /// TSV, or CSV by its name; paths are relative to the table. Members are named by the ids. `mirrored` is yes for
-    /// the surfaces that --mirrored would name.
+    /// TSV, or CSV by its name; paths are relative to the table. Members are named by the ids. The column `mirrored`,
+    /// yes or no, takes the place of --mirrored.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks", "mirrored"], help_heading = INPUT)]
     table: Option<PathBuf>,
-    /// Label of the volumes; only needed if there are several
+    /// Label of the volumes; only needed if a volume has several
     ///
     /// A label's surface is smoothed within half a voxel, because the template would follow the steps of the voxels.
     #[arg(long, value_name = "N", conflicts_with = "table", help_heading = INPUT)]
@@ -80,8 +80,8 @@ pub(super) struct Cli {
     max_degree: Option<u16>,
     /// Surface to begin with [default: the most typical one]
     ///
-    /// Its holes are filled and its handles are cut. Quality measures and tests leave out the places that exist only
-    /// because of these repairs.
+    /// The template's holes are filled and its handles are cut. Quality measures and tests skip the places that exist
+    /// only because of these repairs.
     #[arg(long, value_name = "FILE", conflicts_with = "to", help_heading = INPUT)]
     template: Option<PathBuf>,
     /// Add the surfaces to this group, which isn't changed
@@ -99,16 +99,16 @@ pub(super) struct Cli {
     landmarks: Vec<PathBuf>,
     /// Also let the landmarks guide the registration
     ///
-    /// The template's landmarks are drawn to each surface's landmarks, and held there in the refinement. The error at
-    /// landmarks that don't guide is measured by five more registrations, each of which leaves out a fifth of the
-    /// landmarks. A template given by --template has to be one of the surfaces.
+    /// The template's landmarks are drawn to each surface's landmarks, and held there in the refinement. Five more
+    /// registrations, each of which omits a fifth of the landmarks, measure the error at landmarks that don't guide. A
+    /// template given by --template has to be one of the surfaces.
     #[arg(long, conflicts_with = "to", help_heading = METHOD)]
     guide: bool,
     /// Signals on the surfaces, such as thickness, to match in the refinement, with a weight [default: 0.1]
     ///
     /// SIGNAL is a column of the table, or the name of a file in each surface's folder, in which {stem} is the
-    /// surface's name without its format. One standard deviation of the signal counts as a distance of WEIGHT times the
-    /// square root of the area; normals have weight 0.12.
+    /// surface's name without its format. One standard deviation of the signal weighs as much as a distance of WEIGHT
+    /// times the square root of the area; normals have weight 0.12.
     #[arg(long, value_name = "SIGNAL[:WEIGHT]", num_args = 1.., conflicts_with_all = ["to", "no_refinement"], help_heading = METHOD)]
     with: Vec<With>,
     /// Rounds of registration; from the second round on, the group's mean is the template
@@ -117,7 +117,7 @@ pub(super) struct Cli {
     /// Subdivisions of the icosphere whose directions are registered [default: 4; 5 above degree 15, 6 above 40]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8), help_heading = METHOD)]
     subdivisions: Option<u32>,
-    /// Leave out the refinement by the group's statistics
+    /// Skip the refinement by the group's statistics
     #[arg(long, help_heading = METHOD)]
     no_refinement: bool,
     /// Scale surfaces to one size
@@ -126,9 +126,9 @@ pub(super) struct Cli {
     /// Also match mirror images
     #[arg(long, help_heading = METHOD)]
     mirror: bool,
-    /// Surfaces, of those given, to mirror first (x to -x): such as right hemispheres among left ones
+    /// Surfaces to mirror first (x to -x), such as right hemispheres among left ones
     ///
-    /// Their models are those of the mirrored surfaces; transforms to the group's frame include the reflection.
+    /// The models describe the mirrored surfaces; transforms to the group's frame include the reflection.
     #[arg(long, value_name = "SURFACE", num_args = 1.., help_heading = METHOD)]
     mirrored: Vec<PathBuf>,
     /// Output folder
@@ -180,7 +180,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     let Some(max_degree) = cli.max_degree.map(usize::from) else {
         return Err(Usage::missing("--max-degree is needed without --to").into());
     };
-    // clap doesn't require --to if an argument that excludes it is given.
+    // clap doesn't require --to if an argument that conflicts with --to is given.
     if cli.shard.is_some() {
         return Err(Usage::missing("--shard needs --to, because a new group is made in one run").into());
     }
@@ -285,7 +285,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     Ok(())
 }
 
-/// Returns a hash of everything on which the registrations depend.
+/// Returns a hash of all inputs and settings on which the registrations depend.
 fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) -> Result<String> {
     let template = cli.template.as_deref().map(FileRecord::of).transpose()?;
     let CorrespondParams { max_degree, subdivisions, rounds, pose, register, guide, mirrored, .. } = params;

@@ -1,4 +1,4 @@
-//! The surfaces of a group: their files, names and memory.
+//! The input surfaces of a group: their files, names and memory.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -28,28 +28,28 @@ const OF_MODELS: u32 = 5;
 pub(in crate::shape) struct Surface {
     pub(in crate::shape) name: String,
     pub(in crate::shape) path: PathBuf,
-    /// Label in a volume.
+    /// Label in a volume; `None` for a mesh, or if the volume has a single label.
     pub(in crate::shape) label: Option<i64>,
-    /// How to read a volume.
+    /// Settings for reading a volume.
     pub(in crate::shape) reading: VolumeReading,
-    /// Radius within which a label's surface is smoothed, in voxels, if it isn't the default.
+    /// Radius within which a label's surface is smoothed, in voxels; `None` for the default.
     pub(in crate::shape) radius: Option<f64>,
     /// Whether the surface is mirrored first, x to -x.
     pub(in crate::shape) mirrored: bool,
-    /// Files of signals on its vertices.
+    /// Files of signals on the surface's vertices.
     pub(in crate::shape) signals: Vec<PathBuf>,
-    /// The surface of a label, kept in memory because making it takes long.
+    /// Surface of a label, kept in memory because making it takes long.
     of_label: OnceLock<Mesh>,
 }
 
-/// Column of a table that says which surfaces are mirrored: yes or no.
+/// Name of the column of a table that states for each surface whether it is mirrored: yes or no.
 pub(crate) const MIRRORED: &str = "mirrored";
 
 /// A signal to match and its weight, as given by `--with`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "String")]
 pub(crate) struct With {
-    /// A column of the table, or the name of a file in the surface's folder, in which {stem} is the surface's name.
+    /// Name of a column of the table, or of a file in the surface's folder, in which {stem} is the surface's name.
     pub(crate) name: String,
     pub(crate) weight: f64,
 }
@@ -167,7 +167,8 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
     Ok(surfaces)
 }
 
-/// Returns the surfaces of a table, named by their ids, and their landmarks, if it has a column for these.
+/// Returns the surfaces of a table, named by their ids, and their landmark files; without a column of landmarks, no
+/// files.
 pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<PathBuf>)> {
     let manifest = Manifest::read(table)?;
     let landmarks = files_of(&manifest, LANDMARKS, table)?.unwrap_or_default();
@@ -200,7 +201,7 @@ fn check(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Adds the name of the member to its error.
+/// Adds the path of the surface to an error about a member.
 pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Error {
     match error {
         Error::Member { index, source } if index < surfaces.len() => {
@@ -210,8 +211,8 @@ pub(in crate::shape) fn named(error: Error, surfaces: &[Surface]) -> anyhow::Err
     }
 }
 
-/// Refuses groups that don't fit into memory. A group that is made holds all members' places and coefficients. A group
-/// to which members are added one after another holds only `compared` members.
+/// Refuses groups that don't fit into memory. Making a group holds the places and coefficients of all members. Adding
+/// members one after another to a group holds only `compared` members.
 pub(in crate::shape) fn plan(
     surfaces: &[PathBuf],
     params: &CorrespondParams,
@@ -229,10 +230,10 @@ pub(in crate::shape) fn plan(
     budget.check(what, needed)
 }
 
-/// Returns the needed bytes. They include:
+/// Returns the memory needed, in bytes:
 /// - for each member held, several copies of its places and coefficients;
 /// - for each thread, a surface with its search trees and the work of a registration;
-/// - for each member with which new ones are compared, two copies of its values, with six channels;
+/// - for each existing member to which new ones are compared, two copies of its values, with six channels;
 /// - for the template, its kernels of 200 columns each and the factor of its thin plate, or the memory of mapping it if
 ///   that is larger.
 ///

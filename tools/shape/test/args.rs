@@ -12,11 +12,8 @@ use super::super::args::{ReportArgs, Resources};
 ///
 /// Compares two groups of models, --a and --b, or tests a table of subjects with an --effect or --mean and
 /// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
-/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences;
-/// rows that depend on each other otherwise are --blocks.
-/// At each vertex of the sampling a linear model is tested: t, F, or Hotelling's T-squared for positions. Family-wise p
-/// values come from the largest statistic over relabelled studies, in which subjects are exchanged or, for means and
-/// Welch's test, signs are flipped. All relabellings are used if there are at most 20,000.
+/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the
+/// differences; for rows that depend on each other in other ways give --blocks.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -67,8 +64,8 @@ pub(crate) struct Cli {
     /// Column of the table to test: the slope of a column of numbers, or the difference between levels; or the
     /// interaction of two columns, such as group:age
     ///
-    /// An interaction of levels and numbers is the difference of the slopes within the levels; that of levels and
-    /// levels is the difference of the differences.
+    /// An interaction of levels and numbers is the difference of the slopes within the levels; an interaction of two
+    /// columns of levels is the difference of the differences.
     #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
     pub(super) effect: Option<String>,
     /// Test whether the mean is zero: of differences (--minus), or of a signal's values
@@ -77,13 +74,13 @@ pub(crate) struct Cli {
     /// Order of the effect's levels, which may be numbers: the difference is the first minus the second [default:
     /// sorted]
     ///
-    /// Of an interaction, the order of its first column of levels.
+    /// For an interaction, the order of the first column of levels.
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
-    /// Combination of the design's columns to test in place of the effect's own, such as "mild - control"; if given
-    /// several times, tests whether any of them differs from zero (F)
+    /// Contrast to test instead of the effect's own: a combination of the design's columns, such as "mild - control";
+    /// if given several times, the test is whether any contrast differs from zero (F)
     ///
-    /// The columns are the effect's levels (of an interaction LEVEL:NUMBERS and LEVEL:LEVEL), a column of numbers by
+    /// The columns are the effect's levels (for an interaction LEVEL:NUMBERS or LEVEL:LEVEL), a column of numbers by
     /// its name, NAME LEVEL for each level except the first of a covariate, and products of these, a:b. test.json lists
     /// them. Weights are numbers or fractions: "severe - 1/2 mild - 1/2 control"; spaces separate signs from names.
     #[arg(long, value_name = "CONTRAST", requires = "effect", allow_hyphen_values = true, help_heading = METHOD)]
@@ -94,23 +91,23 @@ pub(crate) struct Cli {
     /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
-    /// Vertices of the sampling to test: those that aren't 0 in this file, or those of a FreeSurfer label
+    /// File of the vertices of the sampling to test: those with nonzero values, or those of a FreeSurfer label
     ///
     /// Masked vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their statistic
     /// is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label
-    /// leaves out the medial wall. The folder of a group made by `spharm shape correspond`, or its group.json, leaves
-    /// out the places that exist only on the template, such as lids of its holes.
+    /// masks the medial wall. The folder of a group made by `spharm shape correspond`, or its group.json, masks the
+    /// places that exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Option<PathBuf>,
     /// Regions of the sampling's vertices, for the peaks of clusters: FreeSurfer's .annot, or GIfTI labels
     #[arg(long, value_name = "FILE", requires = "sphere", help_heading = INPUT)]
     pub(super) annotation: Option<PathBuf>,
-    /// Tables of further measures to test alike, such as `spharm shape measure -o` and `shape pca --scores` write them,
-    /// all columns of numbers or the named ones; their first column has the models' names
+    /// Tables of further measures to test in the same way, as `spharm shape measure -o` and `shape pca --scores` write
+    /// them: all columns of numbers, or the named ones; the first column has the models' names
     ///
-    /// summary.csv gets their numbers of subjects, means, standard deviations, effects with confidence intervals, p
-    /// values, and q and family-wise p values over all measures. With --paired and --minus all of these are of the
-    /// differences.
+    /// summary.csv has the numbers of subjects, means, standard deviations, effects with confidence intervals, p
+    /// values, and q and family-wise p values over all measures. With --paired and --minus, the differences are
+    /// tested.
     #[arg(long, value_name = "FILE[:COLUMNS]", num_args = 1.., value_parser = source, help_heading = INPUT)]
     pub(super) measures: Vec<Source>,
     /// Quantity at a vertex: displacement along the mean's normal, position, or the value of a signal
@@ -118,8 +115,8 @@ pub(crate) struct Cli {
     pub(super) signal: What,
     /// With --signal value, the model of a surface on which the results are shown, such as the group's mean
     ///
-    /// Its areas count for --tfce and --cluster, which otherwise use those of the sphere. It must correspond to the
-    /// signals.
+    /// The surface's areas are used by --tfce and --cluster; otherwise the areas of the sphere are. The surface must
+    /// correspond to the signals.
     #[arg(long, value_name = "MODEL", help_heading = INPUT)]
     pub(super) surface: Option<PathBuf>,
     /// Welch's test, for two groups of unequal variance
@@ -128,7 +125,7 @@ pub(crate) struct Cli {
     /// Column of the table whose observations of the same value depend on each other, such as visits of a subject or
     /// members of a family: relabellings stay within these blocks
     ///
-    /// With an effect within blocks and the blocks as a categorical covariate this is the paired test, or that of
+    /// With an effect within blocks and the blocks as a categorical covariate, this is the paired test or the test of
     /// repeated measurements.
     #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "minus", help_heading = METHOD)]
     pub(super) blocks: Option<String>,
@@ -149,7 +146,7 @@ pub(crate) struct Cli {
     /// Extent has the exponent 1 and height the exponent 2, as for surfaces in FSL.
     #[arg(long, help_heading = METHOD)]
     pub(super) tfce: bool,
-    /// Clusters of vertices of uncorrected p below P, with family-wise p values of their area; 0.001 is usual
+    /// Find clusters of vertices with uncorrected p below P, and family-wise p values for their areas; 0.001 is usual
     #[arg(long, value_name = "P", value_parser = probability, help_heading = METHOD)]
     pub(super) cluster: Option<f64>,
     /// Number of random relabellings; 0 for none
@@ -208,7 +205,7 @@ impl Maps {
 }
 
 impl Cli {
-    /// Returns the path of a map in the output folder, and those of the same map in the other formats.
+    /// Returns the path of a map in the output folder, and the paths that the map would have in other formats.
     pub(super) fn map_files(&self, name: &str) -> (PathBuf, impl Iterator<Item = PathBuf>) {
         let path = move |format: Maps| self.file(&format!("{name}.{}", format.ending()));
         (path(self.maps), Maps::ALL.into_iter().filter(move |other| *other != self.maps).map(path))
@@ -236,7 +233,7 @@ fn probability(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A table of measures with the columns to test; all columns of numbers if there is none.
+/// Path of a table of measures, and the columns to test; if empty, all columns of numbers.
 pub(super) type Source = (PathBuf, Vec<String>);
 
 /// Parses `FILE` or `FILE:COLUMN,...`.

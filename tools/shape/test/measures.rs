@@ -1,5 +1,5 @@
-//! Tests further measures of the subjects, such as volumes and scores, with the design of the vertices' test, and
-//! writes them as a table of a paper: numbers of subjects, means, standard deviations, effects, p values.
+//! Tests further measures of the subjects, such as volumes and scores, with the design of the test at vertices. Writes
+//! a table for a paper: numbers of subjects, means, standard deviations, effects, p values.
 
 use std::path::PathBuf;
 
@@ -24,13 +24,13 @@ pub(super) struct Measures {
 }
 
 impl Measures {
-    /// Reads the measures of a test's subjects: of pairs, the differences, first minus second. Columns that are text,
-    /// and columns whose numbers are all equal, are left out unless they are named; columns in which some numbers are
-    /// missing, too, with a call of `warn`.
+    /// Reads the measures of the subjects of a test; for pairs, the differences, first minus second. Columns of text
+    /// and columns of equal numbers are skipped unless they are named. Unnamed columns in which some numbers are
+    /// missing are skipped with a call of `warn`.
     ///
     /// # Errors
     ///
-    /// If a subject has no row, or a named column isn't one of numbers.
+    /// If a subject has no row, or a named column has a cell that isn't a number.
     pub(super) fn of(study: &Study, sources: &[Source], warn: &dyn Fn(String)) -> Result<Self> {
         let count = study.paths.len() / if study.pairs { 2 } else { 1 };
         let (first, second) = study.paths.split_at(count);
@@ -63,7 +63,7 @@ impl Measures {
     }
 }
 
-/// Measures as read from tables.
+/// Columns of measures as read from tables.
 struct Read {
     columns: Vec<Numbers>,
 }
@@ -71,14 +71,13 @@ struct Read {
 /// A column of numbers.
 struct Numbers {
     name: String,
-    /// Whether the column was asked for by its name.
+    /// Whether the user named the column.
     named: bool,
     values: Vec<f64>,
 }
 
 impl Read {
-    /// Reads the numbers of the subjects whose models have these paths. A table's first column has the models' names or
-    /// paths.
+    /// Reads the numbers of the subjects with these models. A table's first column has the models' names or paths.
     fn of(sources: &[Source], models: &[PathBuf], warn: &dyn Fn(String)) -> Result<Self> {
         let mut columns: Vec<Numbers> = Vec::new();
         for (path, wanted) in sources {
@@ -140,7 +139,7 @@ impl Spread {
         let mean = values.clone().sum::<f64>() / count as f64;
         let squares: f64 = values.map(|value| (value - mean).powi(2)).sum();
         let deviation = (squares / (count as f64 - 1.0)).sqrt();
-        // The mean of scores is zero but for rounding.
+        // The mean of scores is zero up to rounding.
         let mean = if mean.abs() < 1e-12 * deviation { 0.0 } else { mean };
         Self { count, mean, deviation }
     }
@@ -152,7 +151,7 @@ impl Tested {
         Spread::of(of.map(|(value, _)| *value))
     }
 
-    /// Returns the estimate of an effect and the limits of its confidence interval; `None` for several
+    /// Returns the estimate of a measure's effect and the limits of its confidence interval; `None` for several
     /// contrasts.
     fn effect(&self, at: usize) -> Option<[f64; 3]> {
         let effect = self.found.effect.as_ref()?;
@@ -168,7 +167,7 @@ impl Tested {
         self.found.family_wise.as_ref().map(|found| found.p[at])
     }
 
-    /// Returns the table, with a row for each measure.
+    /// Returns the table as text, with a row for each measure.
     pub(super) fn table(&self) -> String {
         let own = |level: &String| ["n", "mean", "sd"].map(|name| format!("{name} {level}"));
         let mut header: Vec<String> = ["measure", "n", "mean", "sd"].map(str::to_owned).to_vec();

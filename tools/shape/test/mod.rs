@@ -135,7 +135,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let mean = mean.filter(|_| !sphere.faces.is_empty());
         let mean = mean.map(|(model, degree)| model.reconstruct(&sphere, degree)).transpose()?;
         if spatial {
-            // A signal has no surface of its own, and is tested over the sphere.
+            // A signal without a surface is tested over the sphere.
             let vertices = mean.as_ref().map_or(sphere.directions.as_slice(), |mean| &mean.vertices);
             let surface = SurfaceGraph::new(vertices, &sphere.faces)?;
             let surface = match &mask {
@@ -158,7 +158,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let maps = results::maps(&found, mask.as_deref());
     prepare(&table_file)?;
     let structure = structure(&sphere, &study.paths);
-    // Files that an earlier test wrote and this test doesn't; --force allows their removal.
+    // Files of an earlier test that this test doesn't write; --force allows their removal.
     let mut stale: Vec<PathBuf> = Vec::new();
     for name in MAPS {
         let (file, others) = cli.map_files(name);
@@ -210,7 +210,7 @@ fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<&'static str> {
     sphere.hemisphere().or_else(of_model).map(Hemisphere::cortex)
 }
 
-/// Returns a warning's text, with the option that remedies it if there is one.
+/// Returns a warning's text, with the option that remedies it if such an option exists.
 fn advised(warning: &TestWarning, positions: bool) -> String {
     match warning {
         TestWarning::UnequalVariances { covariates: false, .. } => {

@@ -6,7 +6,7 @@ use spharm_surface::Mesh;
 use spharm_surface::geometry::Vec3;
 use spharm_surface::io::Annotation;
 
-/// The places of the tested vertices of a sampling.
+/// Places of the tested vertices of a sampling.
 pub(super) struct Places<'a> {
     sphere: &'a Sphere,
     mean: Option<&'a Mesh>,
@@ -44,12 +44,12 @@ impl<'a> Places<'a> {
         self.mean.map(|mean| mean.vertices[self.tested[at]])
     }
 
-    /// Returns the region's name, empty for a vertex without a region; `None` without an annotation.
+    /// Returns the name of a vertex's region, empty for a vertex without a region; `None` without an annotation.
     pub(super) fn region(&self, at: usize) -> Option<&str> {
         self.annotation.map(|annotation| annotation.name_at(self.tested[at]).unwrap_or_default())
     }
 
-    /// Returns whether regions are known.
+    /// Returns whether an annotation with regions was given.
     pub(super) fn has_regions(&self) -> bool {
         self.annotation.is_some()
     }

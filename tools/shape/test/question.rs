@@ -23,9 +23,9 @@ pub(super) struct Study {
     pub(super) question: Question,
     /// Name of the tested column, or `mean` if a mean is tested.
     pub(super) of: String,
-    /// Whether contrasts replace that of the effect.
+    /// Whether given contrasts replace the contrast of the effect.
     pub(super) contrast: bool,
-    /// Names of the covariates; a covariate with levels also shows their number.
+    /// Names of the covariates, with the number of levels for a covariate that has levels.
     pub(super) covariates: Vec<String>,
     /// Exchangeability blocks, if given.
     pub(super) blocks: Option<Blocks>,
@@ -118,7 +118,7 @@ impl Cli {
         let exchange = if self.whole_blocks { Exchange::Whole } else { Exchange::Within };
         let blocks =
             self.blocks.as_ref().map(|name| anyhow::Ok(Blocks::new(table.cells(name)?, exchange))).transpose()?;
-        // Blocks say which rows depend on each other.
+        // Skip the warning about repeated subjects if blocks state which rows depend on each other.
         let warnings =
             if blocks.is_some() { None } else { repeated(&table, &question.covariates) }.into_iter().collect();
         Ok(Study {
@@ -138,7 +138,7 @@ impl Cli {
         })
     }
 
-    /// Returns the models of a table's rows: by their paths, or by their names in a folder.
+    /// Returns the models of a table's rows: from the column of paths, or by their ids in a folder.
     fn models_of(&self, table: &Table, path: &Path) -> Result<Vec<PathBuf>> {
         if let Some(folder) = &self.models {
             return named(table, folder);
@@ -189,7 +189,7 @@ fn named(table: &Table, folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(table.different("id")?.into_iter().map(file).collect())
 }
 
-/// Refuses a model that occurs twice in the two lists, however the paths are written.
+/// Refuses a model that occurs in both lists, even if its path is written differently.
 fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
     let place = |path: &PathBuf| path.canonicalize().unwrap_or_else(|_| path.clone());
     let first: HashSet<PathBuf> = a.iter().map(place).collect();

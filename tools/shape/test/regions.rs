@@ -6,7 +6,7 @@ use spharm::shape::stats::{Cluster, Clusters, FamilyWise, Test};
 use super::super::outputs::{csv, short};
 use super::places::Places;
 
-/// Returns the maps at the tested vertices.
+/// Returns the maps of TFCE and of clusters at the tested vertices.
 pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = Vec::new();
     if let Some(tfce) = &found.tfce {
@@ -20,9 +20,9 @@ pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
     maps
 }
 
-/// Returns the table of the clusters, `None` if none were requested: number, vertices, area in the models' unit squared
-/// (of a signal on the unit sphere), family-wise p, and the peak's vertex, direction, position on the mean, statistic,
-/// effect and region.
+/// Returns the table of the clusters; `None` if none were requested. The columns are number, vertices, area in the
+/// models' unit squared (for a signal, on the unit sphere), family-wise p, and the peak's vertex, direction, position
+/// on the mean, statistic, effect and region.
 pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     let found = test.family_wise.as_ref()?.clusters.as_ref()?;
     let mut header = vec!["cluster", "vertices", "area", "p_fwe", "peak", "ux", "uy", "uz"];
@@ -46,7 +46,7 @@ pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     Some(csv(&header, rows.iter().map(Vec::as_slice)))
 }
 
-/// Returns the number of clusters, and of those significant at a level.
+/// Returns the number of clusters, and the number of clusters significant at a level.
 pub(super) fn summary(found: &FamilyWise, level: f64) -> Option<Value> {
     let clusters = found.clusters.as_ref()?;
     let significant = significant(clusters, level);
@@ -59,7 +59,7 @@ fn significant(clusters: &Clusters, level: f64) -> usize {
     clusters.clusters.iter().filter(|cluster| cluster.p <= level).count()
 }
 
-/// Returns the rows of the printed table; `count` describes p values.
+/// Returns the rows of the printed table; `count` turns p values into text.
 pub(super) fn lines(found: &FamilyWise, level: f64, count: impl Fn(&[f64]) -> String) -> Vec<Vec<String>> {
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let mut lines = Vec::new();

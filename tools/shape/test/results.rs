@@ -48,7 +48,7 @@ pub(super) fn maps(found: &Test, mask: Option<&[bool]>) -> Vec<(&'static str, Ve
     maps
 }
 
-/// Returns the maps at the tested vertices.
+/// Returns the maps at the tested vertices alone, without masked ones.
 fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     let mut maps = vec![("statistic", found.statistic.clone()), ("p", found.p.clone()), ("q", found.q.clone())];
     if let Some(family_wise) = &found.family_wise {
@@ -145,7 +145,7 @@ fn relabellings(found: &Test) -> Option<usize> {
     found.family_wise.as_ref().map(|found| found.relabellings)
 }
 
-/// Returns the columns of numbers that may be codes, with their values.
+/// Returns the columns of numbers that may be codes of levels, with their values.
 fn codes(study: &Study) -> Vec<Value> {
     study.question.codes.iter().map(|(column, values)| json!({ "column": column, "values": values })).collect()
 }
@@ -154,8 +154,8 @@ fn rows_of(matrix: ndarray::ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
     matrix.rows().into_iter().map(|row| row.to_vec()).collect()
 }
 
-/// Returns the names of the statistics of one and of several contrasts. Aspin and Welch's v and G are t and F with
-/// variances by group.
+/// Returns the names of the statistics of one and of several contrasts. Aspin and Welch's v and G correspond to t and
+/// F, with variances by group.
 fn statistic_names(cli: &Cli) -> [&'static str; 2] {
     if cli.variance_groups.is_some() { ["v", "G"] } else { ["t", "F"] }
 }
@@ -199,7 +199,7 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     let pair = |name: &str, value: String| vec![name.to_owned(), value];
     let largest = found.statistic.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     let [t, f] = statistic_names(cli);
-    // With variances by group the number differs between vertices.
+    // With variances by group, the degrees of freedom differ between vertices.
     let freedom_of = |freedom: f64| match cli.variance_groups.is_some() || cli.welch {
         true => format!("{freedom:.1} or more"),
         false => format!("{freedom:.0}"),

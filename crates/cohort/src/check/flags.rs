@@ -1,4 +1,4 @@
-//! The reasons for which a subject is flagged, as users read them.
+//! Defines the reasons for flagging a subject, and their texts for users.
 
 use std::fmt;
 
@@ -9,22 +9,22 @@ use spharm_monitor::number;
 use super::measure::Measure;
 use crate::equal::first_of;
 
-/// Share of a label's voxels above which a repair is flagged.
+/// Share of a label's voxels above which a repair leads to a flag.
 pub(super) const VOXELS_CHANGED: f64 = 0.02;
-/// Number of subjects named as equal to another.
+/// Largest number of subjects that are named as equal to another.
 const NAMED: usize = 6;
 
 /// Changes made by a repair.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Number of voxels dropped, filled or changed; 0 for the repair of a mesh.
+    /// Number of voxels dropped, filled or changed. It is 0 for the repair of a mesh.
     pub voxels: u64,
-    /// The changes with their numbers, such as `pieces dropped 2`; empty if nothing was changed.
+    /// Descriptions of the changes with their numbers, such as `pieces dropped 2`. Empty if nothing was changed.
     pub texts: Vec<String>,
 }
 
 impl Counts {
-    /// Returns the changes in a model's provenance, without counts of 0.
+    /// Returns the changes recorded in a model's provenance. Counts of 0 are omitted.
     pub(super) fn of(repair: &Map<String, Value>) -> Self {
         let count = |name: &str| repair.get(name).and_then(Value::as_u64).unwrap_or(0);
         let numbers = repair.iter().filter_map(|(name, value)| Some((name, value.as_u64().filter(|n| *n > 0)?)));
@@ -41,12 +41,12 @@ impl fmt::Display for Counts {
     }
 }
 
-/// Other subjects, of which at most six are named.
+/// A list of other subjects. At most six of them are named.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Others(String);
 
 impl Others {
-    /// Names the subjects of a set except the one called `id`.
+    /// Creates a list of the subjects of a set, except the subject called `id`.
     pub(super) fn new(id: &str, set: &[&str]) -> Self {
         Self(first_of(set.iter().copied().filter(|name| *name != id), NAMED))
     }
@@ -58,33 +58,33 @@ impl fmt::Display for Others {
     }
 }
 
-/// The reason for which a subject is flagged. [`Display`](fmt::Display) gives a phrase without the subject's id.
+/// A reason for flagging a subject. [`Display`](fmt::Display) gives a phrase without the subject's id.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Flag {
-    /// A measure is far from the others'.
+    /// The measure of this subject is far from the measures of the others.
     Far {
         /// The measure.
         measure: Measure,
-        /// Its value.
+        /// Value of the measure.
         value: f64,
-        /// Median of the group.
+        /// Median of the measure in the group.
         median: f64,
-        /// Robust z of the value.
+        /// Robust z of the measure.
         z: f64,
     },
-    /// The score along a mode is far from the others'.
+    /// The score of this subject along a mode is far from the scores of the others.
     FarScore {
         /// The mode, counted from 1.
         mode: usize,
         /// Robust z of the score.
         z: f64,
     },
-    /// A mode is mostly due to the subject: without it, the variance along the mode falls by more than half.
+    /// A mode is mostly due to the subject. Without the subject, the variance along the mode falls by more than half.
     MakesMode {
         /// The mode, counted from 1.
         mode: usize,
-        /// Fraction by which the variance falls.
+        /// Fraction by which the variance falls without the subject.
         share: f64,
     },
     /// Other subjects have the same input file and label.
@@ -95,18 +95,18 @@ pub enum Flag {
     SameSurface(Others),
     /// The label touches the border of its volume.
     AtBorder,
-    /// The voxels are of another size than those of most subjects.
+    /// The voxel size differs from the voxel size of most subjects.
     VoxelSize {
         /// Size of the voxels in mm.
         found: [f64; 3],
-        /// Size of the voxels of most subjects.
+        /// Voxel size of most subjects in mm.
         usual: [f64; 3],
     },
     /// A repair changed many voxels.
     Repaired {
-        /// The changes.
+        /// Description of the changes.
         what: String,
-        /// Number of changed voxels as a fraction of the label's.
+        /// Number of changed voxels, as a fraction of the label's voxels.
         share: f64,
     },
     /// A warning of another command about the subject.
@@ -114,8 +114,8 @@ pub enum Flag {
 }
 
 impl Flag {
-    /// Returns a number by which flags are ordered: 1 at the threshold of a robust z, and 1 to 2 for flags without a
-    /// robust z.
+    /// Returns a number that determines the order of flags. It is 1 at the threshold of a robust z, and 1 to 2 for
+    /// flags without a robust z.
     #[must_use]
     pub fn severity(&self) -> f64 {
         match self {
@@ -158,7 +158,8 @@ impl fmt::Display for Flag {
     }
 }
 
-/// Returns the factor of a wrong unit, if a volume or an area has the ratio to the median that it would cause.
+/// Returns a phrase such as `10 times` for the ratio of two units of length, if `ratio`, the volume or area divided by
+/// the median, indicates a wrong unit.
 fn unit_factor(measure: Measure, ratio: f64) -> Option<&'static str> {
     let dimension = match measure {
         Measure::Volume => 3.0,
@@ -177,7 +178,7 @@ fn unit_factor(measure: Measure, ratio: f64) -> Option<&'static str> {
     factors.into_iter().find(|(factor, _)| (0.75..1.33).contains(&(of_lengths / factor))).map(|(_, text)| text)
 }
 
-/// Formats the edges of a voxel, such as `1 x 1 x 1.5`.
+/// Formats the edge lengths of a voxel, such as `1 x 1 x 1.5`.
 #[must_use]
 pub fn edges(size: [f64; 3]) -> String {
     size.map(|edge| ((1e4 * edge).round() / 1e4).to_string()).join(" x ")

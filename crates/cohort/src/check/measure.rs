@@ -1,8 +1,8 @@
-//! The numbers by which subjects are compared.
+//! Defines the measures by which subjects are compared.
 
 use spharm::shape::outliers::FAR;
 
-/// A number by which subjects are compared.
+/// A measure by which subjects are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Measure {
     /// Volume enclosed by the model.
@@ -21,7 +21,7 @@ impl Measure {
     /// All measures, in the order of the arrays in this module.
     pub const ALL: [Self; 5] = [Self::Volume, Self::Area, Self::Sphericity, Self::Rms, Self::Distance];
 
-    /// Returns the measure's name.
+    /// Returns the name of the measure.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -33,14 +33,14 @@ impl Measure {
         }
     }
 
-    /// Returns the measure with this key in reports of `shape check`; `None` if there is none.
+    /// Returns the measure with the given key in reports of `shape check`, or `None` for an unknown key.
     #[must_use]
     pub fn with_key(key: &str) -> Option<Self> {
         let keys = ["volume", "area", "sphericity", "rms", "distance"];
         keys.into_iter().zip(Self::ALL).find(|(known, _)| *known == key).map(|(_, measure)| measure)
     }
 
-    /// Returns whether a value with this robust z is flagged. Small residuals and distances aren't suspicious.
+    /// Returns whether a value with robust z `z` is flagged. Small residuals and distances aren't suspicious.
     #[must_use]
     pub fn is_far(self, z: f64) -> bool {
         z > FAR || (z < -FAR && !matches!(self, Self::Rms | Self::Distance))

@@ -41,7 +41,7 @@ pub enum RunError {
         /// Description of the volume and its label.
         input: String,
     },
-    /// A mask of a signal is given for a surface.
+    /// A mask for signals is given for a surface.
     #[error(
         "{}: this is a surface, and a signal_mask ({}) limits the values that are read of a signal; --mask leaves \
          vertices of surfaces out",
@@ -56,7 +56,7 @@ pub enum RunError {
     /// The weights given in the table aren't an existing file.
     #[error("column weights: expected uniform, area or a file, found {}: no such file", .path.display())]
     NoWeights {
-        /// The cell of the table, as a path.
+        /// Cell of the table, as a path.
         path: PathBuf,
     },
     /// A mask or missing values leave no vertex to fit.
@@ -68,7 +68,7 @@ pub enum RunError {
     /// A warning, which is an error in a strict run.
     #[error("{0}")]
     Strict(String),
-    /// An error, as text, that applies to all rows over one sphere.
+    /// An error that applies to all rows over one sphere, as text.
     #[error("{0}")]
     Sphere(String),
     /// A file is missing.
@@ -97,7 +97,7 @@ impl RunError {
         Self::Of { context: context.to_string(), source: Box::new(self) }
     }
 
-    /// Returns the error of the library's fit; `None` if the error has another cause.
+    /// Returns the error of the fit itself, or `None` if the error has another cause.
     pub(super) fn of_fit(&self) -> Option<&Error> {
         match self {
             Self::Fit(error) => Some(error),
@@ -116,8 +116,8 @@ impl RunError {
         }
     }
 
-    /// Returns whether every other row would fail for the same reason: too little disk space, or no permission to
-    /// write.
+    /// Returns whether every other row would fail for the same reason, which is too little disk space or no permission
+    /// to write.
     #[must_use]
     pub fn concerns_all(&self) -> bool {
         concerns_all(self)
@@ -172,7 +172,7 @@ impl From<Interrupted> for RunError {
     }
 }
 
-/// Returns whether an error, or one of its sources, is a lack of disk space or of permission to write files.
+/// Returns whether an error, or one of its sources, is due to a lack of disk space or of permission to write files.
 #[must_use]
 pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};

@@ -35,15 +35,15 @@ impl Observer for Unobserved {}
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Event<'a> {
-    /// This number of surfaces, at least two, are mapped to spheres of their own, so that their coefficients don't
-    /// correspond.
+    /// Some surfaces are mapped to separate spheres, so their coefficients don't correspond. The number of these
+    /// surfaces is at least two.
     OwnSpheres(usize),
     /// Work on a row has begun.
     Started {
         /// The row.
         row: &'a Row,
     },
-    /// A surface has been mapped to a sphere of its own.
+    /// A surface has been mapped to a sphere.
     Mapped {
         /// The row.
         row: &'a Row,
@@ -54,7 +54,7 @@ pub enum Event<'a> {
         /// Whether an existing sphere of an earlier run was reused.
         reused: bool,
     },
-    /// A row's fit ignores some vertices, because they are outside the mask or have no value.
+    /// The fit of a row ignores some vertices, because they are outside the mask or have no value.
     LeftOut {
         /// The row.
         row: &'a Row,
@@ -82,7 +82,7 @@ pub enum Event<'a> {
         entry: &'a Entry,
         /// Outcome of the row.
         outcome: Outcome<'a>,
-        /// Path of the model, which need not exist. `entry` has the path only as text.
+        /// Path of the model, which need not exist. `entry` has this path only as text.
         model: &'a Path,
     },
     /// Rows over one sphere have been fitted together.
@@ -91,8 +91,8 @@ pub enum Event<'a> {
     RowWarning(&'a str),
     /// A warning that isn't about a single row.
     Warning(&'a str),
-    /// A warning about the cohort, reported at the end of the run: equal inputs, or models that reproduce the voxels'
-    /// steps.
+    /// A warning about the cohort, reported at the end of the run: equal inputs, or models that reproduce the
+    /// staircase of voxels.
     CohortWarning(&'a str),
     /// A note that isn't a warning.
     Note(&'a str),

@@ -9,7 +9,7 @@ use crate::Row;
 
 /// Rows that are fitted over the same sphere with the same weights.
 pub(super) struct Group {
-    /// Path of the sphere; `None` for rows that are mapped to spheres of their own.
+    /// Path of the sphere, or `None` for rows whose surfaces are mapped to separate spheres.
     pub(super) sphere: Option<PathBuf>,
     /// Indices of the rows, at least one.
     pub(super) rows: Vec<usize>,
@@ -32,8 +32,8 @@ pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// For spheres with equal contents, maps the path of each to the path of the first. Unreadable files are skipped here;
-/// the fit will refuse them.
+/// For spheres with equal contents, maps each path to the path of the first sphere. Unreadable files are skipped here,
+/// because the fit refuses them.
 fn same_spheres<'a>(rows: impl Iterator<Item = &'a Row>) -> HashMap<&'a Path, &'a Path> {
     let (mut seen, mut paths) = (HashSet::new(), Vec::new());
     for path in rows.filter_map(|row| row.sphere.as_deref()) {

@@ -24,8 +24,8 @@ pub(super) struct Item {
 }
 
 impl Item {
-    /// Decides whether to fit a row; `None` if its model exists and is kept. `record` is the record of the row's file.
-    /// `sphere` is `None` if the surface is to be mapped to a sphere of its own.
+    /// Decides whether to fit a row. Returns `None` if the row's model exists and is kept. `record` is the record of
+    /// the row's file. `sphere` is `None` if the surface is to be mapped to a sphere.
     pub(super) fn decide(
         row: &Row,
         model: PathBuf,
@@ -69,8 +69,8 @@ impl Item {
             beside: &beside,
             if_exists: options.if_exists,
         };
-        // Reads the surface, to find out whether repairs and cuts would change it. Called only if the request has
-        // repairs or cuts that the model was made without.
+        // Reads the surface, to find out whether repairs and cuts would change it. It is called only if the request
+        // has repairs or cuts that the existing model was made without.
         let read = || SurfaceReader::new(options.preparation).read(&row.surface, record.label, &Silent);
         let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {
@@ -86,7 +86,7 @@ impl Item {
     }
 }
 
-/// Returns the row's id for the provenance of its model; `None` if the row isn't from a table.
+/// Returns the row's id for the provenance of its model, or `None` if the row isn't from a table.
 pub(super) fn id(row: &Row) -> Option<&str> {
     (row.line > 0).then_some(row.id.as_str())
 }

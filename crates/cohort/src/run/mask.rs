@@ -11,7 +11,7 @@ use spharm_surface::io::{is_named_signal, read_mask, read_signal_with_gaps};
 use super::error::RunError;
 use crate::Row;
 
-/// Returns the settings of the fit, with the row's own weights if it has any.
+/// Returns the settings of the fit, with the row's weights if the row specifies any.
 pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunError> {
     let weights = match row.weights.as_deref().map(|path| (path, path.to_str())) {
         None => return Ok(params.clone()),
@@ -23,7 +23,7 @@ pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunEr
     Ok(params.clone().with_weights(weights))
 }
 
-/// Returns the weights, with those of the vertices at which a mask is 0 set to zero.
+/// Returns the weights, with 0 at the vertices at which the mask is 0.
 pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights, RunError> {
     let path = mask.display();
     let keep = read_mask(mask, sphere.directions.len())?;
@@ -88,8 +88,8 @@ pub(super) fn parts(
     parts.into_iter().map(part).collect()
 }
 
-/// Extrapolates the values of a signal to the vertices outside a region, which is a mask or label, from the edge of the
-/// region.
+/// Extrapolates the values of a signal from the edge of a region to the vertices outside the region, which is a mask
+/// or label.
 pub(super) fn continue_from(
     region: &Path,
     target: &mut Target,
@@ -114,8 +114,8 @@ pub(super) fn continue_from(
     Ok(())
 }
 
-/// Returns a warning if the model's values at ignored vertices are far outside the range of its values at the other
-/// vertices: by more than the width of that range.
+/// Returns a warning if the model's values at ignored vertices are outside the range of its values at the other
+/// vertices by more than the width of that range.
 pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere) -> Result<Option<String>, RunError> {
     let Weights::Values { values: weights, .. } = &params.weights else { return Ok(None) };
     let model = Model::without_sphere(fit.coefficients.clone(), Kind::Signal);
@@ -127,7 +127,7 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
             values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
         };
         let ([low, high], [least, most]) = (range(false), range(true));
-        // For a constant channel, the width would be zero; use the size of rounding errors instead.
+        // For a constant channel, the width would be zero, so the size of rounding errors is used instead.
         let width = (high - low).max(1e-6 * low.abs().max(high.abs()));
         if least < low - width || most > high + width {
             return Ok(Some(format!(
@@ -141,14 +141,14 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
     Ok(None)
 }
 
-/// Returns for each vertex whether its value is missing. Returns an empty vector if no value is missing. Vertices
-/// outside the row's region don't count, because their values are extrapolated.
+/// Returns, for each vertex, whether its value is missing. Returns an empty vector if no value is missing. Vertices
+/// outside the row's region aren't counted, because their values are extrapolated.
 fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
     let path = &row.surface;
     if row.region.is_none() && !is_named_signal(path) {
         return Vec::new();
     }
-    // A file that isn't a signal, or can't be read, is refused later by the fit.
+    // A file that isn't a signal or can't be read is refused later, by the fit.
     let Ok(signal) = read_signal_with_gaps(path) else { return Vec::new() };
     let none = |row: &[f64]| row.iter().any(|x| x.is_nan());
     let mut gaps: Vec<bool> = signal.values.chunks_exact(signal.channels.max(1)).map(none).collect();

@@ -50,11 +50,11 @@ use ledger::Ledger;
 use sync::lock;
 use work::Work;
 
-/// Fits all rows of a cohort, writes their models and notifies an observer of each.
+/// Fits all rows of a cohort, writes their models, and reports each outcome to an observer.
 ///
 /// A row that fails is reported as [`Event::Finished`]. The run then continues with further rows if
-/// [`RunParams::keep_going`] is set and the error doesn't concern all rows, see [`RunError::concerns_all`]; otherwise
-/// it ends.
+/// [`RunParams::keep_going`] is set and the error doesn't concern all rows (see [`RunError::concerns_all`]). Otherwise
+/// the run ends.
 ///
 /// ```
 /// use spharm_cohort::Row;
@@ -94,7 +94,7 @@ pub fn run(
     run_reading(cohort, params, &SurfaceReader::new(params.preparation), observer, monitor)
 }
 
-/// Fits all rows as [`run`] does, with a reader of the caller, which may already hold the volume of the first rows.
+/// Fits all rows like [`run`], with the caller's reader, which may already hold the volume of the first rows.
 ///
 /// # Errors
 ///

@@ -1,8 +1,8 @@
-//! Fits surfaces that come without a sphere, and are mapped to spheres of their own.
+//! Fits surfaces that come without a sphere, each over a sphere made for it.
 //!
-//! Mapping and fitting a small surface, such as a label, hardly gains by several threads, so several surfaces are
-//! processed side by side. Each has an equal share of the memory budget; surfaces that need more are processed one
-//! after another, with the whole budget.
+//! Mapping and fitting a small surface, such as one of a label, hardly gets faster with several threads. Therefore
+//! several surfaces are processed at the same time, each with an equal share of the memory budget. Surfaces that need
+//! more memory are processed one after another, with the whole budget.
 
 use rayon::prelude::*;
 use spharm::parametrize::Input;
@@ -17,12 +17,12 @@ use super::work::Work;
 use crate::Row;
 use crate::files::{MadeOf, Mapped};
 
-/// Number of surfaces that are processed side by side, for each thread. With a small number, threads wait for the last
-/// surface; with a large one, shares of the memory are small.
+/// Number of surfaces per thread that are processed at the same time. With a small number, threads wait for the last
+/// surface. With a large number, the shares of the memory are small.
 const PER_THREAD: usize = 8;
 
 impl Work<'_> {
-    /// Maps each surface of a group to a sphere of its own, writes the sphere beside the model, and fits the surface
+    /// Maps each surface of a group to a separate sphere, writes the sphere beside the model, and fits the surface
     /// over it. Calls `step` with the number of finished rows.
     pub(super) fn on_their_own(
         &self,
@@ -31,7 +31,7 @@ impl Work<'_> {
         step: &(dyn Fn(usize) + Sync),
     ) -> Result<(), RunError> {
         let threads = rayon::current_num_threads();
-        // Without `keep_going`, rows are processed in order, so that none is processed after a failure.
+        // Without `keep_going`, rows are processed in order, so that no row is processed after a failure.
         let side_by_side = threads > 1 && self.params.keep_going;
         let together = if side_by_side { group.rows.len().min(threads * PER_THREAD) } else { 1 };
         let share = (together > 1).then(|| self.params.fit.memory_budget() / together);
@@ -55,8 +55,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Processes one row, within a share of the memory if one is given. Returns whether the share sufficed; if not, the
-    /// row is still to be processed.
+    /// Processes one row, within a share of the memory if one is given. Returns whether the share sufficed. If it
+    /// didn't, the row still has to be processed.
     fn row(&self, number: usize, share: Option<usize>, monitor: &dyn Monitor) -> Result<bool, RunError> {
         self.monitor.check()?;
         let row = &self.cohort.rows[number];
@@ -93,7 +93,7 @@ impl Work<'_> {
     ) -> Result<RowFit, RunError> {
         let surface = self.reader.read(&row.surface, item.record.label, monitor)?;
         if share.is_some() {
-            // Before the surface's repairs are reported, which would be repeated in a second attempt.
+            // Check before the surface's repairs are reported, since a second attempt would report them again.
             params.memory = share;
             check_surface(&surface, &params)?;
         }

@@ -9,7 +9,7 @@ use crate::evaluate::Evaluate;
 use crate::rerun::IfExists;
 use crate::{Manifest, Row, Shard};
 
-/// Surfaces to fit, and where to write their models.
+/// The surfaces to fit, and the folder for their models.
 #[derive(Debug, Clone, Default)]
 #[non_exhaustive]
 pub struct Cohort {
@@ -17,10 +17,10 @@ pub struct Cohort {
     pub rows: Vec<Row>,
     /// Folder to which the paths of models are relative.
     pub folder: PathBuf,
-    /// The common sphere of all rows, if the caller has read it already.
+    /// The common sphere of all rows, if the caller has already read it.
     pub sphere: Option<Sphere>,
-    /// Whether to check the outputs of all rows before fitting, so that a run that can't succeed doesn't start; default
-    /// false.
+    /// Whether to check the outputs of all rows before fitting, so that a run that can't succeed doesn't start; false
+    /// by default.
     pub check_first: bool,
 }
 
@@ -30,8 +30,8 @@ impl Cohort {
         Self { rows, folder: folder.into(), sphere: None, check_first: false }
     }
 
-    /// Creates a cohort from the rows of a manifest that belong to a shard. Models are written to `folder`; for `None`,
-    /// to the manifest's folder.
+    /// Creates a cohort from the rows of a manifest that belong to a shard. Models are written to `folder`, or to the
+    /// manifest's folder if `folder` is `None`.
     #[must_use]
     pub fn of_manifest(manifest: Manifest, folder: Option<PathBuf>, shard: Shard) -> Self {
         let folder = folder.unwrap_or_else(|| manifest.folder().to_owned());
@@ -50,7 +50,7 @@ impl Cohort {
     }
 }
 
-/// A function of the caller that accepts, changes or refuses a surface that was read for its sphere.
+/// A function of the caller that accepts, changes or refuses a surface after it was read for its sphere.
 pub type Check = Box<dyn Fn(&Row, &Sphere, Result<Target, RunError>) -> Result<Target, RunError> + Send + Sync>;
 
 /// Settings that apply to all rows.
@@ -58,15 +58,15 @@ pub type Check = Box<dyn Fn(&Row, &Sphere, Result<Target, RunError>) -> Result<T
 pub struct RunParams {
     /// Settings of the fits.
     pub fit: FitParams,
-    /// Changes to surfaces without a sphere before they are mapped; none by default.
+    /// Changes to be made to surfaces without a sphere before they are mapped; none by default.
     pub preparation: Preparation,
     /// Path of a mask of the sphere's vertices. The fit ignores vertices at which the mask is 0. `None` by default.
     pub mask: Option<PathBuf>,
-    /// Whether to write the complex coefficients beside each model, as CSV; default false.
+    /// Whether to write the complex coefficients as CSV beside each model; false by default.
     pub coefficients_csv: bool,
-    /// Treatment of existing outputs; by default, they cause the fit to be refused.
+    /// Treatment of existing outputs. By default, the fit is refused if outputs exist.
     pub if_exists: IfExists,
-    /// Whether to continue with the next row after a failure; default true.
+    /// Whether to continue with the next row after a failure; true by default.
     pub keep_going: bool,
     /// Path of the table to which outcomes are appended; `None` by default.
     pub status: Option<PathBuf>,
@@ -77,7 +77,7 @@ pub struct RunParams {
 }
 
 impl RunParams {
-    /// Creates settings with the given settings of the fits, and defaults for everything else.
+    /// Creates settings with the given settings of the fits and defaults for all other fields.
     #[must_use]
     pub fn new(fit: FitParams) -> Self {
         Self {

@@ -1,5 +1,5 @@
 //! Previews a run: counts rows, existing models and spheres, checks the memory, and finds rows that would fail, as far
-//! as this can be known before the run.
+//! as this is known before the run.
 
 use std::path::{Path, PathBuf};
 
@@ -18,8 +18,8 @@ use crate::files::ModelFiles;
 use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
-/// Number of spheres, and of surfaces without a sphere, that are read to check their sizes. Further files are read only
-/// if outputs exist.
+/// Number of spheres, and number of surfaces without a sphere, that are read to check their sizes. Further files are
+/// read only if outputs exist.
 const READ: usize = 3;
 
 /// Result of a preview.
@@ -38,7 +38,7 @@ pub struct Preview {
     pub spheres: usize,
     /// The spheres that the preview has read.
     pub first_spheres: Vec<PreviewedSphere>,
-    /// Number of surfaces that would be mapped to spheres of their own.
+    /// Number of surfaces that would be mapped to separate spheres.
     pub mapped: usize,
     /// Indices of the rows that would fail, with their errors.
     pub failed: Vec<(usize, RunError)>,
@@ -61,7 +61,7 @@ pub struct PreviewedSphere {
 ///
 /// # Errors
 ///
-/// Only an interruption, see [`RunError::is_interrupted`].
+/// Only an interruption (see [`RunError::is_interrupted`]).
 pub fn preview(
     cohort: &Cohort,
     params: &RunParams,
@@ -103,7 +103,7 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    /// Checks the rows over one sphere. Returns an error only for an interruption; other errors are recorded for the
+    /// Checks the rows over one sphere. Returns an error only for an interruption. Other errors are recorded for the
     /// rows.
     fn at_group(&mut self, group: &Group) -> Result<(), RunError> {
         let before = self.failed.len();
@@ -111,7 +111,7 @@ impl Look<'_> {
         if error.is_interrupted() {
             return Err(error);
         }
-        // An error of the sphere applies to all its rows: replace the errors of single rows.
+        // An error of the sphere applies to all of its rows and replaces the errors of single rows.
         self.failed.truncate(before);
         let error = match &group.sphere {
             Some(path) if self.work.params.keep_going => error.of(path.display()),

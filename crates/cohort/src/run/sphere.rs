@@ -17,8 +17,8 @@ pub fn read_sphere(path: &Path, strict: bool, warn: &dyn Fn(&str)) -> Result<Sph
     let sphere = spharm::read_sphere(path)?;
     for warning in &sphere.warnings {
         let text = format!("{}: {warning}", path.display());
-        // A strict run refuses only a varying radius here. A sphere that isn't closed is reported when a surface is
-        // fitted over it.
+        // A strict run refuses a sphere here only for a varying radius. A sphere that isn't closed is reported when a
+        // surface is fitted over it.
         if strict && matches!(warning, SphereWarning::RadiusSpread { .. }) {
             return Err(RunError::Strict(text));
         }

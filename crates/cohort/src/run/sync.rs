@@ -1,4 +1,4 @@
-//! Locks mutexes, and ignores their poisoning: the values here stay valid if a thread panics.
+//! Locks mutexes and ignores poisoning, because the protected values stay valid if a thread panics.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

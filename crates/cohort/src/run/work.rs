@@ -1,4 +1,4 @@
-//! Processes the rows of a run: decides about existing outputs, reads, fits and writes.
+//! Processes the rows of a run: decides about existing outputs, reads surfaces, fits them and writes models.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -33,7 +33,7 @@ pub(super) struct Work<'a> {
     pub(super) items: Mutex<HashMap<usize, Item>>,
     /// Names of labels whose models reproduce the voxels' steps, with a description of the steps.
     pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
-    /// The inputs that have been checked, to find equal inputs.
+    /// The inputs checked so far, to find equal inputs.
     pub(super) inputs: Mutex<Inputs>,
     /// Record of the file that was hashed last. It is kept because a volume with many labels would otherwise be hashed
     /// for every label.
@@ -153,11 +153,11 @@ impl<'a> Work<'a> {
         Ok(item)
     }
 
-    /// Returns the label from which a row's surface is extracted; `None` for a mesh.
+    /// Returns the label from which a row's surface is extracted, or `None` for a mesh.
     fn label(&self, row: &Row, on_sphere: bool) -> Result<Option<i64>, RunError> {
         let volume = is_volume(&row.surface) && !on_sphere;
         if let Some(mask) = row.region.as_ref().filter(|_| !on_sphere) {
-            // What is mapped to a sphere is a surface.
+            // An input that is mapped to a sphere is a surface.
             return Err(RunError::MaskedSurface { path: row.surface.clone(), mask: mask.clone() });
         }
         match row.label {
@@ -179,10 +179,10 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Returns the settings of the fit, with the row's own weights if it has any.
+    /// Returns the settings of the fit, with the row's weights if the row specifies any.
     pub(super) fn weighted(&self, row: &Row) -> Result<FitParams, RunError> {
-        // If the run continues after failures, the row's name is reported with its outcome, so the error needn't
-        // contain it.
+        // If the run continues after failures, the row's name is reported with its outcome, so the error doesn't need
+        // it.
         mask::weighted(&self.params.fit, row)
             .map_err(|error| if self.params.keep_going { error } else { error.of(&row.id) })
     }
@@ -198,7 +198,7 @@ impl<'a> Work<'a> {
         }
     }
 
-    /// Reads a sphere. Its warnings are reported, or cause an error in a strict run.
+    /// Reads a sphere. Warnings about the sphere are reported, or cause an error in a strict run.
     pub(super) fn sphere(&self, path: &Path) -> Result<Sphere, RunError> {
         let observer = self.ledger.observer;
         read_sphere(path, self.params.fit.strict, &|text| observer.event(&Event::Warning(text)))
@@ -235,8 +235,7 @@ impl<'a> Work<'a> {
                 for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
                     let row = &self.cohort.rows[number];
                     let model = row.model(&self.cohort.folder);
-                    // A row with another path for its sphere, whose contents are the same, gets an error that names its
-                    // own path.
+                    // If a row's sphere has another path but the same contents, the row's error names the row's path.
                     match row.sphere.as_ref().filter(|own| *own != path) {
                         Some(own) => {
                             let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
@@ -298,8 +297,8 @@ impl<'a> Work<'a> {
         let row = &self.cohort.rows[number];
         let outcome = match fit {
             Ok(mut fit) => {
-                // Record the requested weights, without the zeros at missing values: missing values of a row aren't a
-                // setting.
+                // Record the requested weights, without the zeros at missing values, because missing values of a row
+                // aren't a setting.
                 fit.report.settings.weights = params.weights.name().to_owned();
                 fit.report.settings.weights_hash = params.weights.hash();
                 let Some(item) = lock(&self.items).remove(&number) else { return Ok(()) };
@@ -361,8 +360,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Returns the sphere with the path of the row's own sphere, if another row's sphere with the same contents was read;
-/// otherwise `None`.
+/// If the sphere of another row with the same contents was read, returns that sphere with the path of this row's
+/// sphere. Otherwise returns `None`.
 fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
     let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
     own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })

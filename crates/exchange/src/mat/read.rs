@@ -89,7 +89,7 @@ impl Order {
     }
 }
 
-/// Reads the matrices with the given names; `None` for a name that the file doesn't have.
+/// Reads the matrices with the given names. The result has `None` for a name that isn't in the file.
 pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result<[Option<Matrix>; N], Flaw> {
     let head = bytes.get(..128).ok_or_else(|| Flaw::new("a header of 128 bytes", format!("{} bytes", bytes.len())))?;
     if head.starts_with(b"MATLAB 7.3") {
@@ -121,8 +121,8 @@ pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result
     Ok(found)
 }
 
-/// Inflates a compressed matrix if it has one of the names. Otherwise inflates only its beginning, which contains the
-/// name.
+/// Inflates a compressed matrix if it has one of the given names. Otherwise inflates only the beginning of the matrix,
+/// which contains its name.
 fn inflate(order: Order, contents: &[u8], names: &[&str]) -> Result<Vec<u8>, Flaw> {
     let wrong = |error: std::io::Error| Flaw::new("a compressed matrix", error);
     let mut decoder = ZlibDecoder::new(contents);
@@ -169,7 +169,7 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     order.element(&mut matrix)?;
     let mut part = || -> Result<Vec<f64>, Flaw> {
         let (kind, bytes) = order.element(&mut matrix)?;
-        // Values may be stored in one byte each, and take 8 bytes each in memory.
+        // A value may be stored in one byte, and takes 8 bytes in memory.
         check_room(8 * bytes.len() as u64).map_err(|room| Flaw::new("a matrix that fits in memory", room))?;
         let values = numbers(order, kind, bytes)
             .ok_or_else(|| Flaw::new(format!("{name}: numbers"), format!("data of type {kind}")))?;

@@ -14,7 +14,7 @@ use crate::MomentsError;
 use crate::moments::Shard;
 
 const FORMAT: &str = "table";
-/// Number of bytes read at a time; all threads then parse them.
+/// Number of bytes per read. All threads then parse them in parallel.
 const BLOCK: usize = 1 << 22;
 /// Smallest number of bytes that one thread parses at a time.
 const PIECE: usize = 1 << 16;
@@ -32,7 +32,7 @@ pub(super) struct Text {
     pending: Vec<u8>,
     /// Values of rows that have been parsed but not returned.
     parsed: Vec<f64>,
-    /// Byte range between the header and the shard: the rows before the shard.
+    /// Byte range of the rows before the shard: from the end of the header to the start of the shard.
     before: Range<u64>,
     /// Number of the shard's rows that have been parsed.
     rows: u64,
@@ -42,7 +42,7 @@ pub(super) struct Text {
 /// Layout of the table's lines.
 struct Lines {
     names: Vec<String>,
-    /// Separator of the fields; `None` for any number of blanks.
+    /// Separator of the fields; `None` if any number of blanks separates them.
     separator: Option<u8>,
     selected: Vec<usize>,
 }

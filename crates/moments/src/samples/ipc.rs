@@ -15,7 +15,7 @@ use spharm_surface::io::{check_room, most_expanded};
 const TAIL: usize = 10;
 /// Marker before the length of a message's metadata; files in the format's older version lack it.
 const MARK: [u8; 4] = [0xff; 4];
-/// Bytes that a buffer may have beyond its numbers of at most 64 bits, because Arrow pads buffers.
+/// Bytes that a buffer may have in addition to one number of 64 bits per row, because Arrow pads buffers.
 const PADDING: u64 = 64;
 /// Upper bound on the bytes to which one compressed byte can expand. zstd encodes a run of 128 KiB in four bytes, LZ4 a
 /// run of 255 bytes in one byte.
@@ -28,7 +28,7 @@ const PLAIN: i64 = -1;
 ///
 /// # Errors
 ///
-/// A description of the problem.
+/// Returns a description of the problem.
 pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
     let failed = |error: io::Error| error.to_string();
     let mut input = BufReader::new(file);
@@ -85,8 +85,8 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
             continue;
         }
         let expanded = u64::try_from(expanded).map_err(|_| "a buffer with a negative number of bytes")?;
-        // A buffer of equal numbers compresses to almost nothing, so a high ratio is valid. But no buffer is larger
-        // than the numbers of its rows.
+        // A buffer of equal numbers compresses to almost nothing, so a high ratio is valid. But a valid buffer has at
+        // most one number per row.
         let plausible = most_expanded(length).max(rows.saturating_mul(8).saturating_add(PADDING));
         if expanded > plausible.min(length.saturating_mul(MOST_PER_BYTE)) {
             return Err(format!("a buffer that expands from {length} to {expanded} bytes, for {rows} rows"));

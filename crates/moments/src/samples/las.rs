@@ -31,7 +31,7 @@ pub(super) struct Points {
     selected: Vec<usize>,
 }
 
-/// Opens a file. Returns the shard's points as a table, and their number.
+/// Opens a LAS file. Returns the shard's points as a table, and their number.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<(Points, u64), MomentsError> {
     let malformed = |expected: String, found: String| MomentsError::Malformed {
         path: path.to_owned(),

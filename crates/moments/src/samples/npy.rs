@@ -43,7 +43,7 @@ impl Header {
     }
 }
 
-/// Opens a file. Returns the shard's rows as a table, and their number.
+/// Opens a `.npy` file. Returns the shard's rows as a table, and their number.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<(Records, u64), MomentsError> {
     let mut input = BufReader::new(file);
     let header = read_header(path, &mut input)?;

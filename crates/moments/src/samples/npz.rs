@@ -25,7 +25,7 @@ struct Entry {
     deflated: bool,
 }
 
-/// Opens an archive. Returns the shard's rows as a table, and their number.
+/// Opens a `.npz` archive. Returns the shard's rows as a table, and their number.
 pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u64), MomentsError> {
     let malformed = |expected: &str, found: String| MomentsError::Malformed {
         path: path.to_owned(),

@@ -20,13 +20,13 @@ const DEPTH: usize = 8;
 /// text columns.
 const HEADER: u64 = 16 << 20;
 
-/// Checks for the given columns of all row groups that their pages lie within the file, and that the free memory
-/// suffices for the uncompressed pages. Memory for one page per column is counted: the pages of a column are read one
-/// after another, but all columns at the same time.
+/// Checks that the pages of the given columns lie within the file, in all row groups, and that the free memory suffices
+/// for the uncompressed pages. Memory for one page per column is required: the pages of a column are read one after
+/// another, but all columns at the same time.
 ///
 /// # Errors
 ///
-/// A description of the problem.
+/// Returns a description of the problem.
 pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) -> Result<(), String> {
     let bytes = file.metadata().map_err(|error| error.to_string())?.len();
     let schema = metadata.file_metadata().schema_descr();
@@ -61,8 +61,8 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         let compressed = u64::try_from(page.compressed).map_err(|_| wrong())?;
         let expanded = u64::try_from(page.expanded).map_err(|_| "a page with a negative number of bytes")?;
         at = body.checked_add(compressed).filter(|&next| next <= end).ok_or_else(wrong)?;
-        // A page of equal numbers compresses to almost nothing, so a high ratio is valid. But no page is larger than
-        // the values of its rows.
+        // A page of equal numbers compresses to almost nothing, so a high ratio is valid. But a valid page has at most
+        // one value per row.
         if expanded > most_expanded(compressed) && expanded > rows.saturating_mul(9).saturating_add(PADDING) {
             return Err(format!("a page that expands from {compressed} to {expanded} bytes, for {rows} rows"));
         }
@@ -199,8 +199,8 @@ impl<R: Read> Compact<R> {
         }
     }
 
-    /// Skips the elements of a list. Each element takes at least one byte, so a false `count` ends the loop at the end
-    /// of the header.
+    /// Skips the elements of a list. Each element takes at least one byte, so if `count` is too large, skipping fails
+    /// at the end of the header.
     fn skip_all(&mut self, kind: u8, count: u64, depth: usize) -> io::Result<()> {
         for _ in 0..count {
             let kind = if matches!(kind, TRUE | FALSE) { BYTE } else { kind };
@@ -238,8 +238,8 @@ mod tests {
 
     #[test]
     fn a_header_is_read_to_its_end() {
-        // Header of a data page of 300 bytes, 40 compressed, with a checksum and a nested structure of a list, a text
-        // and a flag. Other bytes follow the header.
+        // Header of a data page of 300 bytes, compressed to 40, with a checksum and a nested structure of a list, a
+        // string and a boolean. Other bytes follow the header.
         let text: Vec<u8> = [&[0x18, 3][..], b"abc"].concat();
         let inner = [&[0x15, 2, 0x19, 0x25, 2, 4][..], &text, &[0x11, 0][..]].concat();
         let header = [&[0x15, 0, 0x15, 0xd8, 4, 0x15, 80, 0x15, 1, 0x1c][..], &inner, &[0][..]].concat();

@@ -33,7 +33,7 @@ enum Encoding {
     Binary { little: bool },
 }
 
-/// Opens a file. Returns the shard's rows as a table, and their number if known.
+/// Opens a PLY file. Returns the shard's rows as a table, and their number if known.
 pub(super) fn open(
     path: &Path,
     file: File,

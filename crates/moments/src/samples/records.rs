@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use super::table::Table;
 use crate::MomentsError;
 
-/// Number of bytes decoded at a time; this many bytes fit a core's L2 cache.
+/// Number of bytes decoded at a time. They fit into a core's L2 cache.
 const CACHED: usize = 1 << 18;
 
 /// The type of a number.

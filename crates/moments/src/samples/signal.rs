@@ -17,7 +17,8 @@ pub(super) struct Values {
     done: usize,
 }
 
-/// Reads a file. The value of a vertex without data is NaN; it causes an error only if the vertex's row is used.
+/// Reads a file of values on vertices. The value of a vertex without data is NaN; it causes an error only if the
+/// vertex's row is used.
 pub(super) fn open(path: &Path) -> Result<Values, SurfaceError> {
     let signal = read_signal_with_gaps(path)?;
     let names = (0..signal.channels).map(|channel| channel.to_string()).collect();

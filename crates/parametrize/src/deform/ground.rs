@@ -16,8 +16,8 @@ pub(super) struct Ground<'a> {
     /// The map: a unit vector for each vertex of the surface.
     sphere: Vec<Vec3>,
     locator: SphereLocator,
-    /// Square root of the ratio of the surface's area to that of the unit sphere: mean length on the surface of one
-    /// radian.
+    /// Square root of the ratio of the surface's area to that of the unit sphere: the mean length on the surface that
+    /// corresponds to one radian.
     pub(super) scale: f64,
 }
 

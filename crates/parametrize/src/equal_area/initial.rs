@@ -56,8 +56,8 @@ impl Rings {
             loop {
                 let (quad, k) = (quads.quads[corner as usize / 4], corner as usize % 4);
                 neighbours.push(quad[(k + 1) % 4]);
-                // Continues across the edge that ends at the vertex, which lies to the left of the edge that starts
-                // there.
+                // Continues across the edge that ends at the vertex. It lies to the left of the edge that starts at
+                // the vertex.
                 corner = quads.twins[corner as usize / 4 * 4 + (k + 3) % 4];
                 if corner == start {
                     break;

@@ -66,7 +66,7 @@ pub fn equal_area(
     mapped(quads, &Targets::of(quads, &quads.vertices), start, params, started, monitor)
 }
 
-/// Returns the map of given targets, from a start.
+/// Optimises a map for given targets, from the positions `start`.
 fn mapped(
     quads: &QuadMesh,
     targets: &Targets,
@@ -90,8 +90,8 @@ fn mapped(
 }
 
 /// Returns the largest relative deviation of a quadrangle's area on the sphere from its share of the surface's area.
-/// For a smooth surface this is the share of the smooth quadrangles or of the voxels' faces, whichever deviates less,
-/// as the map has either.
+/// For a smooth surface, shares are those of the smooth quadrangles or of the voxels' faces, whichever give the
+/// smaller deviation, since the map was optimised for one of them.
 ///
 /// # Panics
 ///

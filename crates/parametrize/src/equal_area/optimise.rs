@@ -193,7 +193,7 @@ impl<'a> Lagrangian<'a> {
             // Every edge belongs to two quadrangles, so each contributes half of the edge's term.
             edges / (4.0 * self.area) + self.multipliers[q] * c + 0.5 * self.rho * c * c + 0.5 * self.kappa * angles
         };
-        // Summed in the order of the quadrangles, so that the result doesn't depend on the number of threads.
+        // The sum is taken in the order of the quadrangles, so that it doesn't depend on the number of threads.
         (0..self.quads.len()).into_par_iter().with_min_len(512).map(of).collect::<Vec<f64>>().iter().sum()
     }
 
@@ -256,7 +256,7 @@ impl<'a> Lagrangian<'a> {
             }
         }
 
-        // Area constraint.
+        // Adds the terms of the area constraint.
         let target = self.targets.areas[q];
         let c = self.constraint(q, p);
         let (one, two) = (solid_angle_gradient([p[0], p[1], p[2]]), solid_angle_gradient([p[0], p[2], p[3]]));
@@ -265,7 +265,7 @@ impl<'a> Lagrangian<'a> {
         part.add_gradient(self.multipliers[q] + self.rho * c, &area);
         part.add_square(self.rho, &area);
 
-        // Penalty on angles.
+        // Adds the penalty on angles.
         for k in 0..4 {
             let short = S0 - self.sine(q, &p, k);
             if short > 0.0 {

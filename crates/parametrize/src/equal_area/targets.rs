@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 use crate::geometry::{Vec3, cross, norm, sub};
 use crate::volume::QuadMesh;
 
-/// Sides, or areas, with a relative difference below this are treated as equal, since voxel sizes in files are 32-bit
+/// Relative difference below which sides, or areas, are treated as equal, since voxel sizes in files are 32-bit
 /// numbers.
 const EQUAL: f64 = 1e-5;
 

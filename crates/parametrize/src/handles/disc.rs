@@ -12,8 +12,8 @@ use std::f64::consts::{PI, TAU};
 pub(super) struct Disc {
     /// Number of vertices on the rim. They are the first ones of `points`.
     pub(super) rim: usize,
-    /// Number of vertices of the ring next to the rim. They follow those of the rim. 1, the centre, if there is no
-    /// ring.
+    /// Number of vertices of the ring next to the rim, which follow those of the rim in `points`; 1, the centre, if
+    /// there is no ring.
     pub(super) ring: usize,
     /// Distance between consecutive rings; the rim has radius 1.
     pub(super) spacing: f64,
@@ -84,7 +84,8 @@ fn join(outer: &[f64], outer_start: usize, inner: &[f64], inner_start: usize, tr
 mod tests {
     use super::*;
 
-    /// Every rim gets a disc: Euler characteristic 1, all triangles wound the same way, and the rim as its boundary.
+    /// Checks that every rim gets a disc: Euler characteristic 1, all triangles wound the same way, and the rim as
+    /// its boundary.
     #[test]
     fn rims_of_all_sizes_get_discs() {
         for rim in 3..80 {

@@ -199,7 +199,8 @@ mod tests {
     use super::*;
     use spharm_monitor::Silent;
 
-    /// The smooth filling at the end of a tube of radius 1 is the dome given in the header.
+    /// Checks that the smooth filling at the end of a tube of radius 1 is the dome given in the module's
+    /// documentation.
     #[test]
     fn a_tube_is_closed_by_the_dome_in_closed_form() {
         let rim: Vec<Vec3> =

@@ -24,7 +24,8 @@ use super::complex::{Complex, NONE};
 
 /// Classes of half-edges, and the generators.
 pub(super) struct Homology {
-    /// The number of each half-edge; twins have opposite numbers.
+    /// The number assigned to each half-edge, which is summed along paths to get their class; twins have opposite
+    /// numbers.
     class: Vec<u64>,
     /// The generators: the 2 g edges in neither tree, each as one of its half-edges.
     pub(super) generators: Vec<u32>,
@@ -74,7 +75,7 @@ impl Homology {
         Self { class, generators }
     }
 
-    /// Returns the number of a half-edge, which is summed along paths.
+    /// Returns the number assigned to a half-edge, which is summed along paths to get their class.
     pub(super) fn class(&self, h: u32) -> u64 {
         self.class[h as usize]
     }
@@ -104,8 +105,8 @@ fn shortest_paths(complex: &Complex, base: u32) -> (Vec<f64>, Vec<u32>) {
     (distance, arriving)
 }
 
-/// Returns the numbers of the half-edges: zero on the tree of paths, random on generators, and on the dual tree the
-/// numbers that make each face's sum zero.
+/// Returns the numbers assigned to the half-edges: zero on the tree of paths, random on generators, and on the dual
+/// tree the numbers that make each face's sum zero.
 fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
     let mut class = vec![0_u64; place.len()];
     for (&h, i) in generators.iter().zip(1_u64..) {

@@ -85,7 +85,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
         cut.faces.extend(filling.faces.iter().map(|face| face.map(renumber)));
         cut.vertices.extend(filling.vertices);
     }
-    // Checked because a wrong topology would make a model silently wrong.
+    // The topology is checked, because a wrong one would make a model silently wrong.
     let topology = Topology::of(&cut);
     if !topology.is_sphere() {
         return Err(left_over(topology.problems().join("; ")));

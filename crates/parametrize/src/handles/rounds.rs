@@ -56,7 +56,8 @@ fn candidates(complex: &Complex, homology: &Homology, monitor: &dyn Monitor) -> 
 fn key(complex: &Complex, found: Loop) -> (u64, Vec<u32>, Loop) {
     let mut edges: Vec<u32> = found.edges.iter().map(|&h| h.min(complex.twin(h))).collect();
     edges.sort_unstable();
-    // Summed in the order of the edges' indices, so that the length doesn't depend on direction and starting point.
+    // The length is summed in the order of the edges' indices, so that it doesn't depend on direction and starting
+    // point.
     let length: f64 = edges.iter().map(|&h| complex.length(h)).sum();
     (length.to_bits(), edges, Loop { length, ..found })
 }

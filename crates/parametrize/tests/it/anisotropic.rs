@@ -56,7 +56,7 @@ fn energy(map: &Parametrization) -> [f64; 4] {
 fn areas_are_equal_in_mm2() {
     for voxel in [[0.1, 0.1, 0.3], [0.3, 0.1, 0.1], [0.12, 0.2, 0.32]] {
         let map = map(&ellipsoid(0, voxel));
-        // The two triangles of a quadrangle differ slightly in area. Without regard to voxel sizes the value would be
+        // The two triangles of a quadrangle differ slightly in area. If voxel sizes were ignored, the value would be
         // 0.5.
         assert!(map.quality().area_rms < 0.15, "{voxel:?}: {:?}", map.quality());
     }

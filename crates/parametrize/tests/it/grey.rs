@@ -41,7 +41,7 @@ fn surface(volume: &LabelVolume, params: &VolumeParams) -> VolumeSurface {
     volume.surface(params, &Silent).unwrap()
 }
 
-/// Returns the relative errors of area and volume of a surface that should be a ball's.
+/// Returns the relative errors of a surface's area and volume, compared with a ball.
 fn errors(surface: &VolumeSurface, radius: f64) -> [f64; 2] {
     let mesh = surface.quads.triangles(|_| false);
     let volume = 4.0 / 3.0 * PI * radius.powi(3);
@@ -55,8 +55,8 @@ fn shares_of_voxels_give_area_and_volume_of_the_body() {
         let found = surface(&volume_of(&shares, VoxelValues::Probability).unwrap(), &VolumeParams::default());
         let [area, volume] = errors(&found, radius);
         assert!(volume.abs() < 2e-3 && area.abs() < 0.015, "{radius}: area {area}, volume {volume}");
-        // Interpolation finds a smaller ball: by about 1/6 r^2 of its radius, half of which the sampling of the voxels
-        // makes and half the interpolation.
+        // Interpolation finds a ball whose radius is too small by a share of about 1 / (6 r^2): half of this comes
+        // from the sampling by voxels, half from the interpolation.
         let [_, volume] =
             errors(&surface(&volume_of(&shares, VoxelValues::Level(0.5)).unwrap(), &VolumeParams::default()), radius);
         assert!(volume < -0.002 && volume > -0.9 / (radius * radius), "{radius}: volume {volume}");
@@ -65,8 +65,8 @@ fn shares_of_voxels_give_area_and_volume_of_the_body() {
 
 #[test]
 fn a_level_is_where_interpolation_reaches_it() {
-    // Along other lines than those through it, distances from a point are convex, so that linear interpolation
-    // overestimates them, and underestimates the radius in proportion to its inverse.
+    // Along a line that doesn't pass through the centre, the distance from the centre is convex. Linear interpolation
+    // therefore overestimates it, and underestimates the radius in proportion to the radius's inverse.
     for (level, radius) in [(0.0, 6.0), (-1.3, 7.3), (2.5, 3.5)] {
         for (scale, shift) in [(1.0, 0.0), (40.0, 1000.0)] {
             let values = values(|at| scale * (6.0 - distance(at, CENTRE)) + shift);
@@ -102,7 +102,8 @@ fn values_of_files_are_those_of_arrays() {
     });
     let in_memory = surface(&volume_of(&grey, VoxelValues::Level(0.1)).unwrap(), &VolumeParams::default());
     assert!(in_memory.quads.vertices.len() > 100);
-    let reading = VolumeReading { voxel_size: Some([1.0; 3]), values: VoxelValues::Level(0.1) };
+    let reading =
+        VolumeReading { voxel_size: Some([1.0; 3]), values: VoxelValues::Level(0.1), ..VolumeReading::default() };
     let [nx, ny, nz] = SIZE;
     let in_c_order = (0..grey.len()).map(|i| grey[i / (ny * nz) + nx * (i / nz % ny + ny * (i % nz))]);
     for (fortran, stored) in [("True", grey.clone()), ("False", in_c_order.collect())] {

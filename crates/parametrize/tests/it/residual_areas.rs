@@ -45,8 +45,7 @@ fn what_a_model_represents_exactly_needs_no_room() {
     let sphere = icosphere(4);
     let long = sphere.with_vertices(sphere.vertices.iter().map(|&[x, y, z]| [x, y, 1.2 * z]).collect());
     let found = with(&long, 0.25, 20);
-    // Area distortion is only spent on lower shape distortion. An ellipsoid's residual is negligible, so none is spent
-    // on it.
+    // An ellipsoid's residual is negligible, so area distortion is only spent on lower shape distortion.
     let quality = &found.report.quality;
     assert!(quality.area_rms < 0.05, "{:?}", found.report);
 }

@@ -1,4 +1,4 @@
-//! Tests the way from label volumes to surfaces and equal-area spheres.
+//! Tests the steps from label volumes to surfaces and equal-area spheres.
 
 use spharm_monitor::Silent;
 use spharm_parametrize::volume::{Affine, HandleRepair, LabelSurface, LabelVolume, Mask, VolumeParams, VolumeSurface};
@@ -97,8 +97,8 @@ fn the_surface_encloses_the_voxels_in_mm() {
     assert_eq!((corner.label, corner.voxels), (7, 1));
 }
 
-/// The smooth surface has the same vertices as the voxels' faces, a map of its own areas, the voxels' volume, and
-/// nearly the area of the body. Labels of few voxels keep the faces.
+/// Checks that the smooth surface has the same vertices as the voxels' faces, a map of its own areas, the voxels'
+/// volume, and nearly the area of the body. Labels of few voxels keep the faces.
 #[test]
 fn smooth_surfaces_have_their_own_map_and_the_volume_of_the_voxels() {
     let body = volume(|[x, y, z]| ball([x / 2.0, y, z], 4.5));

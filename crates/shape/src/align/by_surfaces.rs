@@ -16,14 +16,14 @@ use crate::transform::{SQRT_4_PI, Transform, rmsd};
 /// Result of an alignment by the surfaces.
 pub(super) struct BySurfaces {
     pub(super) transform: Transform,
-    /// Root mean square distance at equal directions that the refinement of each start reached, without row 0.
+    /// Root mean square distance at equal directions reached from each start of the refinement, without row 0.
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
-    /// Distance between the surfaces in the pose, but at least the rounding error of its evaluation. The distance at
-    /// equal directions is an upper bound of the distance between the surfaces. A pose whose distance at equal
-    /// directions is below `bound` is therefore at least as good.
+    /// Distance between the surfaces in the pose found, but at least the rounding error of the evaluated surfaces.
+    /// The distance at equal directions is never smaller than the distance between the surfaces, so another pose
+    /// whose distance at equal directions is at most `bound` is at least as good.
     pub(super) bound: f64,
-    /// Distance at equal directions in the pose.
+    /// Root mean square distance at equal directions, in the pose found.
     pub(super) rmsd: f64,
     pub(super) warnings: Vec<AlignWarning>,
 }

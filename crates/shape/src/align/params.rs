@@ -29,7 +29,7 @@ pub enum Method {
 /// Settings of an alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AlignParams {
-    /// The method; by default [`Method::Joint`].
+    /// Method of the alignment; by default [`Method::Joint`].
     pub method: Method,
     /// Highest degree compared; by default the lower of the two surfaces' degrees. All degrees of the moving surface
     /// are transformed.
@@ -38,7 +38,8 @@ pub struct AlignParams {
     pub scale: bool,
     /// Whether mirror images may be matched; by default no.
     pub mirror: bool,
-    /// Bandwidth B of the grid, 2 to 64: it has 2B x B x 2B rotations. By default 8, or L + 1 below degree 7.
+    /// Bandwidth B of the grid of rotations, 2 to 64: the grid has 2B x B x 2B rotations. By default 8, or L + 1
+    /// below degree 7.
     pub bandwidth: Option<usize>,
     /// Number of local maxima of the grid that are refined, at least 1; by default 6.
     pub starts: usize,
@@ -50,7 +51,7 @@ impl Default for AlignParams {
     }
 }
 
-/// Default bandwidth.
+/// Default bandwidth of the grid of rotations.
 const BANDWIDTH: usize = 8;
 
 impl AlignParams {
@@ -92,11 +93,12 @@ pub enum AlignWarning {
     BothUndetermined,
     /// Both surfaces are planar: a mirror image can't be detected.
     MirrorUndetermined,
-    /// In the given pose the parameters can be rotated without changing the distance.
+    /// The rotation of the parameters is undetermined: in the given pose, rotating the parameters doesn't change the
+    /// distance.
     ParametersUndetermined,
     /// Another pose of the surfaces is nearly as good.
     PoseInDoubt {
-        /// Distance between the surfaces.
+        /// Distance between the surfaces in the pose found.
         distance: f64,
         /// Distance between the surfaces in the other pose.
         second: f64,
@@ -106,7 +108,7 @@ pub enum AlignWarning {
     PlacesDiffer {
         /// Root mean square distance at equal directions.
         rmsd: f64,
-        /// Distance between the surfaces.
+        /// Distance between the surfaces in the pose found.
         distance: f64,
     },
     /// The first-order ellipsoid is nearly round, and its frame has little meaning.

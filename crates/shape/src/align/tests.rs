@@ -54,7 +54,7 @@ fn optima_a_half_turn_apart_are_told_apart() {
     }
 }
 
-/// High degrees are first refined at a lower degree.
+/// Surfaces of high degree are first refined at a lower degree.
 #[test]
 fn high_degrees_find_the_same_from_any_pose() {
     let (f, g) = (blob(45, 3), blob(45, 4));
@@ -103,7 +103,7 @@ fn a_mirror_image_is_matched_only_if_asked_for() {
 #[test]
 fn a_hippocampus_isnt_its_reflection() {
     let Some(surfaces) = hippocampi("foe") else { return };
-    // The image's sphere is mirrored too.
+    // The mirror image has a mirrored sphere as well.
     let image = posed(&reflected(&surfaces[0]), &Transform { antipodal: true, ..some_pose(8) });
     let proper = aligned(&image, &surfaces[0], &AlignParams::default()).report.rmsd_after;
     assert!((proper - 2.2486).abs() < 1e-4, "{proper}");
@@ -121,8 +121,8 @@ fn fixed_parameters_leave_the_sphere_alone() {
     assert!(apart(&surface, &found.coefficients) < 1e-13);
 }
 
-/// The best of 4 x 4 half turns reaches the distances in shape.md. The frame of a round surface is arbitrary and causes
-/// a warning.
+/// With the best of 4 x 4 half turns, the distances equal those in shape.md. The frame of a round surface is
+/// arbitrary and causes a warning.
 #[test]
 fn ellipsoid_frames_are_no_better_than_known() {
     let params = AlignParams { method: Method::FirstOrderEllipsoid, ..Default::default() };
@@ -137,7 +137,7 @@ fn ellipsoid_frames_are_no_better_than_known() {
     assert!(matches!(report.warnings[..], [AlignWarning::NearlyRound { .. }]), "{report:?}");
 }
 
-/// Between ellipsoids in the same pose the remaining distance is the difference of their axes.
+/// The distance between ellipsoids in the same pose follows from the differences of their axes.
 #[test]
 fn ellipsoids_differ_by_their_axes() {
     let (a, b) = (ellipsoid([5.0, 3.0, 2.0]), ellipsoid([4.0, 3.5, 2.5]));
@@ -195,7 +195,7 @@ fn bad_input_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
 
-    /// align(R f, g) = align(f, g).
+    /// Moving the first surface to another pose doesn't change the result: align(R f, g) = align(f, g).
     #[test]
     fn the_pose_of_the_moving_surface_doesnt_matter(numbers in prop::array::uniform6(0.0..1.0), seed in 0u32..50) {
         let (f, g) = (blob(6, seed), blob(6, seed + 1));
@@ -208,7 +208,7 @@ proptest! {
     }
 }
 
-/// Surfaces whose spheres were rotated against each other are aligned in space, whatever the parameters.
+/// The pose in space is found regardless of the parameters, even if the spheres were rotated against each other.
 #[test]
 fn poses_by_surfaces_dont_depend_on_the_parameters() {
     let target = blob(6, 1);
@@ -230,7 +230,7 @@ fn poses_by_surfaces_dont_depend_on_the_parameters() {
 fn mirrored_poses_by_surfaces_keep_the_outside_outside() {
     let target = blob(6, 1);
     let params = AlignParams { method: Method::Surfaces, mirror: true, ..AlignParams::default() };
-    // A surface that is inside out, and a surface whose sphere is mirrored too.
+    // The first surface is mirrored in space alone, and so inside out; the second has a mirrored sphere as well.
     let inside_out = reflected(&target);
     let turned = Transform { antipodal: true, ..Transform::default() }.apply(&inside_out, &Silent).unwrap();
     for (moving, antipodal) in [(inside_out, false), (turned, true)] {

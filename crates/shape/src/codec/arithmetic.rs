@@ -2,15 +2,15 @@
 //! share.
 //!
 //! The interval is `low..=high`. A decision whose probability of being 1 is p / 65,536 splits it at `middle = low +
-//! ((high - low) p >> 16)`: 1 takes `low..=middle`, 0 the rest above. While the top bytes of `low` and `high` are
-//! equal, that byte is written, and both are shifted by 8 bits. The decoder computes the same intervals, and compares
-//! `middle` with a window of 32 bits of the stream. It reads 4 bytes at the start and one byte for each shift; beyond
-//! the end of the stream it reads zeros.
+//! ((high - low) p >> 16)`: 1 selects `low..=middle`, and 0 selects the rest. While the top bytes of `low` and `high`
+//! are equal, that byte is written, and both are shifted by 8 bits. The decoder computes the same intervals, and
+//! compares `middle` with a window of 32 bits of the stream. It reads 4 bytes at the start and one byte for each
+//! shift; beyond the end of the stream it reads zeros.
 //!
 //! After Witten, Neal and Cleary, "Arithmetic coding for data compression", Communications of the ACM 30 (1987), in the
 //! byte-oriented form of M. Mahoney's PAQ.
 
-/// Denominator of probabilities. Numerators are from 1 to `ONE - 1`.
+/// Denominator of probabilities, whose numerators are from 1 to `ONE - 1`.
 pub(super) const ONE: u32 = 1 << 16;
 
 /// Writer or reader of decisions: the interface of a probability model, so that one model serves both.
@@ -34,7 +34,7 @@ pub(super) trait Decisions {
 pub(super) struct Ended;
 
 fn split(low: u32, high: u32, one: u32) -> u32 {
-    // This is below `high`, because `one` is below 65,536.
+    // The middle is below `high`, because `one` is below 65,536.
     low + ((u64::from(high - low) * u64::from(one)) >> 16) as u32
 }
 
@@ -165,7 +165,7 @@ mod tests {
         }
     }
 
-    /// The stream's size is the entropy of the decisions plus a few bytes.
+    /// The size of the stream is the entropy of its decisions plus a few bytes.
     #[test]
     fn it_takes_what_the_probabilities_say() {
         let mut encoder = Encoder::new();

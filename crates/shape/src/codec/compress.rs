@@ -16,7 +16,7 @@ use super::quantizer::Quantised;
 use super::search::{Trial, search};
 use super::stream::Stream;
 
-/// Minimum size in bytes of a default level, so that its checksum is a negligible part of it.
+/// Minimum number of bytes between two default levels, so that checksums are a negligible part of the file.
 const LEAST_LEVEL: usize = 256;
 
 /// Criterion by which the quantisation step is chosen. Relative lengths refer to a surface whose bounding box is scaled
@@ -28,9 +28,9 @@ pub enum Target {
     /// points and along the normal: a relative length, 1e-8 to 1. The distance reached is at most about 2 % below this
     /// maximum. For a signal, the maximum root mean square error.
     Tolerance(f64),
-    /// Maximum file size in bytes. Where possible, the file fills at least 99.5 % of it.
+    /// Maximum file size in bytes. If possible, the file uses at least 99.5 % of it.
     Bytes(usize),
-    /// The step itself, a relative length, 1e-12 to 1.
+    /// The quantisation step itself, a relative length, 1e-12 to 1.
     Step(f64),
 }
 
@@ -63,13 +63,13 @@ pub struct Compressed {
     /// Root mean square distance between the model and the compressed model, a relative length as in
     /// [`Target::Tolerance`].
     pub distance: f64,
-    /// The step, a relative length.
+    /// Quantisation step, a relative length as in [`Target::Tolerance`].
     pub step: f64,
     /// Cube root of the volume of the bounding box of the model's surface, in the model's unit; 1 for a signal.
     pub scale: f64,
-    /// Size of the header in bytes, including the provenance.
+    /// Size of the file's header in bytes, including the provenance.
     pub head: usize,
-    /// Points at which the file may be truncated; the last is the complete file.
+    /// Points at which the file may be truncated; the last one is the end of the file.
     pub levels: Vec<Level>,
     /// Highest degree of the compressed model. It is the original model's degree, unless the format doesn't allow a
     /// file of this size to declare that many coefficients.
@@ -146,7 +146,7 @@ fn check(model: &Model, params: &CompressParams) -> Result<(), CodecError> {
     Ok(())
 }
 
-/// Searches the step that meets a target.
+/// Search for the step that meets a target.
 struct Trials<'a> {
     writer: &'a Writer<'a>,
     reference: &'a Reference<'a>,
@@ -211,8 +211,8 @@ impl Trials<'_> {
     }
 }
 
-/// Returns the metadata that an expansion restores, as JSON. Settings and distances of the fit are left out, because
-/// they don't hold for the compressed model.
+/// Returns the metadata that an expansion restores, as JSON. Settings and distances of the fit are omitted, because
+/// they don't apply to the compressed model.
 fn metadata(model: &Model) -> Result<String, CodecError> {
     let parameter = |error: serde_json::Error| CodecError::Parameter {
         what: "provenance of the model",
@@ -230,7 +230,7 @@ fn metadata(model: &Model) -> Result<String, CodecError> {
     Ok(Value::Object(object).to_string())
 }
 
-/// Writer of the files of one model.
+/// Writes a model with different steps, each into a file.
 struct Writer<'a> {
     model: &'a Model,
     surface: bool,
@@ -257,7 +257,7 @@ impl Writer<'_> {
         let mut values = quantised.values.clone();
         let mut ends = Vec::new();
         for degree in 1..=top {
-            // Writing can't run out of data.
+            // The encoder never returns an error; only a decoder can run out of data.
             let _ = stream.degree(&mut values, &mut encoder);
             let last = ends.last().map_or(0, |&(_, end)| end);
             let wanted = match self.levels {

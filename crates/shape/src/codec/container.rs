@@ -10,10 +10,10 @@ use spharm_harmonics::{MAX_DEGREE, basis_size};
 
 use super::error::CodecError;
 
-/// The version that is written, and the only one supported.
+/// Version of the file format: the only one that is written or read.
 pub const VERSION: u8 = 1;
 
-/// The first byte isn't a letter, so that no text is mistaken for a model.
+/// First bytes of a compressed model. The first byte isn't a letter, so that no text is mistaken for a model.
 const MAGIC: [u8; 4] = *b"\x89SPZ";
 const VERSION_AT: usize = MAGIC.len();
 const FLAGS_AT: usize = VERSION_AT + 1;
@@ -30,10 +30,10 @@ pub(super) const MOST_CHANNELS: usize = 1 << 16;
 const MOST_METADATA: usize = 1 << 24;
 /// Maximum number of coefficients; as f64 they occupy 2 GiB.
 pub(super) const MOST_VALUES: usize = 1 << 28;
-/// Number of zero coefficients above the stream's highest degree that any file may declare, and the number that it may
-/// declare in addition per byte of its size.
+/// Numbers of zero coefficients that a file may declare above the stream's highest degree: for any file, and in
+/// addition per byte of its size.
 const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
-/// Maximum exponent of the guess for degree 1.
+/// Maximum of [`Head::guess`], the log2 of the mean magnitude at degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
 
 /// Header of a file.
@@ -49,12 +49,12 @@ pub(super) struct Head {
     pub(super) shifts: [i8; 2],
     pub(super) steps: Vec<f64>,
     pub(super) first: Vec<i64>,
-    /// JSON in UTF-8.
+    /// Metadata as JSON in UTF-8, if any.
     pub(super) metadata: Option<String>,
     pub(super) segments: Vec<Segment>,
 }
 
-/// A run of bytes of the stream that completes a level.
+/// Run of bytes of the stream that completes a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Segment {
     /// Highest degree of the model that ends with this segment.

@@ -1,11 +1,11 @@
 //! Predicts the magnitude of a coefficient before it is coded; the predictions are the contexts of its probability
 //! estimates.
 //!
-//! Coefficients of a smooth surface shrink with the degree, at about the same rate for all orders and channels. Around
-//! that trend they are correlated: if a coefficient is large, the coefficients of the same order one and two degrees
-//! below, of neighbouring orders, and of the other channels tend to be large as well. Six expected magnitudes, in
-//! 256ths of a step, are computed from these neighbours. Each is a weighted mean of coefficients coded already, drawn
-//! towards the running mean of the degree. Magnitudes are clamped to 2^20.
+//! Coefficients of a smooth surface shrink with the degree, at about the same rate for all orders and channels.
+//! Around that trend they are correlated: if a coefficient is large, the coefficients of the same order one and two
+//! degrees below, of neighbouring orders, and of the other channels tend to be large as well. Six expected
+//! magnitudes, in units of 1/256 of a step, are computed from these neighbours. Each is a weighted mean of
+//! coefficients that are already coded, drawn towards the running mean of the degree. Magnitudes are clamped to 2^20.
 
 use spharm_harmonics::index::column;
 
@@ -17,7 +17,7 @@ pub(super) const UNIT: u64 = 256;
 /// Number of classes of expected magnitudes: four per octave.
 pub(super) const CLASSES: usize = 48;
 
-/// Maximum magnitude in the predictions; larger magnitudes are clamped to it.
+/// Maximum magnitude in the predictions, to which larger magnitudes are clamped.
 const LARGEST: u32 = 1 << 20;
 
 /// Returns the class of an expected magnitude.
@@ -34,7 +34,7 @@ pub(super) fn bound(class: usize) -> u64 {
     if class < 4 { class as u64 } else { (4 + (class as u64 & 3)) << (class / 4 - 1) }
 }
 
-/// A sum of magnitudes with weights in eighths.
+/// Weighted sum of magnitudes, with weights in eighths.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     magnitudes: u64,
@@ -51,7 +51,7 @@ impl Sum {
         Self { magnitudes: self.magnitudes + other.magnitudes, weights: self.weights + other.weights }
     }
 
-    /// Returns the mean of the magnitudes and a guess, whose weight is `weight`.
+    /// Returns the weighted mean of the magnitudes and of a guess with the weight `weight`.
     fn mean(self, weight: u64, guess: u64) -> u64 {
         (UNIT * self.magnitudes + weight * guess) / (self.weights + weight)
     }
@@ -65,15 +65,15 @@ pub(super) struct Contexts {
     means: [u64; 2],
     /// Mean magnitudes of each channel at the previous degree.
     channel_means: Vec<u64>,
-    /// Sums of the magnitudes of this degree in each channel; `sum` is the sum over all channels.
+    /// Sum of the magnitudes of the current degree in each channel; `sum` is the sum over all channels.
     channel_sums: Vec<u64>,
     sum: u64,
-    /// Number of coefficients of this degree coded so far, over all channels.
+    /// Number of coefficients of the current degree coded so far, over all channels.
     count: u64,
 }
 
 impl Contexts {
-    /// Starts before degree 1, whose mean magnitude is guessed as `guess`.
+    /// Creates the contexts for degree 1, for which `guess` is the assumed mean magnitude.
     pub(super) fn new(channels: usize, guess: u64) -> Self {
         let guess = UNIT * guess;
         Self {
@@ -91,7 +91,7 @@ impl Contexts {
     pub(super) fn next_degree(&mut self) {
         let orders = 2 * self.degree as u64 + 1;
         let mean = UNIT * self.sum / (orders * self.channels as u64);
-        // The mean before degree 1 is only a guess and shows no trend, so degree 1 replaces it.
+        // Before degree 1 there is only a guess, which shows no trend, so the mean of degree 1 replaces it.
         self.means = [mean, if self.degree == 1 { mean } else { self.means[0] }];
         for (mean, sum) in self.channel_means.iter_mut().zip(&mut self.channel_sums) {
             *mean = UNIT * *sum / orders;
@@ -108,8 +108,8 @@ impl Contexts {
         self.count += 1;
     }
 
-    /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in 256ths. `values` holds all
-    /// coefficients, (K, c), of which only those before this coefficient have been coded.
+    /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in units of 1/256 of a step.
+    /// `values` holds all coefficients, (K, c), of which only those before this coefficient have been coded.
     pub(super) fn expected(&self, values: &[i32], m: isize, channel: usize) -> [u64; ESTIMATES] {
         let (l, k) = (self.degree, m.unsigned_abs());
         let at = |degree: usize, order: isize, channel: usize| {
@@ -118,7 +118,7 @@ impl Contexts {
         let both =
             |degree: usize, order: usize| at(degree, order as isize, channel) + at(degree, -(order as isize), channel);
         let (mut beside, mut below, mut others) = (Sum::default(), Sum::default(), Sum::default());
-        // Both orders of a pair are added; order 0 is added twice.
+        // The magnitudes of orders k and -k are added; order 0 is added twice.
         let pair = |sum: &mut Sum, weight: u64, magnitudes: u64| {
             sum.magnitudes += weight * magnitudes;
             sum.weights += 2 * weight;
@@ -131,7 +131,7 @@ impl Contexts {
         if m < 0 {
             beside.add(7, at(l, k as isize, channel));
         }
-        // The order below 0 is -1, which belongs to the pair of orders 1 and -1.
+        // The neighbour below order 0 is order -1, which belongs to the pair of orders 1 and -1.
         for (order, near) in [(k.abs_diff(1), false), (k, true), (k + 1, false)] {
             if order < l {
                 pair(&mut below, if near { 4 } else { 3 }, both(l - 1, order));

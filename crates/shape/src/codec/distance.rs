@@ -5,7 +5,7 @@
 //!
 //! - of the distances from points all over each surface to the nearest point of the other surface, in both directions
 //!   ([`surface_distance`]), regardless of which points correspond;
-//! - of the displacement along the normal, over the area, which equals the former to first order.
+//! - of the displacement along the normal over the surface's area, which equals these distances to first order.
 //!
 //! Both are measured on one icosphere of at least 8 vertices per basis function. Its flat triangles smooth out some of
 //! the error at its vertices: the distances are up to 7 % below the displacements (8 % with 4 vertices per function at
@@ -32,13 +32,13 @@ use super::error::CodecError;
 const VERTICES_PER_FUNCTION: usize = 8;
 const POINTS_PER_FUNCTION: usize = 24;
 
-/// Minimum and maximum number of subdivisions: 2,562 and 655,362 vertices.
+/// Minimum and maximum number of subdivisions of the icosphere: 2,562 and 655,362 vertices.
 const LEVELS: [u32; 2] = [4, 8];
 
-/// Accuracy of the evaluated surfaces, relative to their size.
+/// Accuracy of the evaluated vertices, relative to the surface's size.
 const ACCURACY: f64 = 1e-11;
 
-/// The original, against which compressed models are measured.
+/// The original model, against which compressed models are measured.
 pub(super) enum Reference<'a> {
     Surface(Box<Surface>),
     Signal(ArrayView2<'a, f64>),
@@ -48,14 +48,14 @@ pub(super) enum Reference<'a> {
 pub(super) struct Surface {
     transform: Transform,
     mesh: Mesh,
-    /// Normal at each vertex, scaled to six times the vertex's share of the area.
+    /// Normal at each vertex, whose length is six times the area that belongs to the vertex.
     normals: Vec<[f64; 3]>,
     scale: f64,
     points: usize,
 }
 
 impl<'a> Reference<'a> {
-    /// Prepares the original, given its coefficients, (K, c).
+    /// Prepares the original model, given its coefficients, (K, c).
     pub(super) fn new(coefficients: &'a Coefficients, surface: bool) -> Result<Self, CodecError> {
         if !surface {
             return Ok(Self::Signal(coefficients.values().view()));
@@ -91,7 +91,8 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Returns the relative distance of coefficients, (K, c); infinity if they describe a point.
+    /// Returns the relative distance between the original and the model with these coefficients, (K, c); infinity for
+    /// a point.
     pub(super) fn distance(&self, coefficients: &Array2<f64>, monitor: &dyn Monitor) -> Result<f64, CodecError> {
         match self {
             Self::Surface(surface) => surface.distance(coefficients, monitor),
@@ -106,12 +107,12 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Returns the standard deviation of a function over the sphere. For a constant function it returns the magnitude
-/// instead, and for the zero function 1.
+/// Returns the standard deviation of a function over the sphere; the magnitude of a constant function, and 1 for the
+/// zero function.
 fn deviation(column: ArrayView1<'_, f64>) -> f64 {
     let norm = |skip: usize| {
         let values = || column.iter().skip(skip);
-        // Scaled to avoid overflow, because the unit is arbitrary.
+        // Values are scaled to avoid overflow, because their unit is arbitrary.
         let largest = values().fold(0.0, |largest: f64, value| largest.max(value.abs()));
         let scaled: f64 = values().map(|value| (value / largest).powi(2)).sum();
         if largest > 0.0 { largest * (scaled / (4.0 * PI)).sqrt() } else { 0.0 }

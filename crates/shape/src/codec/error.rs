@@ -13,9 +13,9 @@ pub enum CodecError {
     /// A parameter out of its range.
     #[error("{what}: expected {expected}, found {found}")]
     Parameter {
-        /// The parameter.
+        /// Name of the parameter.
         what: &'static str,
-        /// Values allowed.
+        /// Allowed values.
         expected: String,
         /// The value found.
         found: String,
@@ -33,7 +33,7 @@ pub enum CodecError {
     TooLarge {
         /// The quantity that exceeds its limit.
         what: &'static str,
-        /// The limit.
+        /// Largest value allowed.
         most: usize,
         /// The value found.
         found: usize,
@@ -43,9 +43,9 @@ pub enum CodecError {
     TooFine {
         /// The step, in the model's unit.
         step: f64,
-        /// The coefficient.
+        /// Value of the coefficient.
         value: f64,
-        /// The largest number of steps.
+        /// Largest number of steps that the format allows.
         most: f64,
     },
     /// A requested size below the size of the smallest file.
@@ -57,7 +57,7 @@ pub enum CodecError {
         wanted: usize,
         /// Size of the smallest file, in bytes.
         least: usize,
-        /// Size of its header, which contains the provenance, in bytes.
+        /// Size of the smallest file's header in bytes, including the provenance.
         of_which: usize,
     },
     /// Data that isn't a compressed model.
@@ -79,12 +79,12 @@ pub enum CodecError {
         /// The file's version.
         found: u8,
     },
-    /// Bytes that violate the format, or were changed after they were written.
+    /// Bytes that violate the format, or were changed after writing.
     #[error(
         "damaged file: {what}: expected {expected}, found {found}; compress the model again, or use another copy of the file"
     )]
     Damaged {
-        /// The part of the file.
+        /// Name of the damaged part of the file.
         what: &'static str,
         /// Expected content.
         expected: String,

@@ -11,7 +11,7 @@ use super::error::CodecError;
 use super::quantizer::Quantised;
 use super::stream::Stream;
 
-/// Field of a provenance that lists the operations applied to a model.
+/// Name of the provenance field that lists the operations applied to a model.
 const TRANSFORM: &str = "transform";
 
 /// Settings of the expansion.
@@ -52,19 +52,20 @@ impl Level {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Expanded {
-    /// The model, without a sphere. It has the provenance of the compressed model, if the file contains it, without the
-    /// settings and distances of the fit. The provenance's `transform` lists `compressed`: the version of the format,
-    /// bytes, and steps in the model's unit.
+    /// The model, without a sphere. It has the provenance of the compressed model, if the file contains it, without
+    /// the settings and distances of the fit. The provenance's `transform` ends with an entry `compressed`: the
+    /// version of the format, the number of bytes, and the steps in the model's unit.
     pub model: Model,
     /// Points at which the file may be truncated.
     pub levels: Vec<Level>,
-    /// Number of bytes used.
+    /// Number of bytes of the file that were expanded.
     pub bytes: usize,
 }
 
 /// Expands a file, or a prefix of a file.
 ///
-/// All bytes used are verified first. Memory grows with the content of the stream, not with the header's claims.
+/// Checksums of all bytes used are verified first. Memory grows with the content of the stream, not with the sizes
+/// that the header declares.
 ///
 /// # Errors
 ///

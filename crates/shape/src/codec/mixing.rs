@@ -6,34 +6,34 @@
 //! coding cost.
 //!
 //! Encoder and decoder must agree in every bit, on any machine and in any language. Therefore floating point is
-//! avoided: an estimate has 22 bits, a probability 16, a logarithm is in 256ths, a weight in 65,536ths; `>>` rounds
-//! down. `docs/sphz-format.md` specifies the arithmetic.
+//! avoided: an estimate has 22 bits and a probability 16, a logarithm is a multiple of 1/256 and a weight of
+//! 1/65,536, and `>>` rounds down. `docs/sphz-format.md` specifies the arithmetic.
 
 /// Number of estimates per decision.
 pub(super) const ESTIMATES: usize = 6;
 
-/// The value 1 of an estimate.
+/// Fixed-point representation of probability 1 in an estimate.
 const WHOLE: i64 = 1 << 22;
 
-/// Largest magnitude of a logarithm in 256ths, just below 8.
+/// Largest magnitude of a logarithm, in units of 1/256: just below 8.
 const FARTHEST: i64 = 2047;
 
-/// 65,536 / (1 + exp(-k / 2)) for k from -16 to 16, rounded.
+/// Table of the logistic function: 65,536 / (1 + exp(-k / 2)) for k from -16 to 16, rounded.
 const LOGISTIC: [i64; 33] = [
     22, 36, 60, 98, 162, 267, 439, 720, 1179, 1921, 3108, 4971, 7812, 11955, 17625, 24743, 32768, 40793, 47911, 53581,
     57724, 60565, 62428, 63615, 64357, 64816, 65097, 65269, 65374, 65438, 65476, 65500, 65514,
 ];
 
-/// Returns the probability p, in 65,536ths, whose logarithm `ln(p / (1 - p))` in 256ths is given, by linear
-/// interpolation between the 33 knots.
+/// Returns the probability p, in units of 1/65,536, for a given `ln(p / (1 - p))` in units of 1/256, by linear
+/// interpolation between 33 knots.
 fn squash(logarithm: i64) -> i64 {
     let at = logarithm.clamp(-FARTHEST, FARTHEST) + 2048;
     let (knot, part) = ((at >> 7) as usize, at & 127);
     (LOGISTIC[knot] * (128 - part) + LOGISTIC[knot + 1] * part) >> 7
 }
 
-/// Returns, for each value of a probability's upper 12 bits, the smallest logarithm whose probability is at least the
-/// midpoint of the interval with these upper bits.
+/// Returns the inverse of `squash`: for each value of a probability's upper 12 bits, the smallest logarithm whose
+/// probability is at least the midpoint of the interval with these upper bits.
 fn stretches() -> Vec<i16> {
     let mut logarithm = -FARTHEST;
     let entry = |i: i64| {
@@ -45,16 +45,16 @@ fn stretches() -> Vec<i16> {
     (0..4096).map(entry).collect()
 }
 
-/// The estimate of one context.
+/// Adaptive estimate of a probability in one context.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Estimate {
-    /// Probability of 1, in 2^22ths.
+    /// Probability that the decision is 1, in units of 2^-22.
     one: u32,
-    /// Number of updates, up to [`MOST_SEEN`].
+    /// Number of updates so far, at most [`MOST_SEEN`].
     seen: u32,
 }
 
-/// Number of updates from which on an estimate adapts at a constant rate.
+/// Number of updates after which an estimate adapts at a constant rate.
 const MOST_SEEN: u32 = 250;
 
 impl Estimate {
@@ -74,18 +74,18 @@ impl Estimate {
     }
 }
 
-/// Weights of the estimates for one kind of decision, in 65,536ths.
+/// Weights of the estimates for one kind of decision, in units of 1/65,536.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Weights([i64; ESTIMATES]);
 
 impl Weights {
-    /// Returns weights of 0.15 each: the estimates are correlated, so the sum is less than 1.
+    /// Returns initial weights of 0.15 each. Their sum is less than 1 because the estimates are correlated.
     pub(super) fn new() -> Self {
         Self([9830; ESTIMATES])
     }
 }
 
-/// The logarithms of one decision's estimates, kept for updating the weights.
+/// Mixer of a decision's estimates, which keeps their logarithms for the update of the weights.
 pub(super) struct Mixer {
     stretches: Vec<i16>,
     logarithms: [i64; ESTIMATES],
@@ -97,7 +97,7 @@ impl Mixer {
         Self { stretches: stretches(), logarithms: [0; ESTIMATES], one: 0 }
     }
 
-    /// Returns the probability of 1, in 65,536ths, from 16 to 65,520.
+    /// Returns the mixed probability that the decision is 1, in units of 1/65,536, from 16 to 65,520.
     pub(super) fn mix(&mut self, estimates: [&Estimate; ESTIMATES], weights: &Weights) -> u32 {
         let mut sum = 0;
         for ((logarithm, estimate), weight) in self.logarithms.iter_mut().zip(estimates).zip(weights.0) {

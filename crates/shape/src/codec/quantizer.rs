@@ -1,23 +1,24 @@
 //! Quantises coefficients to integer multiples of a step, and reconstructs them.
 //!
-//! Harmonics are orthonormal, so that an error of a coefficient adds the same to the mean square error at any degree
-//! and order; a single step for all coefficients then minimises it. A fraction is rounded up from 0.62 instead of 0.5,
-//! which makes a dead zone around 0 and a bias towards 0, because a smaller magnitude takes fewer bits (Sullivan,
-//! "Efficient scalar quantization of exponential and Laplacian random variables", IEEE Transactions on Information
-//! Theory 42, 1996). Magnitudes are reconstructed as the mean of the values that were rounded to them. The shift from a
-//! magnitude to this mean is stored once for magnitude 1, and once for all magnitudes of 2 and more.
+//! Harmonics are orthonormal, so that an error in a coefficient adds the same to the mean square error at any degree
+//! and order. A single step for all coefficients then minimises the mean square error. A fraction is rounded up from
+//! 0.62 instead of 0.5, which makes a dead zone around 0 and a bias towards 0, because a smaller magnitude takes
+//! fewer bits (Sullivan, "Efficient scalar quantization of exponential and Laplacian random variables", IEEE
+//! Transactions on Information Theory 42, 1996). Magnitudes are reconstructed as the mean of the values that were
+//! rounded to them. The shift from a magnitude to this mean is stored once for magnitude 1, and once for all
+//! magnitudes of 2 and more.
 //!
-//! Degree 0, the surface's position, is rounded to the nearest multiple, with as many digits as it needs.
+//! Degree 0, the surface's position, is rounded to the nearest multiple, which may be much larger than other multiples.
 
 use ndarray::{Array2, ArrayView2};
 
 use super::error::CodecError;
 use super::stream::LARGEST;
 
-/// Offset added before rounding down.
+/// Offset added to a magnitude before it is rounded down.
 const ROUNDING: f64 = 0.38;
 
-/// Largest multiple at degree 0. Above it f64 doesn't represent all integers.
+/// Largest multiple at degree 0; f64 doesn't represent all integers above it.
 const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 
 /// Quantised coefficients.
@@ -25,12 +26,11 @@ const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 pub(super) struct Quantised {
     /// Steps of the channels, greater than 0; a surface has a single step for all channels.
     pub(super) steps: Vec<f64>,
-    /// Degree 0, one number per channel.
+    /// Multiples of the step at degree 0, one per channel.
     pub(super) first: Vec<i64>,
-    /// Amounts by which the reconstructed values of the magnitudes 1, and of 2 and more, are reduced, in 256ths of a
-    /// step.
+    /// Reductions of the reconstructed values, in 256ths of a step: for magnitude 1, and for magnitudes of 2 and more.
     pub(super) shifts: [i8; 2],
-    /// Integers of all rows, (K, c); the row of degree 0 holds zeros.
+    /// Multiples of the step in all rows, (K, c); zeros in the row of degree 0.
     pub(super) values: Vec<i32>,
 }
 
@@ -99,7 +99,7 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// No coefficient's error exceeds 0.62 of a step plus the shift of its magnitude.
+        /// The error of a coefficient is at most 0.62 of a step plus the shift of its magnitude.
         #[test]
         fn nothing_is_far_off(values in prop::collection::vec(-1e3..1e3f64, 18), step in 0.01..100.0f64) {
             let given = Array2::from_shape_vec((9, 2), values).unwrap();

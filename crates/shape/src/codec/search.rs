@@ -1,20 +1,21 @@
-//! Searches the step at which a file has a given size, or a compressed model a given distance.
+//! Searches for the step at which a file has a given size, or a compressed model a given distance.
 
 use super::error::CodecError;
 
-/// Maximum number of trials.
+/// Maximum number of trials in a search.
 const TRIES: usize = 40;
 
 /// Result of compressing with one step.
 pub(super) struct Trial<T> {
-    /// `ln(found / wanted)`; at most 0 if the step is acceptable. It may be infinite.
+    /// Excess of the size or distance, `ln(found / wanted)`: at most 0 if the step is acceptable, and possibly
+    /// infinite.
     pub(super) excess: f64,
     pub(super) result: T,
 }
 
 /// Returns the best acceptable one of the steps tried: the coarsest if the excess grows with the step (`rising`),
-/// otherwise the finest. Returns `None` if no acceptable step is found before the excess becomes infinite or the range
-/// of steps is left.
+/// otherwise the finest. Returns `None` if no acceptable step is found within the allowed range of steps and number
+/// of trials.
 ///
 /// The excess is a function of ln(step). Its zero between an acceptable step and an unacceptable one is found by regula
 /// falsi with the Illinois rule. The search stops once the excess is at most `near` below the limit, or the two steps
@@ -27,7 +28,7 @@ pub(super) fn search<T>(
 ) -> Result<Option<T>, CodecError> {
     // Direction of ln(step) towards acceptable steps.
     let downhill = if rising { -1.0 } else { 1.0 };
-    // The latest acceptable step and the latest unacceptable step: the step's logarithm, and its excess.
+    // The latest acceptable and the latest unacceptable step, each as the step's logarithm and its excess.
     let mut will: Option<(f64, f64)> = None;
     let mut wont: Option<(f64, f64)> = None;
     let mut best: Option<(f64, T)> = None;
@@ -62,8 +63,8 @@ pub(super) fn search<T>(
                     break;
                 }
                 let part = if above.is_finite() { below / (below - above) } else { 0.5 };
-                // Biased slightly towards acceptable steps, so that the search doesn't repeatedly miss them by a tiny
-                // amount.
+                // The next trial is biased slightly towards acceptable steps, so that the search doesn't repeatedly
+                // miss them by a tiny amount.
                 will + (wont - will) * (part - 0.3 * near / (above - below)).clamp(0.02, 0.98)
             }
             (Some((at, excess)), None) => {

@@ -10,12 +10,12 @@ use super::arithmetic::{Decisions, Ended};
 use super::contexts::{CLASSES, Contexts, UNIT, bound, class};
 use super::mixing::{ESTIMATES, Estimate, Mixer, Weights};
 
-/// Number of unary decisions of a quotient that have their own probabilities. A larger quotient continues as an
+/// Maximum number of unary decisions per quotient, each with its own probability. The rest of a larger quotient is an
 /// Exp-Golomb code.
 const UNARY: usize = 20;
 
-/// Number of values of the second part of an estimate's context, which is the region of the order or the channel. The
-/// first part is the class.
+/// Number of kinds in an estimate's context, which combines a class with a kind: the region of the order, or the
+/// channel.
 const KINDS: usize = 4;
 
 /// Number of size classes of quotients, each with its own weights: s is 0, 1, or more.
@@ -29,22 +29,22 @@ pub(super) struct Stream {
     channels: usize,
     degree: usize,
     contexts: Contexts,
-    /// Indexed by (estimate, class, kind, decision).
+    /// Adaptive estimates, indexed by (estimate, class, kind, decision).
     estimates: Vec<Estimate>,
-    /// Indexed by (decision, size).
+    /// Mixing weights, indexed by (decision, size).
     weights: Vec<Weights>,
     mixer: Mixer,
 }
 
 impl Stream {
-    /// Starts at degree 1, whose mean magnitude is guessed as `2^guess`.
+    /// Creates a stream that starts at degree 1, with `2^guess` as the assumed mean magnitude.
     pub(super) fn new(channels: usize, guess: u32) -> Self {
         let of_class = |class: usize| {
-            // Twice the midpoint of the class.
+            // Twice the midpoint of the class of magnitudes.
             let mean = bound(class) + bound(class + 1);
             (0..KINDS * UNARY).map(move |i| {
-                // Assumes an exponential distribution, with a dead zone for the decision between 0 and larger
-                // magnitudes.
+                // Initial estimates assume an exponential distribution, with a dead zone for the decision between 0
+                // and larger magnitudes.
                 let over = if i % UNARY == 0 { 3 * UNIT / 2 } else { 2 * UNIT };
                 Estimate::new(mean, mean + over)
             })
@@ -72,7 +72,7 @@ impl Stream {
                 let expected = self.contexts.expected(values, m, channel);
                 let magnitude = self.magnitude(values[at].unsigned_abs(), expected, region, channel, decisions)?;
                 let negative = magnitude > 0 && decisions.plain(u32::from(values[at] < 0), 1)? == 1;
-                // The magnitude is below 2^31.
+                // The magnitude is below 2^31, so the cast is exact.
                 values[at] = if negative { -(magnitude as i32) } else { magnitude as i32 };
                 self.contexts.push(channel, magnitude);
             }
@@ -114,7 +114,7 @@ impl Stream {
             found = found.saturating_add(golomb(quotient.saturating_sub(found), decisions)?);
         }
         let rest = decisions.plain(magnitude & ((1 << shift) - 1), shift)?;
-        // Only a forged stream exceeds the limit.
+        // Only a forged stream contains a magnitude above the limit.
         Ok((u64::from(found) << shift | u64::from(rest)).min(u64::from(LARGEST)) as u32)
     }
 }
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Coefficients that decay with the degree, with outliers.
+    /// Returns coefficients that decay with the degree, with outliers.
     fn values(max_degree: usize, channels: usize, size: f64, seed: u64) -> Vec<i32> {
         let mut state = seed;
         let mut random = || {

@@ -4,11 +4,11 @@
 //! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
 //! ```
 //!
-//! The step length t starts at 1, or less if a direction would move by more than [`FARTHEST`], or if the displacements
-//! of two neighbours would differ by more than [`STRETCH`] of the neighbours' distance. If they differ by less than the
-//! distance itself, the step is one-to-one and can be inverted by a fixed-point iteration. t is then halved, or set to
-//! the minimum of the parabola through the costs, until the objective satisfies Armijo's rule and no triangle is
-//! inverted.
+//! The step length t starts at 1. It starts below 1 if a direction would otherwise move by more than [`FARTHEST`], or
+//! if the displacements of two neighbours would differ by more than [`STRETCH`] of the neighbours' distance. As long
+//! as displacements differ by less than the distance, the step is one-to-one and can be inverted by a fixed-point
+//! iteration. t is then halved, or set to the minimum of the parabola through the costs, until the objective
+//! satisfies Armijo's rule and no triangle is inverted.
 //!
 //! Cost: typically two evaluations of the group per step.
 
@@ -25,21 +25,21 @@ use crate::groupwise::params::{GroupwiseParams, StageParams};
 use crate::groupwise::report::{Distortion, StageReport};
 use crate::groupwise::state::{Group, State};
 
-/// Largest angle, in radians, by which a step moves a direction while L-BFGS has no stored pairs, as at the start of a
+/// Largest angle in radians by which a step moves a direction if L-BFGS has no stored pairs, as at the start of a
 /// stage.
 const FIRST: f64 = 0.03;
-/// Largest angle by which a step moves a direction, in radians.
+/// Largest angle in radians by which a step moves a direction.
 const FARTHEST: f64 = 0.15;
-/// Largest difference of neighbours' displacements, relative to their distance.
+/// Largest difference between the displacements of neighbouring vertices, relative to their distance.
 const STRETCH: f64 = 0.5;
 /// Fraction of the decrease predicted by the slope that a step must achieve (Armijo's rule).
 const ARMIJO: f64 = 1e-4;
-/// Maximum number of trials of a step.
+/// Maximum number of step lengths tried per step.
 const TRIALS: usize = 12;
-/// A stage ends after this many consecutive steps that gain little.
+/// Number of consecutive steps with almost no decrease of the objective after which a stage ends.
 const IDLE: usize = 3;
 
-/// Runs a stage from the directions `at`; updates them and the flows.
+/// Runs a stage from the directions `at`, and updates the directions and the flows.
 pub(super) fn descend(
     group: &Group<'_>,
     stage: StageParams,
@@ -90,7 +90,7 @@ pub(super) fn descend(
                     break;
                 }
                 Some(found) => {
-                    // The minimum of the parabola through both costs, with the slope at the start.
+                    // The minimum of the parabola through both costs with the initial slope.
                     let parabola = -0.5 * slope * t * t / (found.cost - state.cost - slope * t);
                     t = parabola.clamp(0.1 * t, 0.5 * t);
                 }
@@ -129,7 +129,7 @@ pub(super) fn descend(
     Ok(report)
 }
 
-/// Returns (l (l + 1))^-1.5 for each coefficient, 0 for degree 0.
+/// Returns the preconditioner (l (l + 1))^-1.5 for each coefficient; 0 for degree 0.
 fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     let of_one: Vec<f64> = (0..basis_size(field_degree))
         .flat_map(|row| {
@@ -141,13 +141,13 @@ fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     of_one.repeat(members)
 }
 
-/// Splits a vector into the potentials of each member, (K, 2).
+/// Splits a vector into the potentials of each member, (K, 2) each.
 fn split(all: &[f64], field_degree: usize) -> Vec<Array2<f64>> {
     let rows = basis_size(field_degree);
     all.chunks_exact(2 * rows).map(|of_one| Array2::from_shape_fn((rows, 2), |(k, c)| of_one[2 * k + c])).collect()
 }
 
-/// Returns the largest allowed step length t, at most 1 unless `to_the_full`.
+/// Returns the largest allowed step length t; at most 1 unless `to_the_full`.
 fn cap(group: &Group<'_>, state: &State, fields: &[Vec<Vec3>], most: f64, to_the_full: bool) -> f64 {
     let (mut farthest, mut stretch) = (0.0_f64, 0.0_f64);
     for (at, field) in state.at.iter().zip(fields) {

@@ -1,38 +1,39 @@
-//! Computes the cost of stretching the sphere: the elastic energy of a map of a triangulated sphere to itself, and its
-//! gradient.
+//! Computes the elastic energy of a map of a triangulated sphere to itself, which is the cost of stretching it, and
+//! the energy's gradient.
 //!
 //! ```text
 //! E(phi) = sum_T share_T (1 + e^s) / 2 psi(s),    s = log(a_T(phi) / a_T)
 //! psi(s) = s^2 + BARRIER max(|s| - FREE, 0)^2
 //! ```
 //!
-//! share_T is the triangle's share of the sphere's area. a_T, six times the volume under the triangle, is positive
-//! exactly if the triangle is counter-clockwise seen from outside, and its logarithm goes to infinity before a triangle
-//! is inverted. The square of the logarithm weighs shrinking and stretching equally; beyond a factor of `exp(FREE)` a
-//! barrier is added. The energy is the mean of two energies: weighted by the triangles' areas before the map, and after
-//! it. If it were weighted by the areas before alone, a few triangles could stretch over a whole anatomical process of
-//! one member at almost no cost, and the member's model would lose the process.
+//! share_T is the triangle's fraction of the sphere's area. a_T is six times the volume between the triangle and the
+//! origin. It is positive exactly if the triangle is counter-clockwise seen from outside, so the logarithm becomes
+//! infinite before a triangle is inverted. The square of the logarithm weighs shrinking and stretching equally;
+//! beyond a factor of `exp(FREE)` a barrier is added. The energy is the mean of two energies, weighted by the
+//! triangles' areas before and after the map. If it were weighted by the areas before the map alone, a few triangles
+//! could stretch over a whole anatomical process of a member at almost no cost, and the member's model would lose the
+//! process.
 //!
 //! Cost: about 60 flops per triangle.
 
 use spharm_surface::geometry::{Vec3, add, cross, dot, face_normal, scale};
 
-/// Logarithm of the change of area at which the barrier starts.
+/// Absolute logarithm of the change of area above which the barrier is added.
 const FREE: f64 = 1.386;
-/// Weight of the barrier relative to the square.
+/// Weight of the barrier, relative to the squared logarithm.
 const BARRIER: f64 = 20.0;
 
-/// Triangles of the undeformed sphere.
+/// Triangles of the sphere, with their areas before deformation.
 pub(super) struct Elastic<'a> {
     faces: &'a [[u32; 3]],
-    /// a_T of the undeformed sphere.
+    /// Values a_T of the triangles on the undeformed sphere.
     rest: Vec<f64>,
-    /// Weight of each triangle.
+    /// Fraction of the sphere's area in each triangle.
     shares: Vec<f64>,
 }
 
 impl<'a> Elastic<'a> {
-    /// Prepares triangles that are counter-clockwise seen from outside.
+    /// Prepares the triangles, which must be counter-clockwise seen from outside.
     pub(super) fn new(faces: &'a [[u32; 3]], at: &[Vec3]) -> Self {
         let rest: Vec<f64> = faces.iter().map(|face| volume(*face, at)).collect();
         let total: f64 = rest.iter().sum();
@@ -58,7 +59,8 @@ impl<'a> Elastic<'a> {
         }
     }
 
-    /// Returns log(a_T(phi) / a_T) of each triangle; infinity if the triangle is inverted.
+    /// Returns the logarithm of the change of area, log(a_T(phi) / a_T), of each triangle; infinity for an inverted
+    /// triangle.
     pub(super) fn logarithms(&self, at: &[Vec3]) -> impl Iterator<Item = f64> {
         self.faces.iter().zip(&self.rest).map(|(face, rest)| {
             let ratio = volume(*face, at) / rest;
@@ -66,19 +68,19 @@ impl<'a> Elastic<'a> {
         })
     }
 
-    /// Returns pairs of neighbours; a pair occurs twice if two triangles share it.
+    /// Returns pairs of neighbouring vertices; an edge of two triangles occurs twice.
     pub(super) fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
         self.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
     }
 
-    /// Returns each triangle's share of the sphere's area.
+    /// Returns the fraction of the sphere's area in each triangle.
     pub(super) fn shares(&self) -> &[f64] {
         &self.shares
     }
 }
 
-/// Returns the energy density with respect to the area before, given the logarithm of the change of area, and its
-/// derivative.
+/// Returns the energy per area before the map, given the logarithm of the change of area, and the derivative of this
+/// energy.
 fn density(s: f64) -> (f64, f64) {
     let (over, stretched) = ((s.abs() - FREE).max(0.0), s.exp());
     let (value, slope) = (s * s + BARRIER * over * over, 2.0 * (s + BARRIER * over.copysign(s)));

@@ -1,14 +1,15 @@
 //! Computes tangent fields of the sphere from harmonic potentials, the adjoint of this map, and steps along fields.
 //!
-//! A field of two potentials A and B, sums of harmonics of degrees 1 to D, is a gradient and a curl,
+//! A field with the potentials A and B, which are sums of harmonics of degrees 1 to D, is the sum of a gradient and a
+//! curl,
 //!
 //! ```text
 //! w = grad A + u x grad B = -u x L A + L B,    L f = u x grad f
 //! ```
 //!
-//! so that it is computed by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a tangent
-//! frame and its singularities. By Helmholtz's decomposition every smooth field is such a sum. For covectors g at the
-//! directions the adjoint is, because the operators are antisymmetric,
+//! so it is computed by synthesis of `L_k A` and `L_k B` ([`derivatives`](crate::derivatives)), without a tangent
+//! frame and its singularities. By Helmholtz's decomposition, every smooth field is such a sum. Because the operators
+//! are antisymmetric, the adjoint for covectors g at the directions is
 //!
 //! ```text
 //! d/dA = -sum_k L_k S^T (u x g)_k,    d/dB = -sum_k L_k S^T g_k,    S^T adjoint synthesis
@@ -52,12 +53,12 @@ pub(super) fn adjoint(covectors: &[Vec3], at: &[Vec3], transform: &Transform) ->
     Ok(found)
 }
 
-/// Returns the directions `at` moved by the exponential map `exp(t w)`, with w the field.
+/// Returns the directions `at` after the exponential map `exp(t w)` of the field w.
 pub(super) fn step(at: &[Vec3], field: &[Vec3], t: f64) -> Vec<Vec3> {
     let along = |(&u, &w): (&Vec3, &Vec3)| {
         let w = scale(w, t);
         let angle = dot(w, w).sqrt();
-        // The limit of sin(angle) / angle, accurate to rounding for a tiny angle.
+        // For a tiny angle, the limit 1 of sin(angle) / angle is accurate to rounding error.
         let ratio = if angle > 1e-8 { angle.sin() / angle } else { 1.0 };
         unit(add(scale(u, angle.cos()), scale(w, ratio)))
     };

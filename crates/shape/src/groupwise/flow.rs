@@ -1,15 +1,15 @@
-//! Applies a diffeomorphism of the sphere, a composition of steps along tangent fields, and its inverse.
+//! Applies diffeomorphisms of the sphere, which are compositions of steps along tangent fields, and their inverses.
 //!
 //! ```text
 //! phi = exp(w_T) o ... o exp(w_1),    w_t = grad A_t + u x grad B_t
 //! ```
 //!
-//! A step is one-to-one if the displacement `d(u) = exp(w)(u) - u` changes by less than the distance between two
-//! directions; descent keeps the change below half of that distance. The inverse of a step at p is then the limit of `q
-//! <- p - d(q)`, projected back to the sphere; each iteration halves the error.
+//! A step is one-to-one if the displacements `d(u) = exp(w)(u) - u` of any two directions differ by less than the
+//! distance between the directions. The descent keeps the difference below half of that distance. The inverse of a
+//! step at p is then the limit of the iteration `q <- p - d(q)`, projected to the sphere, each of which halves the
+//! error.
 //!
-//! Cost: a synthesis of six functions per step; the inverse takes about twenty syntheses per step, for an error of
-//! 1e-11.
+//! Cost: one synthesis of six functions per step; for the inverse about twenty per step, for an error of 1e-11.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -20,7 +20,7 @@ use spharm_transform::{Transform, TransformParams};
 use crate::error::ShapeError;
 use crate::groupwise::field::{field, step};
 
-/// Accuracy of the fields.
+/// Accuracy of the evaluated fields.
 const ACCURACY: f64 = 1e-12;
 /// Change of directions, in radians, at which an inverse has converged.
 const FOUND: f64 = 1e-11;
@@ -34,8 +34,8 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// Creates the flow of the given steps, in the order of application. Each step holds the canonical coefficients of
-    /// the potentials of gradient and curl, (K, 2), in radians.
+    /// Creates a flow from its steps, in the order of application. Each step holds the canonical coefficients of two
+    /// potentials, of the gradient and of the curl, (K, 2), in radians.
     ///
     /// # Errors
     ///
@@ -57,7 +57,7 @@ impl Flow {
         Ok(Self { steps })
     }
 
-    /// Returns the steps, in the form of [`from_steps`](Self::from_steps).
+    /// Returns the steps, as given to [`from_steps`](Self::from_steps).
     #[must_use]
     pub fn steps(&self) -> &[Array2<f64>] {
         &self.steps
@@ -82,7 +82,7 @@ impl Flow {
         Ok(at)
     }
 
-    /// Returns the preimages of unit vectors, (n, 3), to about 1e-10.
+    /// Returns the preimages of unit vectors, (n, 3), with an error of about 1e-10.
     ///
     /// # Errors
     ///

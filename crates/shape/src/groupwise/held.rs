@@ -10,7 +10,7 @@
 use spharm_surface::Place;
 use spharm_surface::geometry::{Vec3, add, dot, scale, sub};
 
-/// Fixed points and their positions on the undeformed sphere.
+/// Points to hold fixed, with their positions on the undeformed sphere.
 pub(super) struct Held {
     places: Vec<(Place, Vec3)>,
     weight: f64,

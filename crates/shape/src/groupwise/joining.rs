@@ -19,7 +19,7 @@ use super::state::Group;
 use super::{check, moved, with_normals};
 use crate::error::ShapeError;
 
-/// A finished group, prepared once for all new members.
+/// A finished group, prepared for the refinement of any number of new members.
 pub struct FinishedGroup {
     sphere: Sphere,
     mask: Vec<f64>,
@@ -32,9 +32,9 @@ pub struct FinishedGroup {
 }
 
 impl FinishedGroup {
-    /// Prepares a group: `members` are canonical coefficients, (K, 3) each, in correspondence. The other arguments must
-    /// be the ones with which [`groupwise`](super::groupwise()) refined the group. Needs 48 bytes per direction, member
-    /// and stage.
+    /// Prepares a group. `members` are canonical coefficients of the refined members, (K, 3) each. The other
+    /// arguments must be those with which [`groupwise`](super::groupwise()) refined the group. Uses 48 bytes per
+    /// direction, member and stage.
     ///
     /// # Errors
     ///
@@ -73,14 +73,15 @@ impl FinishedGroup {
         Ok(Self { sphere, mask, params, stages, length, rows })
     }
 
-    /// Finds the flow of a new member, (K, 3), that brings it into correspondence with the group: it minimises the
-    /// member's Mahalanobis distance from the group plus the elastic energy.
+    /// Finds the flow that brings a new member, (K, 3), into correspondence with the group. The flow minimises a cost
+    /// that grows with the member's Mahalanobis distance from the group, plus the elastic energy.
     ///
     /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`] if the number of coefficients differs; the errors of [`groupwise`](super::groupwise()).
+    /// [`ShapeError::Differ`] if the member's number of coefficients differs from the group's; the errors of
+    /// [`groupwise`](super::groupwise()).
     pub fn refine(
         &self,
         member: ArrayView2<'_, f64>,

@@ -1,28 +1,28 @@
 //! Computes directions of descent from the gradients of the last steps by the limited-memory BFGS method.
 //!
-//! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): from steps s and changes y
-//! of the gradient, an approximate inverse Hessian, starting from `gamma P`, is applied by two loops; here P is a
-//! diagonal given by the caller, and `gamma = s.y / y.P y` of the last pair.
+//! J. Nocedal, "Updating quasi-Newton matrices with limited storage", Math. Comp. 35 (1980): two loops over pairs of
+//! steps s and changes y of the gradient apply an approximate inverse Hessian that starts from `gamma P`. P is a
+//! diagonal matrix given by the caller, and gamma is `s.y / y.P y` of the last pair.
 //!
-//! A step composes a map with the exponential of a field, so that the gradients before and after it are covectors at
-//! different maps. They are used without transport: fields that are fixed on the sphere form a single vector space for
+//! A step composes a map with the exponential of a field, so the gradients before and after the step are covectors at
+//! different maps. They are used without transport, because fields on the fixed sphere form a single vector space for
 //! all maps.
 //!
 //! Cost: `4 PAIRS` products per direction. The order of summation doesn't depend on the number of threads.
 
 use std::collections::VecDeque;
 
-/// Number of pairs kept.
+/// Maximum number of pairs of a step and a change of the gradient.
 const PAIRS: usize = 12;
 
-/// Pairs of steps and changes of the gradient.
+/// Preconditioner, and pairs of steps and changes of the gradient, with their inner products.
 pub(super) struct Lbfgs {
     preconditioner: Vec<f64>,
     pairs: VecDeque<(Vec<f64>, Vec<f64>, f64)>,
 }
 
 impl Lbfgs {
-    /// Starts with the diagonal of the initial inverse Hessian, up to scale.
+    /// Creates a method with the diagonal of the initial inverse Hessian, up to scale, and without pairs.
     pub(super) fn new(preconditioner: Vec<f64>) -> Self {
         Self { preconditioner, pairs: VecDeque::new() }
     }
@@ -69,7 +69,7 @@ impl Lbfgs {
     }
 }
 
-/// Returns the inner product.
+/// Returns the inner product of two vectors.
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
@@ -78,7 +78,7 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// The minimum of a quadratic of n unknowns is reached after n exact line searches.
+    /// The minimum of a quadratic function of n unknowns is reached after n exact line searches.
     #[test]
     fn a_quadratic_is_minimised_in_as_many_steps_as_it_has_unknowns() {
         let hessian = [1.0, 10.0, 100.0, 3.0];

@@ -1,13 +1,12 @@
 //! Evaluates one member of a group during a stage: its channels as functions on the sphere, and their derivatives.
 //!
-//! For channels f_c at directions p and covectors g_c of their values, `sum_c g_c grad f_c` is a tangent vector; with
-//! `L f = p x grad f` this vector is `-p x h`, where `h = sum_c g_c L f_c`.
+//! Covectors g_c of the values of channels f_c at a direction p give the tangent vector `sum_c g_c grad f_c`. With
+//! `L f = p x grad f`, this vector is `-p x h` for `h = sum_c g_c L f_c`.
 //!
-//! The unit normals of the surface are channels too. They are projected onto harmonics by a Gauss-Legendre grid, so
-//! that their derivatives need no second derivatives of the surface, and stages of low degree use normals of low
-//! degree.
+//! The unit normals of the surface are channels too. They are projected onto harmonics by a Gauss-Legendre grid. So
+//! their derivatives need no second derivatives of the surface, and stages of low degree use normals of low degree.
 //!
-//! Cost: a synthesis of C functions for the values, one of 3C for the contraction.
+//! Cost: a synthesis of C functions for the values, and a synthesis of 3C functions for the contraction with covectors.
 
 use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::index::basis_size;
@@ -23,7 +22,7 @@ use crate::measures::{Columns, Grid};
 
 /// Accuracy of values and gradients, relative to their root mean square.
 const ACCURACY: f64 = 1e-8;
-/// Number of channels that a transform handles together; they share its kernels.
+/// Number of channels that a transform processes together, with shared kernels.
 const TOGETHER: usize = 6;
 
 /// Returns the coefficients of the unit normals, (K, 3), up to the degree of the surface, and the surface's area.
@@ -50,23 +49,23 @@ pub(super) fn normals(surface: &Coefficients, monitor: &dyn Monitor) -> Result<(
     Ok((found, area))
 }
 
-/// Channels of a member, to the degree of a stage.
+/// Channels of a member, truncated to the degree of a stage.
 pub(super) struct Member {
     /// Coefficients of the channels f, (K, C).
     values: Array2<f64>,
-    /// `L_x f`, `L_y f`, `L_z f` side by side, (K, 3 C).
+    /// Coefficients of `L_x f`, `L_y f` and `L_z f` side by side, (K, 3 C).
     derivatives: Array2<f64>,
 }
 
 impl Member {
-    /// Takes the coefficients of all channels, (K, C), truncated to `max_degree`.
+    /// Creates a member from the coefficients of all channels, (K, C), truncated to `max_degree`.
     pub(super) fn new(channels: ArrayView2<'_, f64>, max_degree: usize) -> Result<Self, ShapeError> {
         let values = channels.slice(s![..basis_size(max_degree).min(channels.nrows()), ..]).to_owned();
         let derivatives = side_by_side(&rotational_derivatives(values.view())?);
         Ok(Self { values, derivatives })
     }
 
-    /// Returns the values at the plan's directions, (n, C).
+    /// Returns the values of all channels at the plan's directions, (n, C).
     pub(super) fn values(&self, plan: &Plan) -> Result<Array2<f64>, ShapeError> {
         Ok(plan.surface.synthesis(self.values.view())?)
     }
@@ -85,7 +84,7 @@ impl Member {
     }
 }
 
-/// Two transforms at one list of directions: up to the degree of the surfaces, and up to the degree of the fields.
+/// Two transforms at the same directions: up to the degree of the surfaces, and up to the degree of the fields.
 pub(super) struct Plan {
     pub(super) surface: Transform,
     pub(super) field: Transform,

@@ -1,5 +1,5 @@
-//! Refines the correspondence of a group: finds maps of each member's sphere that make the group as compact as its
-//! shapes allow.
+//! Refines the correspondence of a group: finds a map of each member's sphere such that the group becomes as compact
+//! as its shapes allow.
 //!
 //! Members are surfaces f_i over one sphere, in one pose, registered or not. The refinement finds diffeomorphisms of
 //! the sphere, one per member, that minimise
@@ -8,28 +8,29 @@
 //! sum_k log(lambda_k(G) + delta) + mu sum_i E(phi_i),    x_i(u) = f_i(phi_i(u))
 //! ```
 //!
-//! G is the covariance of the x_i over the surfaces' mean area, E the elastic energy of a map. The first term is the
-//! description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007): few
-//! modes of variance cost less than many. Points stay on their surfaces exactly, and no triangle of the sphere is
-//! inverted. Unit normals, multiplied by a length, are channels beside the positions: without them points slide along
-//! the surfaces to where members differ least, which makes the group compact but the correspondence wrong. Stages
-//! proceed from low to high degrees of models and fields.
+//! G is the covariance of the x_i over the surfaces' mean area, and E the elastic energy of a map. The first term is
+//! the description length of the group (Davies et al. 2002), or the entropy of its distribution (Cates et al. 2007):
+//! few modes of variance cost less than many. Points stay exactly on their surfaces, and no triangle of the sphere is
+//! inverted. Unit normals, multiplied by a length, are channels in addition to the positions: without them, points
+//! slide along the surfaces to regions in which members differ least, which makes the group compact but the
+//! correspondence wrong. Stages proceed from low to high degrees of models and fields.
 //!
 //! | module | contents |
 //! |---|---|
-//! | `params`, `report` | settings and outcome |
-//! | [`flow`] | the map found, as a sequence of steps; its application and inverse |
+//! | `params`, `report` | settings; costs and distortions of each stage |
+//! | [`flow`] | a map of the sphere as a sequence of steps; its application and inverse |
 //! | `field` | tangent fields of potentials, their adjoint, steps along them |
 //! | `member` | channels, normals and derivatives of one member |
 //! | `objective` | the description length and its derivatives with respect to the values |
 //! | `elastic`, `held` | the cost of stretching the sphere; fixed points |
 //! | `together` | alignment of members to their mean within rounds |
-//! | `state` | all of these for one state of the maps |
+//! | `state` | values, cost and gradient of a group for given maps |
 //! | `reference`, `joining` | a finished group; correspondence of a new member, which leaves the group unchanged |
 //! | `descent`, `lbfgs` | one stage; directions of descent |
 //!
-//! Cost: a step evaluates each member's 4 C functions of degree L and 12 of degree D at n directions, which takes 2 ms
-//! at L = 15 and 2,562 directions, 15 ms at L = 40 and 10,242. Memory: 3 values per channel, direction and member.
+//! Cost: a step evaluates 4 C functions of degree L and 12 of degree D per member at n directions, which takes 2 ms
+//! at L = 15 and 2,562 directions, and 15 ms at L = 40 and 10,242 directions. Memory: 3 values per channel, direction
+//! and member.
 
 mod descent;
 mod elastic;
@@ -73,7 +74,7 @@ use crate::geometry::side_by_side;
 /// Minimum number of members of a group.
 const LEAST: usize = 2;
 
-/// The maps found by a refinement.
+/// Maps found by a refinement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Groupwise {
     /// The map of each member: the point of member i that corresponds to direction u is `f_i(flows[i](u))`.
@@ -82,12 +83,13 @@ pub struct Groupwise {
     pub report: GroupwiseReport,
 }
 
-/// Refines the correspondence of a group, see the [module](self).
+/// Refines the correspondence of a group; see the [module](self).
 ///
-/// `members` are canonical coefficients, (K, 3 + c) each: positions, and c further channels, scaled so that a
+/// `members` are canonical coefficients, (K, 3 + c) each: positions and c further channels, scaled so that a
 /// difference of 1 in a channel weighs as much as a distance of 1. All members are over one sphere and in one pose.
-/// `sphere` holds the directions at which members are compared, with triangles: 2,562 for degrees to 15, 10,242 above.
-/// `mask`, (n), holds non-negative weights of the directions, 0 to exclude a direction; without it all weights are 1.
+/// `sphere` has the triangles and the directions at which members are compared: 2,562 directions suffice up to degree
+/// 15, 10,242 above. `mask`, (n), holds a non-negative weight per direction, 0 to exclude it; without a mask all
+/// weights are 1.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
@@ -95,8 +97,8 @@ pub struct Groupwise {
 ///
 /// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] if a member's array shape differs from the first
 /// member's, or the mask's length from the number of directions; [`ShapeError::Member`] with the error of one member:
-/// the errors of [`extent`], or no area where the mask isn't 0; [`ShapeError::Setting`] for settings out of range, a
-/// sphere without triangles or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`];
+/// the errors of [`extent`], or no area outside the masked directions; [`ShapeError::Setting`] for settings out of
+/// range, a sphere without triangles or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`];
 /// [`ShapeError::Interrupted`].
 pub fn groupwise(
     members: &[ArrayView2<'_, f64>],
@@ -151,7 +153,7 @@ pub fn groupwise(
     Ok(Groupwise { flows, report })
 }
 
-/// Rejects invalid input; returns the members' degree.
+/// Rejects invalid input, and returns the degree of the members.
 fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>) -> Result<usize, ShapeError> {
     let Some(first) = members.first().filter(|_| members.len() >= LEAST) else {
         return Err(ShapeError::TooFewMembers { found: members.len(), least: LEAST });
@@ -197,8 +199,8 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
 }
 
 /// Returns the members' channels followed by the channels of the normals, which are multiplied by a length; also
-/// returns the length. It is `length` if given; otherwise it is derived from the normals' weight and the members'
-/// areas.
+/// returns the length. The length is `length` if given, otherwise the normals' weight times the square root of the
+/// members' mean area.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,
@@ -221,7 +223,7 @@ fn with_normals(
     Ok((channels.collect(), length))
 }
 
-/// Returns the root mean square angle by which directions were moved.
+/// Returns the root mean square angle between directions before and after a map, in radians.
 fn moved(from: &[Vec3], to: &[Vec3]) -> f64 {
     let squares = from.iter().zip(to).map(|(a, b)| dot(*a, *b).clamp(-1.0, 1.0).acos().powi(2));
     (squares.sum::<f64>() / from.len() as f64).sqrt()

@@ -9,16 +9,17 @@
 //!
 //! where a_i(u) is a third of the area of the triangles of surface i around u (R. H. Davies et al., "A minimum
 //! description length approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al.,
-//! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Weights follow the members' areas, so
-//! that C depends on the surfaces, not on the density of directions, and doesn't change if all members are
-//! reparameterised in the same way. The weights are differentiated as well: if they were held fixed, a descent would
-//! gather directions where members agree, which doesn't decrease C. With `B = (G + delta 1)^-1` and y = x - m,
+//! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Because weights follow the members'
+//! areas, C depends on the surfaces but not on the density of directions, and doesn't change if all members are
+//! reparameterised in the same way. The weights are differentiated as well: with fixed weights, a descent would
+//! gather directions in regions in which members agree, which doesn't decrease C. With `B = (G + delta 1)^-1` and y =
+//! x - m,
 //!
 //! ```text
 //! q(u) = dC/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dC/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i
 //! ```
 //!
-//! (The first term sums to 0 over members, so that the mean's derivative contributes nothing.)
+//! (The first term sums to 0 over the members, so the derivative of the mean contributes nothing.)
 //!
 //! Cost: `2 N^2 n C` flops for a value and the same for a gradient. Memory: three arrays of (N, n C).
 
@@ -31,14 +32,13 @@ use spharm_surface::geometry::{Vec3, cross, dot, face_normal, scale, sub};
 
 use crate::error::ShapeError;
 
-/// Number of rows of a product per task, independent of the number of threads.
+/// Number of rows of a matrix product per task, independent of the number of threads.
 const ROWS: usize = 32;
 
-/// The minimum of delta, as a fraction of the mean area. It is the variance of a deviation of 1e-8 times the area's
-/// square root.
+/// Minimum of delta, as a fraction of the mean area: the variance of deviations of 1e-8 times the area's square root.
 const ROUNDING: f64 = 1e-16;
 
-/// Data that is constant during a descent.
+/// Triangles and weights, which are constant during a descent.
 pub(super) struct Objective<'a> {
     /// Triangles of the sphere.
     pub(super) faces: &'a [[u32; 3]],
@@ -108,12 +108,12 @@ impl Objective<'_> {
         Ok(Covariance { centred: values, mean, weights, areas, totals, gram })
     }
 
-    /// Returns dC/dx_i, (N, n C), for `B = (G + delta 1)^-1`.
+    /// Returns the derivatives dC/dx_i of the description length, (N, n C), for `B = (G + delta 1)^-1`.
     pub(super) fn covectors(&self, of: &Covariance, inverse: &Array2<f64>) -> Array2<f64> {
         let (members, directions) = (of.centred.nrows(), self.mask.len());
         let channels = of.mean.len() / directions;
         let mut found = product(inverse, &of.centred, false);
-        // q(u), multiplied by the mask.
+        // The derivatives q(u) = dC/dw(u), multiplied by the mask.
         let mut slopes = vec![0.0; directions];
         for (row, centred) in found.rows().into_iter().zip(of.centred.rows()) {
             let (row, centred) = (row.as_slice().unwrap_or_default(), centred.as_slice().unwrap_or_default());
@@ -142,7 +142,7 @@ impl Objective<'_> {
                 if double == 0.0 {
                     continue;
                 }
-                // d area / da = n x (c - b) / 2, n the unit normal.
+                // The derivative of a triangle's area by its corner a is n x (c - b) / 2, with n the unit normal.
                 let n = scale(normal, slope / (6.0 * members as f64 * total * double));
                 for (v, along) in face.iter().zip([sub(c, b), sub(a, c), sub(b, a)]) {
                     let g = &mut row[*v as usize * channels..][..3];
@@ -156,13 +156,13 @@ impl Objective<'_> {
 }
 
 impl Covariance {
-    /// Returns the sum of variances, the trace of G.
+    /// Returns the sum of the variances, which is the trace of G.
     pub(super) fn total(&self) -> f64 {
         self.gram.diag().sum()
     }
 
-    /// Returns delta, the fraction `share` of the sum of variances, but at least [`ROUNDING`] times the mean area, so
-    /// that delta is positive for identical members.
+    /// Returns delta: the fraction `share` of the sum of variances, but at least [`ROUNDING`] times the mean area, so
+    /// that delta is positive even for identical members.
     pub(super) fn delta(&self, share: f64) -> f64 {
         let area = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
         (share * self.total()).max(ROUNDING * area)
@@ -179,7 +179,7 @@ impl Covariance {
     }
 }
 
-/// Returns the positions in a row of values, by direction.
+/// Returns a function that reads the position at a direction from a row of values.
 pub(super) fn corners(row: &[f64], directions: usize) -> impl Fn(usize) -> Vec3 {
     let channels = row.len() / directions.max(1);
     move |v| std::array::from_fn(|c| row[v * channels + c])

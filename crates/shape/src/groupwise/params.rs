@@ -1,13 +1,13 @@
-//! Settings of a refinement.
+//! Settings of the groupwise refinement and of its stages.
 
 use spharm_surface::Place;
 
 use crate::error::ShapeError;
 
-/// Settings of a stage: degrees of models and fields.
+/// Settings of a stage: degrees of models and fields, and number of steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StageParams {
-    /// Degree to which models are truncated, at least 1; models of lower degree aren't changed.
+    /// Degree to which models are truncated, at least 1; models of lower degree are unchanged.
     pub max_degree: usize,
     /// Degree of the fields' potentials, D, at least 1.
     pub field_degree: usize,
@@ -40,26 +40,27 @@ impl StageParams {
 pub struct GroupwiseParams {
     /// Stages, coarse to fine; by default [`StageParams::up_to`] the degree of the members.
     pub stages: Option<Vec<StageParams>>,
-    /// Constant added to variances before taking their logarithm, as a share of their sum at the start of a stage,
-    /// above 0. A small value gives weight to small modes, which are mostly noise; a large one ignores them. 0.03 by
-    /// default: for shapes with a moving bump the first mode then has 0.91 of the variance, against 0.78 with a delta
-    /// of 0.1; landmarks of vertebrae are equally close with both.
+    /// Constant added to variances before taking their logarithm, above 0, as a fraction of their sum at the start of
+    /// a stage. A small value gives weight to small modes, which are mostly noise, and a large value ignores them.
+    /// 0.03 by default: for shapes with a moving bump the first mode then has 0.91 of the variance, compared with
+    /// 0.78 for a delta of 0.1, and landmarks of vertebrae are equally close with both values.
     pub delta: f64,
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
-    /// Weight of the unit normals as channels, as a share of the square root of the members' mean area; 0 omits the
-    /// normals. Without normals points slide along the surface to where members agree. 0.12 by default: for groups of
-    /// known correspondence, and for landmarks of vertebrae, smaller and larger values give larger distances.
+    /// Weight of the unit normals as channels, as a fraction of the square root of the members' mean area; 0 omits
+    /// the normals. Without normals, points slide along the surface to regions in which members agree. 0.12 by
+    /// default: both smaller and larger values give larger distances for groups of known correspondence and for
+    /// landmarks of vertebrae.
     pub normals: f64,
     /// Fixed points of the sphere, such as landmarks; none by default.
     pub held: Vec<Place>,
     /// Weight of the squared distances from the fixed points, in radians. 1,000 by default: a distance of 0.1 rad then
     /// adds 10 to the objective.
     pub hold: f64,
-    /// Whether members are moved rigidly to the mean within rounds, for groups that haven't been aligned otherwise. Off
-    /// by default.
+    /// Whether members are moved rigidly to the mean within rounds, for groups that aren't aligned yet. Off by default.
     pub together: bool,
-    /// A stage ends if three steps in a row decrease the objective by less than this per member. 1e-4 by default.
+    /// Minimum decrease of the objective per member and step: a stage ends after three steps in a row below it. 1e-4
+    /// by default.
     pub tolerance: f64,
 }
 

@@ -6,11 +6,10 @@
 //! M = sum_k <x - m, e_k>^2 / (lambda_k + delta) + (|x - m|^2 - sum_k <x - m, e_k>^2) / delta
 //! ```
 //!
-//! from the group's mean m, with the modes e_k of variance lambda_k of the N members, over the members' mean area (M.
-//! Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). The member's cost
-//! is `log(1 + M / N)`: its contribution to the description length `log det(G + delta 1)` if nothing else changes. So
-//! the member's points move as they would have moved if the member had been refined with the group, and the group is
-//! unchanged.
+//! from the group's mean m, with e_k the modes of the N members, of variance lambda_k over the members' mean area (M.
+//! Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). The member's
+//! cost is `log(1 + M / N)`: its contribution to the description length `log det(G + delta 1)` if nothing else
+//! changes. So the member's points move as in a refinement together with the group, but the group is unchanged.
 //!
 //! Cost of a comparison: 4 flops per mode, channel and direction. Memory: one value per mode, channel and direction.
 
@@ -22,12 +21,12 @@ use super::objective::Objective;
 use crate::error::ShapeError;
 use crate::product::product;
 
-/// Modes whose variance is below this fraction of delta are left to the residual term.
+/// Modes with a variance below this fraction of delta are part of the residual term.
 const LEAST: f64 = 0.02;
-/// Maximum number of modes; the modes of the largest variance are kept.
+/// Maximum number of modes, of which those with the largest variance are kept.
 const MODES: usize = 64;
 
-/// The group at one stage.
+/// A finished group, described at the degree of one stage.
 pub(super) struct Reference {
     /// Mean of the group, m, (n C).
     mean: Vec<f64>,
@@ -35,14 +34,15 @@ pub(super) struct Reference {
     weights: Vec<f64>,
     /// Modes e_k, orthonormal under the weights, (modes, n C).
     modes: Array2<f64>,
-    /// 1 / delta - 1 / (lambda_k + delta), (modes).
+    /// Factors 1 / delta - 1 / (lambda_k + delta) of the squared scores, (modes).
     gains: Vec<f64>,
     delta: f64,
     members: f64,
 }
 
 impl Reference {
-    /// Computes the reference from the values of all members, (N, n C), with delta as a share of their variance.
+    /// Computes the reference from the values of all members, (N, n C), with delta as the fraction `share` of their
+    /// variance.
     pub(super) fn new(values: Array2<f64>, objective: &Objective<'_>, share: f64) -> Result<Self, ShapeError> {
         let covariance = objective.covariance(values)?;
         let (members, delta) = (covariance.gram.nrows(), covariance.delta(share));
@@ -50,9 +50,9 @@ impl Reference {
         let found = gram.self_adjoint_eigen(Side::Lower).map_err(|_| ShapeError::NoDecomposition)?;
         let variances = found.S().column_vector();
         let enough = |k: &usize| variances[*k] > LEAST * delta && variances[*k] > 0.0;
-        // Variances are in ascending order.
+        // The variances are in ascending order, so the last ones are kept.
         let kept: Vec<usize> = (0..members).rev().filter(enough).take(MODES).collect();
-        // e_k = sum_i u_ik y_i / sqrt(N lambda_k).
+        // The modes are e_k = sum_i u_ik y_i / sqrt(N lambda_k).
         let shares = Array2::from_shape_fn((kept.len(), members), |(row, i)| {
             found.U()[(i, kept[row])] / (members as f64 * variances[kept[row]]).sqrt()
         });
@@ -62,8 +62,8 @@ impl Reference {
         Ok(Self { mean, weights, modes, gains, delta, members: members as f64 })
     }
 
-    /// Returns the cost of a member's values, (n C), its derivatives with respect to them, and the variance about the
-    /// mean.
+    /// Returns the cost of a member's values, (n C), the derivatives of the cost with respect to the values, and the
+    /// variance of the values about the mean.
     pub(super) fn cost(&self, values: &[f64]) -> (f64, Vec<f64>, f64) {
         let channels = self.mean.len() / self.weights.len();
         let off: Vec<f64> = values.iter().zip(&self.mean).map(|(x, m)| x - m).collect();

@@ -1,4 +1,4 @@
-//! Reports the outcome of a refinement, by stage.
+//! Reports the costs, steps and distortions of a refinement, by stage.
 
 use crate::groupwise::elastic::Elastic;
 use crate::groupwise::params::StageParams;
@@ -7,7 +7,7 @@ use crate::groupwise::state::State;
 /// Change of areas on the sphere under the maps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Distortion {
-    /// Root mean square of the logarithm of the change of area, over all members and the sphere's area.
+    /// Root mean square of the logarithm of the change of area, over the sphere's area and all members.
     pub rms: f64,
     /// Largest absolute value of the logarithm of the change of area.
     pub most: f64,
@@ -15,30 +15,31 @@ pub struct Distortion {
     pub within_eight: f64,
 }
 
-/// The outcome of a stage.
+/// Report of one stage of a refinement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StageReport {
-    /// The stage that was run; its degree of models is at most the members' degree.
+    /// Settings of the stage, with the degree of models limited to the members' degree.
     pub stage: StageParams,
-    /// Number of steps.
+    /// Number of steps taken.
     pub steps: usize,
-    /// Number of states evaluated.
+    /// Number of evaluations of the objective.
     pub evaluations: usize,
     /// Value of the objective before and after the stage. Values of different stages can't be compared.
     pub cost: [f64; 2],
-    /// Variance of the group, before and after: the mean squared distance from the mean over all channels at the
-    /// stage's degree, including the weighted normals, over the surface's area; in the square of the models' unit.
+    /// Variance of the group before and after the stage, in the square of the models' unit: the mean squared distance
+    /// from the mean over the surface's area and all channels, including the weighted normals, at the stage's degree.
     pub variance: [f64; 2],
     /// Change of areas after the stage.
     pub distortion: Distortion,
-    /// Whether the stage ended because steps gained almost nothing, rather than at its maximum number of rounds.
+    /// Whether the stage ended because steps hardly decreased the objective, rather than by its maximum number of
+    /// rounds.
     pub converged: bool,
 }
 
-/// The outcome of a refinement.
+/// Report of a refinement.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct GroupwiseReport {
-    /// Stages, in their order.
+    /// Reports of the stages, in their order.
     pub stages: Vec<StageReport>,
     /// Root mean square angle by which each member's directions were moved, in radians.
     pub moved: Vec<f64>,

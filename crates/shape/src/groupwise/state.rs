@@ -4,11 +4,12 @@
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
 //! ```
 //!
-//! with the covariance G of [`objective`](super::objective) and the energies E of [`elastic`](super::elastic) and H of
-//! [`held`](super::held). If members are aligned within rounds, each is moved rigidly to the mean before G is computed;
-//! the gradient is rotated back.
+//! with the covariance G of [`objective`](super::objective) and the energies E of [`elastic`](super::elastic) and H
+//! of [`held`](super::held). If members are aligned within rounds, each is moved rigidly to the mean before G is
+//! computed, and its gradient is rotated back.
 //!
-//! Members are evaluated in parallel; each evaluation creates its own plan and drops it.
+//! Members are evaluated in parallel. Each evaluation creates a plan for the directions of a member, and drops it
+//! afterwards.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -24,7 +25,7 @@ use crate::groupwise::reference::Reference;
 use crate::groupwise::together::{Turns, bring_together, turn_channels};
 use crate::matrix3::transposed;
 
-/// Inputs of a stage.
+/// Members and settings of a stage.
 pub(super) struct Group<'a> {
     pub(super) members: Vec<Member>,
     pub(super) channels: usize,
@@ -41,7 +42,7 @@ pub(super) struct Group<'a> {
     pub(super) field_degree: usize,
 }
 
-/// Directions of every member, and the cost.
+/// State of a descent: directions of every member, and the cost.
 pub(super) struct State {
     pub(super) at: Vec<Vec<Vec3>>,
     pub(super) cost: f64,
@@ -49,7 +50,7 @@ pub(super) struct State {
     turns: Turns,
 }
 
-/// Data from which the gradient is computed.
+/// Intermediate results from which the gradient is computed.
 enum Measured {
     /// All members of a group: their covariance, and the inverse of the covariance plus delta.
     Group(Box<Covariance>, Array2<f64>),
@@ -58,7 +59,8 @@ enum Measured {
 }
 
 impl Group<'_> {
-    /// Evaluates members at `at`; returns `None` if a triangle is inverted. `delta` is a function of the covariance.
+    /// Evaluates all members at the directions `at`; returns `None` if a triangle is inverted. `delta` returns delta
+    /// for a covariance.
     pub(super) fn state(
         &self,
         at: Vec<Vec<Vec3>>,
@@ -98,8 +100,8 @@ impl Group<'_> {
         Ok(cost.is_finite().then_some(State { at, cost, measured, turns }))
     }
 
-    /// Returns the derivatives of C with respect to the potentials of fields applied after the maps: (K, 2) per member,
-    /// concatenated.
+    /// Returns the derivatives of the cost C with respect to the potentials of fields applied after the maps: (K, 2)
+    /// per member, concatenated.
     pub(super) fn gradient(&self, state: &State) -> Result<Vec<f64>, ShapeError> {
         let mut covectors = match &state.measured {
             Measured::Group(covariance, inverse) => self.objective.covectors(covariance, inverse),
@@ -126,8 +128,7 @@ impl Group<'_> {
         Ok(found?.concat())
     }
 
-    /// Returns the tangent fields of potentials, laid out as in [`gradient`](Self::gradient), at the state's
-    /// directions.
+    /// Returns the tangent fields of each member's potentials, (K, 2), at the state's directions.
     pub(super) fn fields(&self, state: &State, potentials: &[Array2<f64>]) -> Result<Vec<Vec<Vec3>>, ShapeError> {
         let pairs = state.at.par_iter().zip(potentials);
         pairs
@@ -140,7 +141,7 @@ impl Group<'_> {
 }
 
 impl State {
-    /// Returns the sum of the variances.
+    /// Returns the variance of the group, or of the single member about the group's mean.
     pub(super) fn variance(&self) -> f64 {
         match &self.measured {
             Measured::Group(covariance, _) => covariance.total(),

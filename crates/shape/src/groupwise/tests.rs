@@ -13,7 +13,7 @@ use super::state::Group;
 use super::*;
 use crate::{Rotation, rotate_parameters};
 
-/// Ellipsoids with a dent whose position depends on the member.
+/// Returns ellipsoids with a dent whose position depends on the member.
 fn members(count: usize, max_degree: usize) -> Vec<Array2<f64>> {
     let member = |i: usize| {
         let mut values = Array2::from_shape_fn((basis_size(max_degree), 3), |(k, c)| {
@@ -35,8 +35,8 @@ fn stages(max_degree: usize, field_degree: usize, rounds: usize) -> GroupwisePar
     GroupwiseParams { stages: Some(vec![stage]), ..GroupwiseParams::default() }
 }
 
-/// The gradient equals the change of the objective along a field, with weights that follow the surfaces, a mask,
-/// normals, and the elastic energy of maps other than the identity.
+/// The gradient equals the change of the objective along a field. The test has weights that follow the surfaces, a
+/// mask, normals, and the elastic energy of maps other than the identity.
 #[test]
 fn the_gradient_is_that_of_the_objective() {
     let sphere = Sphere::icosphere(2);
@@ -101,8 +101,8 @@ fn the_objective_falls_no_triangle_turns_over_and_flows_are_inverted() {
     }
 }
 
-/// The new member's sphere is rotated about an axis. The refinement rotates it back, as far as the elastic energy
-/// allows.
+/// The sphere of the new member is rotated about an axis, and the refinement rotates it back as far as the elastic
+/// energy allows.
 #[test]
 fn a_new_member_comes_to_the_places_of_the_group() {
     let sphere = Sphere::icosphere(3);
@@ -158,7 +158,8 @@ fn members_that_are_equal_stay_where_they_are() {
     }
 }
 
-/// Returns the largest eigenvalue's share of the covariance of members' positions at `at`, by power iteration.
+/// Returns the fraction of the variance of members' positions at the directions `at` that belongs to the largest
+/// eigenvalue of their covariance, by power iteration.
 fn first_share(members: &[Array2<f64>], sphere: &Sphere, at: &[Vec<Vec3>]) -> f64 {
     let directions = sphere.directions.len();
     let mut values = Array2::zeros((members.len(), 3 * directions));
@@ -178,8 +179,8 @@ fn first_share(members: &[Array2<f64>], sphere: &Sphere, at: &[Vec<Vec3>]) -> f6
     largest / covariance.total()
 }
 
-/// A body that grows along one axis has one mode. If the members' maps were made separately, they hide this mode, and
-/// the refinement recovers it.
+/// A body that grows along one axis has a single mode. Maps made separately for each member hide this mode, and the
+/// refinement recovers it.
 #[test]
 fn one_mode_is_found_again_under_maps_that_were_made_apart() {
     let sphere = Sphere::icosphere(3);

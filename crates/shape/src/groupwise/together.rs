@@ -1,8 +1,8 @@
 //! Aligns members rigidly to their mean within a round of the refinement.
 //!
-//! Directions are weighted by the area around them on the mean surface. Rotations are found by Kabsch's method,
-//! starting from each member's pose in the last round. The motions minimise the variance, which nearly minimises the
-//! description length C; the gradient treats the motions as constant.
+//! Directions are weighted by their area on the mean surface. Rotations are found by Kabsch's method, starting from
+//! each member's pose in the last round. The motions minimise the variance, and so nearly the description length C.
+//! The gradient treats the motions as constant.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -12,14 +12,15 @@ use crate::groupwise::objective::{Objective, corners};
 use crate::matrix3::{IDENTITY, Matrix3, product};
 use spharm_surface::kabsch::kabsch;
 
-/// Rotations of members, in space; empty if they aren't aligned.
+/// Rotation of each member in space; empty if members aren't aligned within rounds.
 pub(super) type Turns = Vec<Matrix3>;
 
-/// Number of times that the mean, and then the motions to it, are computed.
+/// Number of times that the mean, and then the motions of members to the mean, are computed.
 const ROUNDS: usize = 2;
 
-/// Moves members' values, (N, n C), and returns their final rotations. `turning` holds the first channel of each triple
-/// that rotates with the surface; the triple that starts at channel 0 is the position, and is translated as well.
+/// Moves the members' values, (N, n C), to their mean, and returns the members' rotations. `turning` holds the first
+/// channel of each triple of channels that rotates with the surface. The triple from channel 0 is the position, which
+/// is translated as well.
 pub(super) fn bring_together(
     values: &mut Array2<f64>,
     turning: &[usize],
@@ -62,7 +63,7 @@ pub(super) fn bring_together(
     turns
 }
 
-/// Rotates, at every direction, the triples of channels that start at the channels `first`.
+/// Rotates the triples of channels that start at the channels `first`, at every direction.
 pub(super) fn turn_channels(row: &mut [f64], channels: usize, first: &[usize], by: &Matrix3) {
     for row in row.chunks_exact_mut(channels) {
         for &first in first {
@@ -72,7 +73,7 @@ pub(super) fn turn_channels(row: &mut [f64], channels: usize, first: &[usize], b
     }
 }
 
-/// Returns each direction's share of the masked area of a surface.
+/// Returns the fraction of a surface's masked area that belongs to each direction.
 fn areas(row: &[f64], objective: &Objective<'_>) -> Vec<f64> {
     let at = corners(row, objective.mask.len());
     let mut found = vec![0.0; objective.mask.len()];

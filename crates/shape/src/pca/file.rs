@@ -2,14 +2,14 @@
 //!
 //! | array | type | contents |
 //! |---|---|---|
-//! | `coefficients` | f64 (K, 3) | canonical coefficients of the mean: the file can also be read as a model of the mean |
+//! | `coefficients` | f64 (K, 3) | canonical coefficients of the mean, as in a file of a model of the mean |
 //! | `modes` | f64 (m, 3 (K - 1)) | modes without row 0, row-major (K - 1, 3), of norm sqrt(4 pi) |
 //! | `variances` | f64 (m, 1) | variance along each mode |
 //! | `scores` | f64 (n, m) | coordinates of the group's members |
 //! | `total_variance` | f64 (1, 1) | variance along all modes |
 //! | `convention` | text () | the convention of model files |
 //! | `members` | text () | names of the group's members, one per line |
-//! | `provenance` | text () | JSON: how the file was made |
+//! | `provenance` | text () | provenance of the file, as JSON |
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ pub struct ShapeModel {
     pub modes: Modes,
     /// Names of the group's members, (n).
     pub members: Vec<String>,
-    /// How the model was made, JSON.
+    /// Provenance of the model, as JSON.
     pub provenance: String,
 }
 
@@ -42,7 +42,7 @@ impl ShapeModel {
         let variances =
             ArrayView2::from_shape((variances.len(), 1), variances).map_err(|error| invalid(path, error))?;
         let total = Array2::from_elem((1, 1), *total_variance);
-        // Each name must be a single line.
+        // Line breaks in names are replaced, because the file stores one name per line.
         let members: Vec<String> = self.members.iter().map(|name| name.replace(['\n', '\r'], " ")).collect();
         let members = members.join("\n");
         write_arrays(
@@ -61,7 +61,7 @@ impl ShapeModel {
         )
     }
 
-    /// Reads a file.
+    /// Reads a shape model file.
     ///
     /// # Errors
     ///
@@ -132,7 +132,7 @@ mod tests {
         assert_eq!((&back.modes.variances, &back.members), (&file.modes.variances, &file.members));
         assert_eq!(Model::read(&path).unwrap().coefficients.values(), &file.modes.mean);
         assert!(file.write(&path, false).is_err());
-        // The file names one member fewer than it has scores.
+        // The file has names for one member fewer than it has scores.
         let other = ShapeModel { members: file.members[1..].to_vec(), ..file };
         other.write(&path, true).unwrap();
         assert!(

@@ -2,9 +2,10 @@
 //!
 //! Both measures refer to the first k modes, for k = 1 to m, and are in the unit of length. *Generalisation* is the
 //! mean distance of a member from its nearest shape in the model of all other members; *specificity* is the mean
-//! distance of a random shape of the model from the nearest member. For both, smaller is better. Members and samples
-//! are coordinates along the modes, which preserve distances, so that the cost doesn't depend on the degree: `n`
-//! decompositions of (n, n) for the generalisation, `samples n m` flops for the specificity.
+//! distance of a random shape of the model from the nearest member. For both, smaller is better. Members and random
+//! shapes are represented by their coordinates along the modes, which preserve distances. So the cost doesn't depend
+//! on the degree: `n` decompositions of (n, n) matrices for the generalisation, and `samples n m` flops for the
+//! specificity.
 
 use faer::MatRef;
 use ndarray::{Array2, Axis};
@@ -19,20 +20,20 @@ use crate::ShapeError;
 /// Generalisation and specificity of the first k modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Mean distance of a member from the model of the other members, (m). Without the member the group has only n - 2
-    /// modes: the value for n - 1 modes equals the value for n - 2.
+    /// Mean distance of a member from the model of the other members, (m). Without the member the group has only n -
+    /// 2 modes, so the value for n - 1 modes equals the value for n - 2.
     pub generalisation: Vec<f64>,
     /// Mean distance of a random shape from the nearest member, (m).
     pub specificity: Vec<f64>,
 }
 
-/// Maximum number of members that are left out one at a time; of larger groups only every `n / 200`th member is left
-/// out.
+/// Maximum number of members for which the model of the other members is computed. In a larger group, only every
+/// `n / 200`th member is used.
 const LEFT_OUT: usize = 200;
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Computes generalisation and specificity for modes of all of a group's variance (n - 1 modes), the specificity by
-/// `samples` random shapes (typically 2,000) from a seed.
+/// Computes generalisation and specificity. `modes` must contain all n - 1 modes of the group. The specificity uses
+/// `samples` random shapes, typically 2,000, determined by the seed.
 ///
 /// # Errors
 ///
@@ -77,7 +78,7 @@ pub fn quality(modes: &Modes, samples: usize, seed: u64, monitor: &dyn Monitor) 
     Ok(Quality { generalisation, specificity })
 }
 
-/// Returns the distances of a member from the modes of the other members, by the number of modes.
+/// Returns the distance of a member from its nearest shape in the model of the other members, for each number of modes.
 fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, ShapeError> {
     let (n, m) = scores.dim();
     let others: Vec<usize> = (0..n).filter(|i| *i != member).collect();
@@ -100,8 +101,8 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
     Ok(left.collect())
 }
 
-/// Returns `count` normally distributed numbers of mean 0 and variance 1, determined by the seed and the index `sample`
-/// regardless of the thread. G. E. P. Box and M. E. Muller (1958).
+/// Returns `count` normally distributed numbers of mean 0 and variance 1, which depend only on the seed and the index
+/// `sample`. The method is that of G. E. P. Box and M. E. Muller (1958).
 pub fn normal(seed: u64, sample: u64, count: usize) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(sample);
@@ -134,8 +135,8 @@ mod tests {
         let modes = Modes::new(&views, 7).unwrap();
         let found = quality(&modes, 300, 5, &Silent).unwrap();
         for k in [1, 3, 6] {
-            // The expected value is computed from the coefficients: the distance of each member from the model of the
-            // others.
+            // The expected generalisation is computed from the coefficients, by the distance of each member from the
+            // model of the others.
             let left: f64 = (0..8)
                 .map(|i| {
                     let others: Vec<_> = (0..8).filter(|j| *j != i).map(|j| group[j].view()).collect();

@@ -2,13 +2,13 @@
 //! poses.
 //!
 //! The members' [surfaces are aligned](spharm_surface::pose::group_poses) first, with scale and mirror images if
-//! requested. Then the Procrustes analysis rotates only the parameters. Members keep the relative positions of their
-//! surfaces: the mean's centre is the origin, not each member's.
+//! requested. Then the Procrustes analysis rotates only the parameters. Surfaces keep their relative positions: the
+//! centre of the mean is the origin, not the centre of each member.
 //!
-//! Sampled points determine poses only to a thousandth of a surface's size. An alignment by both rotations has no
-//! sampling error. It is used instead if it brings the members' distances at equal directions below the distances
-//! between their surfaces in these poses: the distance between two surfaces is at most their distance at equal
-//! directions, so that the surfaces then lie on each other no worse.
+//! Sampled points determine poses only to a thousandth of a surface's size, whereas an alignment by both rotations
+//! has no sampling error. The latter is used if it brings the members' distances at equal directions below the
+//! distances between their surfaces in the sampled poses. The distance between two surfaces is at most their distance
+//! at equal directions, so the surfaces then fit each other at least as well.
 
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
@@ -23,17 +23,17 @@ use crate::group::{mean_of, spread_of};
 use crate::surface_poses::GAIN;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
 
-/// Distances of surfaces below this fraction of their size are within the sampling error of their points.
+/// Distances between surfaces below this fraction of their size are within the sampling error.
 const ROUNDING: f64 = 1e-3;
 /// If the members' distance at equal directions is less than this multiple of the distance between their surfaces,
 /// equal directions may correspond, and an alignment by both rotations is tried.
 const NEAR: f64 = 2.0;
-/// A group mixes two sides if at least this fraction of its members is nearer as mirror images; fewer are members of
-/// the wrong side.
+/// Minimum fraction of members nearer as mirror images for a group to be treated as a mix of two sides. If fewer are
+/// nearer, they are reported singly.
 const SIDES: f64 = 0.25;
 
-/// Aligns a group. Members that are points or lines have no pose: a group with such a member is aligned by the joint
-/// search of both rotations.
+/// Aligns a group by its surfaces. A point or a line has no pose, so a group with such a member is aligned by the
+/// joint search of both rotations.
 pub(super) fn together(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -88,7 +88,7 @@ pub(super) fn together(
             return Ok(exact);
         }
     }
-    // The alignment centred each member on its own; this restores the members' positions relative to the common centre.
+    // The alignment centred each member separately; this restores the members' positions relative to the common centre.
     let centres: Vec<[f64; 3]> =
         posed.iter().map(|member| std::array::from_fn(|c| member.values()[[0, c]] / SQRT_4_PI)).collect();
     let count = centres.len() as f64;
@@ -125,7 +125,8 @@ fn spread_as_given(
     Ok(spread_of(&given, &mean_of(&given)))
 }
 
-/// Returns warnings for the members whose mirror images lie much nearer to the typical member than they do.
+/// Returns warnings about members whose mirror images are much nearer to the typical member than the members
+/// themselves.
 fn mirrored(
     surfaces: &[PoseSurface],
     found: &GroupPoses,

@@ -1,15 +1,19 @@
 //! Saves the progress of a group's alignment in a file, from which an interrupted run resumes.
 //!
-//! An alignment is a sequence of poses: of every member in turn, round after round. Each pose follows from the
-//! preceding poses, so that only the poses have to be saved. The file is a header of 64 bytes that identifies the
-//! alignment, followed by a record for each pose in order of computation; all numbers are little-endian.
+//! An alignment computes a sequence of poses, one for every member in each round. Each pose follows from the
+//! preceding poses, so only the poses have to be saved. The file consists of a header of 64 bytes, which identifies
+//! the alignment, and a record for each pose in order of computation. All numbers are little-endian.
 //!
-//! | bytes | what |
+//! | bytes | contents |
 //! |---|---|
 //! | 0..16 | `spharm group 1\r\n` |
 //! | 16..48 | BLAKE3 of the members and settings |
 //! | 48..64 | zero |
-//! | 196 each | rotation of the parameters and orthogonal matrix of space by rows, distance, stiffness, 3 singular values, 1 if directions are replaced by their opposites, else 0: 24 f64; CRC32C of them, of the header and of the record's number |
+//! | 196 each | record of a pose |
+//!
+//! A record has 24 f64: the rotation of the parameters and the orthogonal matrix of space by rows, distance, stiffness,
+//! 3 singular values, and 1 if directions are replaced by their opposites, otherwise 0. They are followed by the CRC32C
+//! of the header, the record's number and the numbers of the record.
 //!
 //! A run that is interrupted while writing leaves an incomplete record, and a power failure may leave blocks that were
 //! never written: everything after the last valid record is discarded and recomputed.
@@ -38,26 +42,26 @@ pub struct Journal {
     path: PathBuf,
     file: File,
     header: [u8; HEADER],
-    /// Poses of an earlier run that haven't been taken yet, the next one last.
+    /// Poses of an earlier run that haven't been taken yet, in reverse order.
     found: Vec<Pose>,
-    /// Number of poses taken or added.
+    /// Number of poses taken or added so far.
     number: u64,
 }
 
 impl Journal {
-    /// Opens or creates the journal of an alignment with these members and settings. Only one process at a time can
-    /// open it.
+    /// Opens or creates the journal of an alignment of these members with these settings. Only one process at a time
+    /// can open the journal.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::OtherJournal`] for a file of other members or settings, or that isn't a journal;
-    /// [`ShapeError::JournalInUse`]; [`ShapeError::Journal`] if it can't be read or written.
+    /// [`ShapeError::OtherJournal`] if the file isn't a journal, or belongs to other members or settings;
+    /// [`ShapeError::JournalInUse`]; [`ShapeError::Journal`] if the file can't be read or written.
     pub fn open(path: &Path, members: &[Coefficients], params: &ProcrustesParams) -> Result<Self, ShapeError> {
         let failed = |cause| ShapeError::Journal { path: path.to_owned(), cause };
         let options = File::options().read(true).write(true).create(true).truncate(false).clone();
         let mut file = spharm_files::open_with(path, &options).map_err(failed)?;
         match file.try_lock() {
-            // File systems without locks can't exclude a second process.
+            // On file systems without locks, a second process can't be excluded.
             Ok(()) | Err(TryLockError::Error(_)) => {}
             Err(TryLockError::WouldBlock) => return Err(ShapeError::JournalInUse { path: path.to_owned() }),
         }
@@ -66,10 +70,10 @@ impl Journal {
         let mut start = Vec::new();
         (&mut file).take(HEADER as u64).read_to_end(&mut start).map_err(failed)?;
         if start.len() < HEADER && header.starts_with(&start) {
-            // The file is new, or was interrupted before its header was complete.
+            // The file is new, or writing was interrupted before the header was complete.
             file.set_len(0).and_then(|()| file.seek(SeekFrom::Start(0))).map_err(failed)?;
-            // Synced before any pose is written: a power failure may lose a record, but not the header that identifies
-            // the records.
+            // The header is synced before any pose is written, so that a power failure may lose records, but not the
+            // header that identifies them.
             file.write_all(&header).and_then(|()| file.sync_data()).map_err(failed)?;
             return Ok(Self { path: path.to_owned(), file, header, found: Vec::new(), number: 0 });
         }
@@ -97,7 +101,7 @@ impl Journal {
         self.found.len()
     }
 
-    /// Takes the next poses of an earlier run, at most `count`.
+    /// Takes the next poses of an earlier run from the journal, at most `count`.
     pub(super) fn take(&mut self, count: usize) -> Vec<Pose> {
         let rest = self.found.len().saturating_sub(count);
         let mut taken = self.found.split_off(rest);
@@ -166,7 +170,8 @@ fn decoded(record: &[u8; RECORD], header: &[u8; HEADER], number: u64) -> Option<
         Some(matrix)
     };
     let (rotation, orthogonal) = (matrix()?, matrix()?);
-    // `from_matrix` only validates here: it would replace the matrix by the nearest orthogonal one and change its bits.
+    // `from_matrix` serves only as validation, because its result is the nearest orthogonal matrix, which may differ
+    // in some bits.
     Rotation::from_matrix(rotation).ok()?;
     let (distance, stiffness) = (next()?, next()?);
     let singular_values = [next()?, next()?, next()?];

@@ -1,19 +1,19 @@
 //! Detects members of a group that are mirror images of the others.
 //!
-//! Each member and its mirror image are aligned to the mean of the *others*: a mirrored member would resemble a mean
-//! that includes it. The log of the ratio of the two distances, x = ln(image / own), is positive if the member belongs
-//! to the others unmirrored. x depends on the shape: it is 0 for a shape equal to its mirror image. In a group whose
-//! members all differ from their mirror images by about the same amount, a mirrored member has about minus the x of the
-//! others. A member is reported if
+//! Each member and its mirror image are aligned to the mean of the *others*, because a mirrored member would resemble
+//! a mean that includes it. The logarithm of the ratio of the two distances, x = ln(image / own), is positive if the
+//! member matches the others unmirrored. x depends on the shape, and is 0 for a shape equal to its mirror image. If
+//! all members differ from their mirror images by about the same amount, the x of a mirrored member is about minus
+//! the x of the others. A member is reported if
 //! ```text
 //! x < -0.1,   median > 0.1,   median - x > 5 s
 //! ```
 //!
-//! with s the members' median absolute deviation from the median, divided by 0.6745. In generated groups of 6 and 20
-//! bodies that differ from each other by as much as from an ellipsoid, x was 0.19 or above for unmirrored members, and
-//! -0.16 or below for mirrored members (one or three of 20). For randomly perturbed ellipsoids it was -0.08 or above.
-//! Five correct hippocampi have x from -0.2 to 0.5, and none of them is reported; if one of them is mirrored, it mostly
-//! isn't reported either.
+//! where s is the median absolute deviation of x from its median, divided by 0.6745. In generated groups of 6 and 20
+//! bodies that differ from each other by as much as from an ellipsoid, x was 0.19 or above for unmirrored members,
+//! and -0.16 or below for mirrored members (one or three of 20). For randomly perturbed ellipsoids it was -0.08 or
+//! above. Five correct hippocampi have x from -0.2 to 0.5, and none is reported; a mirrored hippocampus usually isn't
+//! reported either.
 
 use std::borrow::Cow;
 
@@ -25,40 +25,40 @@ use crate::group::{Pose, Round};
 use crate::pair::object_only;
 use crate::refine::{Space, Target};
 
-/// Minimum number of members for a meaningful spread.
+/// Minimum number of members for a meaningful spread of x.
 const LEAST: usize = 4;
 /// Minimum absolute value of x, for the members' median and for a mirrored member.
 const CLEAR: f64 = 0.1;
 /// Minimum distance of a mirrored member's x from the median, in units of the spread s.
 const FAR: f64 = 5.0;
-/// Distances below this are rounding errors, for surfaces of norm 1.
+/// Distances below this are treated as rounding errors, for surfaces of norm 1.
 const SAME: f64 = 1e-7;
 
-/// Returns the median of numbers; zero for none.
+/// Returns the median of numbers; zero for an empty list.
 pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_unstable_by(f64::total_cmp);
     let count = numbers.len();
     if count == 0 { 0.0 } else { 0.5 * (numbers[(count - 1) / 2] + numbers[count / 2]) }
 }
 
-/// Poses of a member aligned to the mean of the others: as it is in a round, and as its mirror image.
+/// Poses of a member and of its mirror image, each aligned to the mean of the others.
 pub(super) struct Judged {
     pub(super) own: Pose,
     image: Pose,
 }
 
 impl Judged {
-    /// Returns the log of the ratio of the distances, image over own, or `None` if it is meaningless.
+    /// Returns x, the logarithm of the ratio of the distances, or `None` if both distances are rounding errors.
     pub(super) fn log(&self) -> Option<f64> {
-        // Copies of one surface, and points, carry no information.
+        // For copies of one surface and for points, the ratio carries no information.
         let [own, image] = [&self.own, &self.image].map(|pose| pose.fit.distance);
         (own.max(image) > SAME).then(|| (image.max(SAME) / own.max(SAME)).ln())
     }
 }
 
 impl Group<'_> {
-    /// Returns warnings for the members whose mirror images are nearer to the other members. If there are no such
-    /// members, also returns whether the reason is that members and their mirror images hardly differ.
+    /// Returns warnings about members whose mirror images are nearer to the other members. The second value is true
+    /// if there are no such members, but some members hardly differ from their mirror images.
     pub(super) fn mirrored(&self, round: &Round) -> Result<(Vec<ProcrustesWarning>, bool), ShapeError> {
         if self.units.len() < LEAST {
             return Ok((Vec::new(), false));
@@ -81,8 +81,8 @@ impl Group<'_> {
         Ok((warnings, unclear))
     }
 
-    /// Aligns every member and its mirror image to the mean of the others. A member that the round has mirrored is
-    /// treated as mirrored.
+    /// Aligns every member and its mirror image to the mean of the others. If the round mirrored a member, the
+    /// mirrored form is treated as the member itself.
     pub(super) fn judged(&self, round: &Round) -> Result<Vec<Judged>, ShapeError> {
         let own = self.each(|index| self.continued(index, round.members[index].pose, &round.without(index)))?;
         let image = |index: usize| self.handed(index, !round.members[index].pose.mirrors(), &round.without(index));
@@ -106,9 +106,9 @@ impl Group<'_> {
         Pose { fit, antipodal: now.antipodal }
     }
 
-    /// Searches the alignment of a member, f(u), or of the nearer of its mirror images: -f(-u), which is oriented
-    /// outwards, and -f(u), which is inside out. In a group in which mirror images are matched, f(-u), which is inside
-    /// out, is searched in addition to f(u).
+    /// Searches the alignment of a member f(u). If `mirrored`, searches its two mirror images instead, -f(-u), which
+    /// is oriented outwards, and -f(u), which is inside out, and returns the nearer one. In a group with mirror
+    /// images matched, an unmirrored member is searched as f(-u) too, which is inside out.
     fn handed(&self, index: usize, mirrored: bool, target: &Target) -> Pose {
         let unit = &self.units[index];
         if unit.norm == 0.0 || !(mirrored || self.mirror) {

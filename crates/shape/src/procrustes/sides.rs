@@ -1,40 +1,40 @@
 //! Detects groups that mix two sides: left and right members in about equal numbers.
 //!
-//! The mean of such a group belongs to neither side, so that each member is about as far from it as its mirror image,
-//! and none stands out ([`mirrored`](super::mirrored)). So if members and their mirror images hardly differ, the group
-//! is aligned once more, with mirror images matched: this brings all members to one side, and the members that were
-//! mirrored for it are the other side. This mirrors near-symmetric shapes at random, because for each the handedness
-//! that happens to fit better is taken. A group is treated as two-sided if mirroring matters,
+//! The mean of such a group belongs to neither side. Each member is then about as far from the mean as its mirror
+//! image, and no member stands out ([`mirrored`](super::mirrored)). So if members and their mirror images hardly
+//! differ, the group is aligned once more, with mirror images matched. This brings all members to one side; the
+//! members that had to be mirrored belong to the other side. Near-symmetric shapes are mirrored at random, by
+//! whichever handedness happens to fit better. A group is therefore treated as two-sided only if mirroring matters,
 //!
 //! ```text
 //! ln(spread / spread with mirror images) > 0.2
 //! ```
 //!
-//! and its members' sides are known if, with x = ln(image / own) of each member against the others, all in their
-//! resulting handedness,
+//! and the sides of its members are known only if the logarithms x = ln(image / own) of the members, each against the
+//! others in their resulting handedness, satisfy
 //!
 //! ```text
 //! median > 0.5,   least > 0
 //! ```
 //!
 //! In 300 groups of 4 to 20 ellipsoids with random differences, the logarithm of the ratio of spreads was -0.04 to
-//! 0.06; it was 0.10 for five correct hippocampi, and 0.39 to 0.53 with any of them mirrored. The median of x was -0.04
-//! to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi, whose own differences lead to a partition other than the
-//! sides. docs/algorithms/alignment.md has a table of both quantities.
+//! 0.06. It was 0.10 for five correct hippocampi, and 0.39 to 0.53 with any of them mirrored. The median of x was
+//! -0.04 to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi, whose differences from each other lead to a
+//! partition that isn't the sides. See docs/algorithms/alignment.md for a table of both quantities.
 
 use super::mirrored::{Judged, median};
 use super::{Group, ProcrustesWarning};
 use crate::error::ShapeError;
 use crate::group::Round;
 
-/// Minimum log of the ratio of the spreads for a group of two sides.
+/// Minimum logarithm of the ratio of spreads, without to with mirror images, for a group to be two-sided.
 const MATTERS: f64 = 0.2;
-/// Minimum median of the members' logs for their sides to be known.
+/// Minimum median of the logarithms x for the members' sides to be known.
 const KNOWN: f64 = 0.5;
 
 impl Group<'_> {
-    /// Returns a warning for a group of two sides, with the members of the smaller side; if both sides have the same
-    /// size, of the side without the first member.
+    /// Returns a warning if the group mixes two sides. It lists the members of the smaller side; if both sides have
+    /// the same size, of the side without the first member.
     pub(super) fn sides(&mut self, plain: &Round) -> Result<Option<ProcrustesWarning>, ShapeError> {
         self.mirror = true;
         let found = self.matched(plain);
@@ -47,7 +47,7 @@ impl Group<'_> {
         if (plain.spread / round.spread.max(f64::MIN_POSITIVE)).ln() <= MATTERS {
             return Ok(None);
         }
-        // Which side was mirrored depends on the first member.
+        // All members were aligned to the first member, so its handedness determines which side was mirrored.
         let hand = |member: usize| round.members[member].pose.mirrors();
         let (first, second): (Vec<usize>, Vec<usize>) =
             (0..self.units.len()).partition(|member| hand(*member) == hand(0));

@@ -20,7 +20,7 @@ fn hippocampi_spread_less_than_by_shrec() {
     let (Some(surfaces), Some(registered)) = (hippocampi("foe"), hippocampi("shrec")) else { return };
     let posed: Vec<_> = surfaces.iter().enumerate().map(|(n, surface)| posed(surface, &some_pose(n))).collect();
     let found = together(&posed);
-    // SPHARM-MAT's registration reaches 2.1064.
+    // The registration of SPHARM-MAT reaches a spread of 2.1064.
     assert!(found.report.spread_after <= 2.0840, "{:?}", found.report);
     assert_eq!((found.report.ends.len(), found.report.warnings.len()), (5, 0));
     let spread = |members: &[Coefficients]| {
@@ -30,7 +30,7 @@ fn hippocampi_spread_less_than_by_shrec() {
         spread_of(&members, &mean_of(&members))
     };
     assert!((spread(&registered) - 2.1064).abs() < 1e-4);
-    // The transforms reproduce the report.
+    // Applying the returned transforms reproduces the reported spread.
     let moved: Vec<Coefficients> =
         posed.iter().zip(&found.transforms).map(|(surface, t)| t.apply(surface, &Silent).unwrap()).collect();
     assert!((spread(&moved) - found.report.spread_after).abs() < 1e-9);
@@ -69,7 +69,7 @@ fn sizes_are_taken_away_if_asked_for() {
 fn a_mirrored_member_is_said() {
     let mut members: Vec<_> = (0..4).map(|n| posed(&perturbed(n, 0.02), &some_pose(n))).collect();
     assert_eq!(together(&members).report.warnings, []);
-    // Member 2 is mirrored together with its sphere, and in space alone, which turns it inside out.
+    // Member 2 is mirrored together with its sphere, and then in space alone, which turns it inside out.
     for antipodal in [true, false] {
         members[2] = posed(&reflected(&perturbed(2, 0.02)), &Transform { antipodal, ..some_pose(9) });
         let found = together(&members).report;
@@ -83,8 +83,8 @@ fn a_mirrored_member_is_said() {
     }
 }
 
-/// Mirrored members are reported even if bodies differ by a third of their common shape. Mirrored hippocampi are hardly
-/// ever reported; an unmirrored one never is.
+/// Mirrored members are reported even if bodies differ by a third of their common shape. Mirrored hippocampi are
+/// hardly ever reported, and unmirrored ones never.
 #[test]
 fn mirrored_members_of_groups_that_differ_are_said_where_shapes_tell() {
     let said = |members: &[Coefficients]| -> Vec<usize> {
@@ -125,7 +125,7 @@ fn a_group_of_both_sides_is_said() {
         assert!(mirrored < 0.8 * spread && spread == found.spread_after, "{warning}");
         assert!(warning.naming(|n| format!("file {n}")).ends_with("file 3, file 4, file 5"), "{warning}");
     }
-    // These members equal their own mirror images except for random differences.
+    // Members equal their mirror images except for random differences, so that no sides may be reported.
     for differences in [0.05, 0.3] {
         let members = (0..8).map(|n| {
             let mut values = Array2::zeros((36, 3));
@@ -141,8 +141,8 @@ fn a_group_of_both_sides_is_said() {
         assert!(found.warnings.iter().all(|warning| warning.mirrored().is_empty()), "{found:?}");
         assert!(!found.warnings.iter().any(|warning| matches!(warning, ProcrustesWarning::Sides { .. })), "{found:?}");
     }
-    // For hippocampi either two sides are reported, or single members that stand out; all members named are of one
-    // side.
+    // For hippocampi, either two sides are reported or single members that stand out, and all members named are of
+    // one side.
     let Some(surfaces) = hippocampi("foe") else { return };
     for mirrored in 1..5 {
         let mut mixed = surfaces.clone();
@@ -207,7 +207,7 @@ fn bad_groups_are_refused_or_said() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4))]
 
-    /// A group whose members were moved to other poses has the same mean.
+    /// Moving the members of a group to other poses doesn't change the mean.
     #[test]
     fn poses_dont_matter(numbers in prop::collection::vec(prop::array::uniform6(0.0..1.0), 4)) {
         let members: Vec<_> = (0..4).map(|n| perturbed(n, 0.1)).collect();
@@ -218,7 +218,7 @@ proptest! {
     }
 }
 
-/// Slightly different members, whose surfaces and spheres were rotated against each other, end in the same pose.
+/// Slightly different members end in the same pose, even if their surfaces and spheres were rotated against each other.
 #[test]
 fn a_group_by_its_surfaces_comes_together_from_any_pose() {
     let members: Vec<Coefficients> = (0..5).map(|n| perturbed(n, 0.02)).collect();
@@ -257,7 +257,7 @@ fn a_group_with_a_point_comes_together_by_both_rotations() {
     assert_eq!(found, procrustes(&members, &joint, &Silent).unwrap());
 }
 
-/// Copies of one surface are aligned to rounding error, although poses from sampled points are less accurate.
+/// Copies of one surface are aligned to rounding error, although poses found from sampled points are less accurate.
 #[test]
 fn copies_by_their_surfaces_are_one_surface() {
     let align = AlignParams { method: Method::Surfaces, ..ProcrustesParams::default().align };

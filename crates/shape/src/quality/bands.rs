@@ -1,13 +1,13 @@
 //! Computes confidence bands of the quality measures by a bootstrap over the members.
 //!
-//! Members are drawn with replacement, and everything is recomputed for the draw; a member is left out with all of its
-//! copies. A draw contains only about 63 % of the members. A shape is farther from these than from all members, so that
-//! a draw's measures are systematically larger than the group's. Bands are therefore the draws' quantiles relative to
-//! their median, centred on the group's own value (the pivot of B. Efron and R. J. Tibshirani, An Introduction to the
-//! Bootstrap (1993), chapter 10, for a bias caused by the resampling).
+//! Members are drawn with replacement, and all measures are recomputed for the draw; if a member is excluded, so are
+//! all its copies. A draw contains only about 63 % of the members. A shape is farther from these than from all
+//! members, so a draw's measures are systematically larger than the group's. Bands are therefore the quantiles of the
+//! draws relative to their median, centred on the group's value (the pivot of B. Efron and R. J. Tibshirani, An
+//! Introduction to the Bootstrap (1993), chapter 10, for a bias caused by the resampling).
 //!
-//! In draws from large groups only 20 members are left out in turn, and modes are computed from the leading `5 m + 50`
-//! coordinates.
+//! In draws from large groups, only 20 members are excluded in turn, and modes are computed from the leading
+//! `5 m + 50` coordinates.
 
 use ndarray::{Array2, s};
 use rand_chacha::ChaCha8Rng;
@@ -19,7 +19,7 @@ use super::curves::{Curves, Model, leave_out, mean_of, nearest};
 use super::params::{Curve, QualityParams};
 use crate::ShapeError;
 
-/// Maximum number of members left out of a draw.
+/// Maximum number of members excluded in turn from a draw.
 const LEFT_OUT: usize = 20;
 /// Quantiles of a 95 % band.
 const QUANTILES: [f64; 2] = [0.025, 0.975];
@@ -65,7 +65,7 @@ pub(super) fn bands(
     ])
 }
 
-/// Returns the mean of rows of m numbers, one row per member or shape, with a band from a bootstrap over the rows.
+/// Returns the mean of `rows`, which hold m numbers per member or shape, with a band from a bootstrap over the rows.
 pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) -> Curve {
     let values = mean_of(rows.iter().map(Vec::as_slice), most);
     let draws: Vec<Vec<f64>> = (0..params.bands)
@@ -74,12 +74,12 @@ pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) ->
     about(&values, &draws.iter().map(Vec::as_slice).collect::<Vec<_>>(), f64::INFINITY)
 }
 
-/// Draws n members with replacement, at least three of them different if n is 3 or more.
+/// Draws n members with replacement, of which at least three are different if n is 3 or more.
 pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(STREAM + index as u64);
     loop {
-        // The random numbers' range far exceeds n, so that the remainder is uniform to 2^-32.
+        // The range of the random numbers far exceeds n, so the remainder is uniform to 2^-32.
         let rows: Vec<usize> = (0..n).map(|_| (random.next_u64() % n as u64) as usize).collect();
         let mut distinct = rows.clone();
         distinct.sort_unstable();
@@ -90,8 +90,8 @@ pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     }
 }
 
-/// Returns the curve of `values` with the draws' quantiles, which are centred on the values instead of on the draws'
-/// median, and clamped to between 0 and `highest`.
+/// Returns the curve of `values` with a band of the draws' quantiles, shifted from the draws' median to the values
+/// and clamped to between 0 and `highest`.
 fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
     let mut curve = Curve { values: values.to_vec(), ..Curve::default() };
     if draws.is_empty() {

@@ -1,6 +1,6 @@
-//! Computes compactness, generalisation and specificity from coordinates that preserve the members' distances.
+//! Computes compactness, generalisation and specificity from coordinates that preserve the distances between members.
 //!
-//! The same member may have several rows, as in a bootstrap: it is left out with all of its rows.
+//! In a bootstrap a member may have several rows, which are all excluded together.
 
 use faer::MatRef;
 use ndarray::{Array2, ArrayView1, Axis};
@@ -10,14 +10,13 @@ use spharm_monitor::Monitor;
 use crate::ShapeError;
 use crate::pca::quality::normal;
 
-/// Maximum number of members that are left out one at a time; of larger groups only every `n / 200`th member is left
-/// out.
+/// Maximum number of members that are excluded in turn; in a larger group, only every `n / 200`th member is excluded.
 pub(super) const LEFT_OUT: usize = 200;
-/// Modes whose standard deviation is below this fraction of the first mode's are rounding errors without a meaningful
-/// direction.
+/// Minimum standard deviation of a mode, as a fraction of the first mode's. Smaller modes are rounding errors,
+/// without a meaningful direction.
 const NEGLIGIBLE: f64 = 1e-10;
 
-/// The measures for the first k modes, k = 1 to m, (m) each.
+/// Measures of the first k modes, for k = 1 to m, (m) each.
 pub(super) struct Curves {
     pub(super) compactness: Vec<f64>,
     pub(super) generalisation: Vec<f64>,
@@ -32,7 +31,7 @@ pub(super) struct Model {
     pub(super) variances: Vec<f64>,
     /// Member of each row.
     pub(super) rows: Vec<usize>,
-    /// Weight of each row in each mode, (modes, rows): a mode is the sum of the rows times its weights.
+    /// Weight of each row in each mode, (modes, rows): a mode is the sum of the rows multiplied by its weights.
     pub(super) loadings: Array2<f64>,
 }
 
@@ -60,7 +59,8 @@ impl Model {
         self.variances.iter().sum()
     }
 
-    /// Returns the cumulative shares of the variance; 1 for a group without variance.
+    /// Returns the fractions of the variance along the first k modes, for k = 1 to `most`; 1 for a group without
+    /// variance.
     pub(super) fn compactness(&self, most: usize) -> Vec<f64> {
         let total = self.total();
         let mut sum = 0.0;
@@ -72,7 +72,8 @@ impl Model {
     }
 }
 
-/// Returns the left singular vectors, (rows, modes), and singular values of a matrix of centred rows: at most rows - 1.
+/// Returns the left singular vectors, (rows, modes), and the singular values of a matrix of centred rows, with at
+/// most rows - 1 modes.
 fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeError> {
     let (rows, columns) = centred.dim();
     let standard = centred.as_standard_layout();
@@ -85,23 +86,23 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
     Ok((Array2::from_shape_fn((rows, count), |(i, k)| u[(i, k)]), singular))
 }
 
-/// A left-out member relative to the modes of the other members.
+/// An excluded member, compared with the modes of the other members.
 pub(super) struct Left {
-    /// Distance from the first k modes of the others, (m); for k above the others' number of modes, the distance from
-    /// all of their modes.
+    /// Distance from the first k modes of the other members, (m); if k exceeds their number of modes, the distance
+    /// from all modes.
     pub(super) distances: Vec<f64>,
-    /// Index of the member.
+    /// Index of the excluded member.
     pub(super) member: usize,
-    /// The nearest shapes, (m), each as factors by which the model's rows are summed.
+    /// Nearest shape for each k, (m), given by factors whose products with the model's rows sum to the shape.
     pub(super) factors: Vec<Vec<f64>>,
 }
 
-/// Returns the members that are left out, at most `most`.
+/// Returns the members to exclude in turn, at most `most`.
 pub(super) fn left_out(members: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..members).step_by(members.div_ceil(most).max(1))
 }
 
-/// Leaves each member out in turn.
+/// Excludes members in turn, and compares each with the modes of the others.
 pub(super) fn leave_out(
     model: &Model,
     most: usize,
@@ -132,7 +133,7 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
     let rest = &model.scores.row(own) - &mean;
     let least = NEGLIGIBLE * singular.first().copied().unwrap_or(0.0);
     let mut square: f64 = rest.iter().map(|value| value * value).sum();
-    // Along mode k, which is `u_k^T C / s_k`, the remainder has the coordinate `u_k . (C r) / s_k`.
+    // Mode k is `u_k^T C / s_k`, so the coordinate of the remainder r along it is `u_k . (C r) / s_k`.
     let products: Vec<f64> =
         centred.rows().into_iter().map(|row| row.iter().zip(&rest).map(|(a, b)| a * b).sum()).collect();
     let mut factors = vec![0.0; model.rows.len()];
@@ -154,9 +155,9 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
 pub(super) struct Near {
     /// Distance of the shape, truncated to the first k modes, from the nearest member, (m).
     pub(super) distances: Vec<f64>,
-    /// Coordinates of the shape along the modes.
+    /// Coordinates of the shape along all modes.
     pub(super) along: Vec<f64>,
-    /// Rows of the nearest and the second nearest member, (m).
+    /// Rows of the nearest and the second nearest member for each k, (m).
     pub(super) rows: Vec<[usize; 2]>,
 }
 
@@ -183,7 +184,7 @@ pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> 
                     }
                 }
             }
-            // For k above the number of modes, the values for all modes are used.
+            // If k exceeds the number of modes, the values for all modes are used.
             let filled = |k: usize| least[k.min(m.saturating_sub(1))];
             let distances = (0..most).map(|k| filled(k)[0].0.sqrt()).collect();
             Near { distances, along, rows: (0..most).map(|k| filled(k).map(|(_, row)| row)).collect() }
@@ -191,7 +192,7 @@ pub(super) fn nearest(model: &Model, most: usize, samples: usize, seed: u64) -> 
         .collect()
 }
 
-/// Returns the mean of rows of m numbers.
+/// Returns the mean of the given rows of m numbers.
 pub(super) fn mean_of<'a>(rows: impl Iterator<Item = &'a [f64]>, most: usize) -> Vec<f64> {
     let (mut sum, mut count) = (vec![0.0; most], 0_usize);
     for row in rows {

@@ -1,10 +1,10 @@
-//! Measures how far apart the directions of equal landmarks are on the members, which shows whether directions
+//! Measures the distances on the members between the directions of the same landmark, which show whether directions
 //! correspond.
 //!
-//! A manually placed landmark p of member i is assigned the direction u of the point of the member's surface nearest to
-//! it. The error of a pair is the distance on member k between f_k(u) and f_k(u'), u' being the direction of the same
-//! landmark of k: both points lie on the surface of member k, so that the distances of the landmarks from the surfaces
-//! don't matter.
+//! A manually placed landmark p of member i is assigned the direction u of the nearest point on the member's surface.
+//! The error of a pair is the distance between f_k(u) and f_k(u'), with u' the direction of the same landmark of
+//! member k. Both points lie on the surface of member k, so the distances of the landmarks from the surfaces don't
+//! matter.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, Directions};
@@ -21,26 +21,26 @@ use crate::ShapeError;
 use crate::extent::extent;
 use crate::geometry::{local_geometry, tangent_frame};
 
-/// Number of steps from the facets to the smooth surface.
+/// Maximum number of Gauss-Newton steps from a facet to the smooth surface.
 const STEPS: usize = 10;
 
-/// Distances between landmarks of n members with p landmarks each, in the members' unit.
+/// Landmark errors of n members with p landmarks each, in the members' unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LandmarkErrors {
-    /// Mean over all pairs of members and all landmarks.
+    /// Mean error over all pairs of members and all landmarks.
     pub mean: f64,
-    /// Median over all pairs of members and all landmarks.
+    /// Median error over all pairs of members and all landmarks.
     pub median: f64,
-    /// 95 % band of the mean, from a bootstrap over the members.
+    /// 95 % band of the mean error, from a bootstrap over the members.
     pub band: Option<[f64; 2]>,
-    /// Mean over all pairs for each landmark, (p).
+    /// Mean error of each landmark over all pairs of members, (p).
     pub by_landmark: Vec<f64>,
-    /// Distance of each landmark from its own member's surface, (n) of (p).
+    /// Distance of each landmark from the surface of its member, (n) of (p).
     pub off: Vec<Vec<f64>>,
 }
 
-/// Measures the errors of all pairs. Landmarks are in the frames of their members, (n) of (p); moving a member and its
-/// landmarks together has no effect.
+/// Measures the landmark errors of all pairs of members. The landmarks, (n) of (p), are in the frames of their
+/// members, so moving a member together with its landmarks has no effect.
 ///
 /// # Errors
 ///
@@ -68,7 +68,8 @@ pub(super) fn landmark_errors(
             return Err(ShapeError::NotFiniteValue { what: "landmarks", row, column });
         }
     }
-    // One subdivision more than for the other measures, because directions are interpolated between vertices.
+    // The icosphere has one subdivision more than for the other measures, because directions are interpolated between
+    // vertices.
     let sphere = icosphere((params.subdivisions + 1).min(7));
     let directions = Directions::from_vertices(&sphere.vertices)?;
     let found: Vec<Result<Vec<(Vec3, f64)>, ShapeError>> = members
@@ -86,7 +87,7 @@ pub(super) fn landmark_errors(
     let found: Vec<Vec<(Vec3, f64)>> = found.into_iter().collect::<Result<_, _>>()?;
     let all: Vec<Vec3> = found.iter().flatten().map(|(u, _)| *u).collect();
     let all = Directions::from_vertices(&all)?;
-    // For each member, the points at the directions of all members.
+    // The points of each member at the landmark directions of all members.
     let carried: Vec<Vec<Vec3>> =
         members.par_iter().map(|member| evaluate(&all, member)).collect::<Result<_, ShapeError>>()?;
     let error = |i: usize, k: usize, place: usize| {
@@ -114,7 +115,7 @@ pub(super) fn landmark_errors(
     })
 }
 
-/// Returns the direction of the surface's point nearest to p, and its distance.
+/// Returns the direction of the surface's point nearest to p, and the distance of that point from p.
 ///
 /// The nearest point of the facets is moved to the smooth surface by Gauss-Newton steps in the tangent plane, `(E F; F
 /// G) d = (X_1 . r, X_2 . r)` with r = p - X(u), because facets bias the direction of a landmark off the surface.

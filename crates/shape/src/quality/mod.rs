@@ -1,33 +1,34 @@
 //! Measures the quality of a group's correspondence: compactness, generalisation and specificity of its modes, with
-//! points weighted by their surface area; generalisation and specificity by the distance between surfaces; and errors
-//! of landmarks.
+//! points weighted by surface area; generalisation and specificity by the distance between surfaces; and errors of
+//! landmarks.
 //!
-//! Members are evaluated at the directions u of an icosphere, x_i(u). The weight w(u) of a direction is the vertex's
-//! share of the member's area, averaged over the members, so that
+//! Members are evaluated at the directions u of an icosphere, x_i(u). The weight w(u) of a direction is the fraction
+//! of a member's area that belongs to the vertex, averaged over the members, so that
 //!
 //! ```text
 //! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - m, x_j - m>,    m = mean of the x_i
 //! ```
 //!
-//! and distances are root mean squares over the surface rather than over the sphere, on which a thin process may take
-//! up most of the directions. For the first k modes, k = 1 to m, after moving the members' centres of area to the
-//! origin:
+//! and distances are root mean squares over the surface rather than over the sphere, on which a thin process may
+//! occupy most of the directions. After moving the members' centres of area to the origin, the measures of the first
+//! k modes, k = 1 to m, are:
 //!
-//! - *compactness*: the modes' share of the variance;
-//! - *generalisation*: the mean distance of a member from its nearest shape in the modes of all others;
-//! - *specificity*: the mean distance of a random shape of the modes from the nearest member.
+//! - *compactness*: the fraction of the variance along the modes;
+//! - *generalisation*: the mean distance of a member from its nearest shape in the modes of all other members;
+//! - *specificity*: the mean distance of a random combination of the modes from the nearest member.
 //!
 //! M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003. All three measures
-//! improve if directions slide to where members differ least, so that no measure proves correspondence. A proof needs
-//! external knowledge, such as landmarks, see [`landmarks`].
+//! improve if directions slide to regions in which members differ least, so none of them proves correspondence. A
+//! proof needs external knowledge, such as [`landmarks`].
 //!
-//! *Between surfaces*, generalisation and specificity are measured by nearest points too, as the area-weighted mean in
-//! both directions: the part of a distance that sliding along the surface can't reduce.
+//! *Between surfaces*, generalisation and specificity are also measured by nearest points, as the area-weighted mean
+//! of both directions. Sliding along the surface can't reduce these distances.
 //!
-//! *Bands* are from a bootstrap over the members, see `bands`.
+//! *Bands* are from a bootstrap over the members; see `bands`.
 //!
-//! Cost, for n members, V directions and m modes: V n (n + m) for the products and a decomposition of (n, n) for each
-//! member, up to 200 of them; by surfaces about 15 ms for each member and mode at V = 2,562.
+//! Cost, for n members, V directions and m modes: `V n (n + m)` operations for the products, and a decomposition of
+//! an (n, n) matrix for each of up to 200 members. Distances between surfaces take about 15 ms for each member and
+//! mode at V = 2,562.
 
 mod bands;
 mod curves;
@@ -53,26 +54,26 @@ pub struct GroupQuality {
     pub variance: f64,
     /// Variance along each mode, (m).
     pub variances: Vec<f64>,
-    /// Share of the variance along the first k modes.
+    /// Fraction of the variance along the first k modes.
     pub compactness: Curve,
     /// Mean distance of a member from the modes of the other members.
     pub generalisation: Curve,
     /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
-    /// Generalisation by the distance between surfaces, if requested; its band is from a bootstrap over the left-out
-    /// members alone.
+    /// Generalisation by the distance between surfaces, if requested. Its band is from a bootstrap over the members'
+    /// distances alone.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces: for the first 100 random shapes, the distance from the nearer of
-    /// the two members that are nearest by points. It has no band.
+    /// Specificity by the distance between surfaces, without a band, if requested: for the first 100 random shapes,
+    /// the distance from the nearer of the two members that are nearest by points.
     pub surface_specificity: Option<Curve>,
-    /// Errors of landmarks, if there are any.
+    /// Errors of the landmarks, if landmarks were given.
     pub landmarks: Option<LandmarkErrors>,
 }
 
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Measures the quality of at least 3 corresponding surfaces of any degrees; `landmarks` are the same landmarks of each
-/// member in its own frame, (n) of (landmarks).
+/// Measures the quality of at least 3 corresponding surfaces of any degrees. `landmarks`, (n) of (landmarks), holds
+/// the same landmarks for each member, in the member's frame.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///

@@ -1,4 +1,4 @@
-//! Settings of the measures, and the curve of a measure over the modes.
+//! Settings of the quality measures, and the curve of a measure over the modes.
 
 /// Settings of [`group_quality`](super::group_quality).
 #[derive(Debug, Clone, PartialEq)]
@@ -7,17 +7,17 @@ pub struct QualityParams {
     pub modes: usize,
     /// Number of random shapes for the specificity.
     pub samples: usize,
-    /// Number of bootstrap samples for the bands; 0 for none.
+    /// Number of bootstrap draws for the bands; 0 for no bands.
     pub bands: usize,
-    /// Subdivisions of the icosphere; 4 give 2,562 directions.
+    /// Number of subdivisions of the icosphere; 4 give 2,562 directions.
     pub subdivisions: u32,
-    /// Whether members are first aligned rigidly, weighted by area, at equal directions.
+    /// Whether members are first aligned rigidly at equal directions, weighted by area.
     pub rigid: bool,
-    /// Whether distances between surfaces are measured too, which takes most of the time.
+    /// Whether distances between surfaces are also measured, which takes most of the time.
     pub surfaces: bool,
     /// Seed of the random shapes and of the bootstrap.
     pub seed: u64,
-    /// Directions of the icosphere to compare, (V); all by default.
+    /// Whether each direction of the icosphere is compared, (V); all directions by default.
     pub mask: Option<Vec<bool>>,
 }
 
@@ -39,10 +39,10 @@ impl Default for QualityParams {
 /// A measure as a function of the number of modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Curve {
-    /// The measure, (m).
+    /// Values of the measure, (m).
     pub values: Vec<f64>,
-    /// Lower end of the measure's 95 % band, (m), or empty.
+    /// Lower end of the measure's 95 % band, (m), or empty without a band.
     pub low: Vec<f64>,
-    /// Upper end of the measure's 95 % band, (m), or empty.
+    /// Upper end of the measure's 95 % band, (m), or empty without a band.
     pub high: Vec<f64>,
 }

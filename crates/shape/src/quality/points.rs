@@ -1,4 +1,4 @@
-//! Evaluates a group at points that are weighted by area.
+//! Evaluates a group at corresponding points, which are weighted by area.
 
 use faer::MatRef;
 use ndarray::Array2;
@@ -15,26 +15,26 @@ use crate::ShapeError;
 use crate::extent::extent;
 use spharm_surface::kabsch::kabsch;
 
-/// Maximum number of rounds of rotating members to the mean and recomputing it; two are enough in practice.
+/// Maximum number of rounds of rotating members to the mean and recomputing the mean; two are enough in practice.
 const ROUNDS: usize = 5;
 
 const STAGE: Stage = Stage::counted("evaluate", "models");
 
 /// Members of a group at the directions of an icosphere.
 pub(super) struct Points {
-    /// The icosphere's triangles.
+    /// Triangles of the icosphere.
     pub(super) faces: Vec<[u32; 3]>,
     /// Positions of each member, (n) of (V), with its centre of area at the origin.
     pub(super) members: Vec<Vec<Vec3>>,
-    /// Weight of each vertex: its share of the area, averaged over the members, (V); sums to 1, and is 0 for masked
-    /// vertices.
+    /// Weight of each vertex, (V): its fraction of the area, averaged over the members. Weights sum to 1, and are 0
+    /// for masked vertices.
     pub(super) weights: Vec<f64>,
-    /// Vertices to compare, (V); all if `None`.
+    /// Whether each vertex is compared, (V); all vertices if `None`.
     mask: Option<Vec<bool>>,
 }
 
 impl Points {
-    /// Evaluates members, and moves their centres of area to the origin.
+    /// Evaluates members at the directions of an icosphere, and moves their centres of area to the origin.
     pub(super) fn of(
         members: &[Coefficients],
         params: &QualityParams,
@@ -71,7 +71,8 @@ impl Points {
         Ok(points)
     }
 
-    /// Returns each vertex's share of a surface's compared area: a third of the area of the vertex's triangles.
+    /// Returns the fraction of a surface's unmasked area that belongs to each vertex, which is a third of the area of
+    /// its triangles.
     pub(super) fn shares(&self, vertices: &[Vec3]) -> Vec<f64> {
         let mut shares = vec![0.0; vertices.len()];
         for face in &self.faces {
@@ -96,7 +97,7 @@ impl Points {
         }
     }
 
-    /// Rotates each member to the mean by least squares at equal directions, weighted by area.
+    /// Rotates each member to the mean of all members by least squares at equal directions, weighted by area.
     pub(super) fn bring_together(&mut self) {
         for _ in 0..ROUNDS {
             let mean = self.mean();
@@ -116,7 +117,7 @@ impl Points {
         self.combined(&vec![share; self.members.len()])
     }
 
-    /// Returns the sum of the members' positions, each member multiplied by its factor.
+    /// Returns the sum of the members' positions, with a factor for each member.
     pub(super) fn combined(&self, factors: &[f64]) -> Vec<Vec3> {
         let mut sum = vec![[0.0; 3]; self.weights.len()];
         for (member, &factor) in self.members.iter().zip(factors).filter(|(_, factor)| **factor != 0.0) {
@@ -125,8 +126,8 @@ impl Points {
         sum
     }
 
-    /// Returns coordinates of the members that preserve their distances, (n, d), with mean 0: `V S^(1/2)` of G = V S
-    /// V^T.
+    /// Returns coordinates of the members, (n, d), that have mean 0 and preserve the distances between members:
+    /// `V S^(1/2)` with G = V S V^T.
     pub(super) fn scores(&self) -> Result<Array2<f64>, ShapeError> {
         let (n, mean) = (self.members.len(), self.mean());
         let off: Vec<Vec<Vec3>> = self
@@ -143,7 +144,7 @@ impl Points {
         let decomposed = MatRef::from_column_major_slice(&gram, n, n)
             .self_adjoint_eigen(faer::Side::Lower)
             .map_err(|_| ShapeError::NoDecomposition)?;
-        // Eigenvalues are in ascending order. The smallest belongs to the mean and is omitted.
+        // Eigenvalues are in ascending order. The smallest one belongs to the mean and is omitted.
         let values: Vec<f64> = decomposed.S().column_vector().iter().map(|value: &f64| value.max(0.0)).collect();
         let vectors = decomposed.U();
         Ok(Array2::from_shape_fn((n, n - 1), |(i, k)| vectors[(i, n - 1 - k)] * values[n - 1 - k].sqrt()))

@@ -1,5 +1,5 @@
 //! Computes generalisation and specificity by the distance between surfaces: the area-weighted mean of the distances
-//! from each surface's points to the nearest point of the other surface, in both directions.
+//! from the points of each surface to the nearest points of the other.
 
 use rayon::prelude::*;
 use spharm_monitor::{Monitor, Stage};
@@ -15,10 +15,10 @@ const SHAPES: usize = 100;
 
 const STAGE: Stage = Stage::counted("surfaces", "shapes");
 
-/// Distances by the number of modes, (rows) of (m).
+/// Distances of members or shapes by the number of modes, (rows) of (m).
 type Rows = Vec<Vec<f64>>;
 
-/// A surface prepared for distances to and from it.
+/// A surface with its search tree and area weights, prepared for distances in both directions.
 struct Side {
     vertices: Vec<Vec3>,
     shares: Vec<f64>,
@@ -37,14 +37,14 @@ impl Side {
         self.vertices.iter().zip(&self.shares).map(|(p, share)| share * distance(p)).sum()
     }
 
-    /// Returns the mean of the mean distances from each of the two surfaces to the other.
+    /// Returns the mean of the two mean distances from one surface to the other.
     fn distance(&self, other: &Self) -> f64 {
         0.5 * (self.mean_to(other) + other.mean_to(self))
     }
 }
 
-/// Returns the distances of left-out members from their nearest shapes, and of random shapes from the nearest members,
-/// by the number of modes: (members, m) and (shapes, m).
+/// Returns the distances of excluded members from their nearest shapes, (members, m), and of random shapes from the
+/// nearest members, (shapes, m), by the number of modes.
 pub(super) fn distances(
     points: &Points,
     model: &Model,
@@ -60,7 +60,7 @@ pub(super) fn distances(
         let mut distances: Vec<f64> = Vec::with_capacity(most);
         for k in 0..most {
             monitor.check()?;
-            // The other members have no further modes: the nearest shape and its distance stay the same.
+            // The other members have no further modes, so the nearest shape and its distance are unchanged.
             if k > 0 && left.factors[k] == left.factors[k - 1] {
                 distances.push(distances[k - 1]);
                 continue;

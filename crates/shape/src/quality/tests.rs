@@ -10,7 +10,7 @@ use crate::rotation::Rotation;
 use crate::samples::{blob, ellipsoid, posed};
 use crate::transform::{Similarity, Transform};
 
-/// Members that differ in all directions, so that they have n - 1 modes.
+/// Returns members that differ in all directions, so that they have n - 1 modes.
 fn group(n: u64) -> Vec<Coefficients> {
     let member = |seed: u64| {
         let mut values = blob(3, 0).values().clone();
@@ -24,7 +24,7 @@ fn params() -> QualityParams {
     QualityParams { subdivisions: 3, samples: 200, bands: 0, surfaces: false, ..QualityParams::default() }
 }
 
-/// Rows of `sqrt(w) x`, (n, 3 V). Their unweighted distances equal the weighted distances of the points.
+/// Returns rows of `sqrt(w) x`, (n, 3 V), whose unweighted distances equal the weighted distances between the points.
 fn rows(points: &Points) -> Array2<f64> {
     let value = |(i, k): (usize, usize)| points.members[i][k / 3][k % 3] * points.weights[k / 3].sqrt();
     Array2::from_shape_fn((points.members.len(), 3 * points.weights.len()), value)
@@ -73,7 +73,7 @@ fn what_is_masked_counts_for_nothing() {
     let (whole, all, belt) =
         (group_quality(&group, None, &params, &Silent).unwrap(), with(&|_| true), with(&|u| u[0].abs() < 0.3));
     assert_eq!(whole, all);
-    // The members differ only at their ends.
+    // The members differ only at their ends, outside the belt that the mask keeps.
     let less = |of: &dyn Fn(&GroupQuality) -> f64| of(&belt) < 0.6 * of(&whole);
     assert!(less(&|of| of.variance) && less(&|of| of.specificity.values[0]), "{belt:?}");
     assert!(less(&|of| of.surface_specificity.as_ref().unwrap().values[0]), "{belt:?}");
@@ -104,7 +104,7 @@ fn measures_are_what_they_are_defined_as() {
     assert!((found.variances.iter().sum::<f64>() / variance - 1.0).abs() < 1e-12);
     assert!((found.compactness.values[0] - found.variances[0] / variance).abs() < 1e-12);
 
-    // Modes of the points are orthonormal, and random shapes are combinations of them.
+    // The modes of the points are orthonormal, and random shapes are combinations of these modes.
     let model = curves::Model::of(&points.scores().unwrap(), &[0, 1, 2, 3, 4, 5]).unwrap();
     let modes = crate::product::product(model.loadings.view(), (&y - &mean).view());
     let gram = crate::product::product(modes.view(), modes.t());
@@ -124,12 +124,12 @@ fn measures_are_what_they_are_defined_as() {
 
 #[test]
 fn weights_are_shares_of_the_area() {
-    // A needle: nearly all of its area is along its length, but a third of the directions are at its ends.
+    // The surface is a needle, with nearly all area along its length, but a third of the directions at its ends.
     let points = Points::of(&[ellipsoid([40.0, 1.0, 1.0])], &at_level(4), &Silent).unwrap();
     let middle: f64 =
         points.weights.iter().zip(&points.members[0]).filter(|(_, p)| p[0].abs() < 20.0).map(|(w, _)| w).sum();
-    // Share of the area of an ellipsoid of revolution within half of the long semi-axis: (x s + asin(x s)) at s =
-    // sqrt(1 - x^2 ...) tends to (asin x + x sqrt(1 - x^2)) / asin 1 at x = 1/2 for a needle.
+    // In the limit of a needle, the fraction of an ellipsoid's area within x times the long semi-axis is (asin x + x
+    // sqrt(1 - x^2)) / asin 1, here with x = 1/2.
     let exact = (0.5_f64.asin() + 0.5 * 0.75_f64.sqrt()) / 1.0_f64.asin();
     assert!((middle - exact).abs() < 0.02, "{middle} {exact}");
     assert!((points.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
@@ -182,7 +182,7 @@ fn distances_between_surfaces_are_those_of_the_surfaces() {
     for (left, found) in left.iter().zip(&general) {
         for k in 0..2 {
             let shape = points.combined(&left.factors[k]);
-            // The factors reproduce the shape whose distance by points was reported.
+            // The factors reproduce the shape whose distance by points was returned.
             let square: f64 = shape
                 .iter()
                 .zip(&points.members[left.member])
@@ -201,8 +201,8 @@ fn distances_between_surfaces_are_those_of_the_surfaces() {
     }
 }
 
-/// Unit spheres whose directions are rotated about the pole: the distance between the points of one landmark is then a
-/// chord of the circle.
+/// The members are unit spheres whose directions are rotated about the pole, so the distance between the points of a
+/// landmark is a chord of a circle.
 #[test]
 fn landmarks_tell_how_far_directions_slide() {
     let sphere = ellipsoid([1.0, 1.0, 1.0]);

@@ -1,10 +1,11 @@
 //! Generates the relabellings of a study: all of them if there are few, otherwise random ones.
 //!
-//! Units, single subjects or whole blocks ([`Blocks`](super::Blocks)), are exchanged within sets. Exchanging units with
-//! equal rows of the design has no effect, so that only arrangements of the distinct units are counted: `m! / (k_1!
-//! k_2! ...)` for a set of m units that occur k times, `C(n, n_1)` for two groups, multiplied over the sets. There are
-//! `2^u` sign flips of u units; with permutations and sign flips the numbers are multiplied. Random relabelling b is
-//! drawn from stream b of ChaCha8 with the seed, so that it doesn't depend on the number of threads.
+//! Units, which are single subjects or whole blocks ([`Blocks`](super::Blocks)), are exchanged within sets.
+//! Exchanging units with equal rows of the design has no effect, so only arrangements of distinct units are counted.
+//! A set of m units in which distinct units occur k_1, k_2, ... times has `m! / (k_1! k_2! ...)` arrangements, or
+//! `C(n, n_1)` for two groups, and the numbers of all sets are multiplied. u units have `2^u` sign flips. If
+//! permutations and sign flips are combined, both numbers are multiplied. Random relabelling b is drawn from stream b
+//! of ChaCha8, so that it depends only on the seed and not on the number of threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +14,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use super::blocks::{Unit, are_equal};
 use super::resampling::Resampling;
 
-/// Relabellings of n subjects.
+/// All relabellings, or random relabellings, of n subjects.
 #[derive(Debug, Clone)]
 pub(crate) struct Arrangements {
     /// Sets of units that can be exchanged with each other.
@@ -24,11 +25,11 @@ pub(crate) struct Arrangements {
     seed: u64,
     /// Number of relabellings, including the original labels as the first.
     pub(crate) count: usize,
-    /// Whether these are all relabellings.
+    /// Whether all possible relabellings are included.
     pub(crate) exact: bool,
 }
 
-/// One relabelling: for each subject, the subject whose row of the design it gets, and the sign.
+/// A relabelling: for each subject, the index of the subject whose row of the design it is given, and a sign.
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
 /// Returns the original labels of n subjects.
@@ -40,11 +41,11 @@ pub(crate) fn identity(subjects: usize) -> Relabelling {
 #[derive(Debug, Clone)]
 struct Set {
     units: Vec<Unit>,
-    /// For each distinct unit, one unit with its rows.
+    /// Index of one unit for each class of units with equal rows.
     distinct: Vec<usize>,
-    /// Number of units with the rows of each distinct unit.
+    /// Number of units in each class.
     counts: Vec<u64>,
-    /// Number of arrangements; `None` if it doesn't fit.
+    /// Number of arrangements; `None` if it exceeds a u64.
     arrangements: Option<u64>,
 }
 
@@ -64,14 +65,14 @@ impl Set {
         Self { units, distinct, counts, arrangements }
     }
 
-    /// Writes arrangement `index`, in lexicographic order.
+    /// Writes arrangement `index`, counted in lexicographic order, into a relabelling.
     fn arrange(&self, mut index: u64, relabelling: &mut Relabelling) {
         let mut counts = self.counts.clone();
         let mut arrangements = u128::from(self.arrangements.unwrap_or(1));
         for (place, unit) in self.units.iter().enumerate() {
             let remaining = (self.units.len() - place) as u128;
             for (class, count) in counts.iter_mut().enumerate() {
-                // The number of arrangements of the remaining units that begin with this class.
+                // Number of arrangements of the remaining units that begin with this class.
                 let here = arrangements * u128::from(*count) / remaining;
                 if u128::from(index) < here {
                     put(unit, &self.units[self.distinct[class]], relabelling);
@@ -85,14 +86,14 @@ impl Set {
     }
 }
 
-/// Gives the subjects of one unit the rows of another.
+/// Gives the subjects of one unit the rows of another unit.
 fn put(unit: &Unit, rows_of: &Unit, relabelling: &mut Relabelling) {
     unit.iter().zip(rows_of).for_each(|(subject, from)| relabelling[*subject as usize].0 = *from);
 }
 
 impl Arrangements {
-    /// Returns all relabellings of the rows of (n, p) if there are at most `exact_up_to`, otherwise the original labels
-    /// and `random` random relabellings. Units of `sets` are exchanged within their set.
+    /// Creates all relabellings of the rows, (n, p), if there are at most `exact_up_to`, otherwise the original
+    /// labels and `random` random relabellings. Units are exchanged within their set.
     pub(crate) fn new(
         rows: ArrayView2<'_, f64>,
         sets: Vec<Vec<Unit>>,
@@ -114,12 +115,13 @@ impl Arrangements {
         Self { sets, subjects: rows.nrows(), resampling, seed, count, exact }
     }
 
-    /// Returns relabellings `from..to`.
+    /// Returns the relabellings with the indices `from..to`.
     pub(crate) fn range(&self, from: usize, to: usize) -> Vec<Relabelling> {
         (from..to).map(|index| if self.exact { self.numbered(index as u64) } else { self.random(index) }).collect()
     }
 
-    /// Returns relabelling `index` of all. Sign flips vary fastest, then the arrangements of the first set.
+    /// Returns relabelling `index` of all possible ones. Sign flips vary fastest, then the arrangements of the first
+    /// set.
     fn numbered(&self, mut index: u64) -> Relabelling {
         let mut relabelling = identity(self.subjects);
         if self.resampling != Resampling::Permutations {
@@ -174,7 +176,7 @@ impl Arrangements {
 
 /// Returns a uniformly distributed number below `bound`.
 fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
-    // Numbers in the last range, which is shorter than `bound`, are redrawn to avoid bias.
+    // Numbers in the last, incomplete range of `bound` numbers are redrawn to avoid bias.
     let limit = u64::MAX - u64::MAX % bound;
     loop {
         let drawn = random.next_u64();
@@ -184,14 +186,14 @@ fn below(random: &mut ChaCha8Rng, bound: u64) -> u64 {
     }
 }
 
-/// Returns `m! / (k_1! k_2! ...)` for counts k of sum m if it fits in a u64.
+/// Returns `m! / (k_1! k_2! ...)` for counts k with sum m, or `None` if it exceeds a u64.
 fn multinomial(counts: &[u64]) -> Option<u64> {
     let mut all = 1u64;
     let mut placed = 0u64;
     for count in counts {
         for among in 1..=*count {
             placed += 1;
-            // The result is a product of binomial coefficients, and an integer at each step.
+            // The result is a product of binomial coefficients, which is an integer after each step.
             all = u64::try_from(u128::from(all) * u128::from(placed) / u128::from(among)).ok()?;
         }
     }
@@ -247,7 +249,7 @@ mod tests {
         let found = random.range(0, 4_001);
         assert!(found[0].iter().enumerate().all(|(i, (of, _))| i as u32 == *of));
         assert_eq!(found[100..200], random.range(100, 200)[..]);
-        // Subject 0 is at each of the 40 positions about 100 times; 5 standard deviations are 50.
+        // Subject 0 is at each of the 40 positions about 100 times, and 5 standard deviations are 50.
         let mut places = [0; 40];
         found[1..].iter().for_each(|order| places[order.iter().position(|(of, _)| *of == 0).unwrap()] += 1);
         assert!(places.iter().all(|&count| (50..150).contains(&count)), "{places:?}");

@@ -1,4 +1,4 @@
-//! Tests contrasts of any design if groups of observations differ in variance: Aspin and Welch's v, and its
+//! Tests contrasts of any design for groups of observations with unequal variances: Aspin and Welch's v, and its
 //! generalisation G to several contrasts.
 //!
 //! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
@@ -11,20 +11,20 @@
 //! b   = sum_g (1 - n_g w_g / tr W)^2 / sum of R_ii over g.
 //! ```
 //!
-//! For a contrast of one row G is the square of v, which is Welch's t for two groups; for one variance group G is F.
+//! For a contrast of one row, G is the square of v, and v is Welch's t for two groups. For one variance group, G is F.
 //!
-//! v and G are for relabellings. `(X^T W X)^-1` is the covariance of weighted estimates, not that of B, if a
-//! coefficient is shared by groups. Standard errors, margins and the p values of distributions are therefore those of B
-//! itself: `V = sum_g s_g^2 U^T Q_g^T Q_g U` with `s_g^2 = |E_g|^2 / sum of R_ii` and `C B = U^T Q^T y`, and F of
-//! `(C B)^T V^-1 (C B) / q` on q and `(q + q^2) / sum_g (tr (V_g V^-1)^2 + (tr V_g V^-1)^2) / sum of R_ii` degrees of
-//! freedom, as for Welch's test (`welch`). For two groups all of this is Welch's t.
+//! v and G serve for relabellings. If groups share a coefficient, `(X^T W X)^-1` is the covariance of weighted
+//! estimates instead of that of B. Standard errors, margins and uncorrected p values are therefore based on the
+//! covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii` and
+//! `C B = U^T Q^T y`. As in Welch's test (`welch`), `(C B)^T V^-1 (C B) / q` is F with q and `(q + q^2) / sum_g (tr
+//! (V_g V^-1)^2 + (tr V_g V^-1)^2) / sum of R_ii` degrees of freedom. For two groups all of these are Welch's.
 //!
 //! # Relabellings
 //!
-//! With Q an orthonormal basis of the design, a relabelled study y needs `Q_g^T y_g` and `|y_g|^2` for each variance
-//! group g: products of at most G p + G rows of length n with (n, V). At a vertex the coefficients are their sums, and
-//! `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T Q_g^T Q_g a`; then follows a Cholesky factor of order p. Cost: `2 n V G
-//! (p + 1)` flops and about `V p^3` per relabelling. Memory: `16 n V` bytes.
+//! With Q an orthonormal basis of the design, a relabelled study y needs `Q_g^T y_g` and `|y_g|^2` for each of G
+//! variance groups g, which are products of at most G p + G rows of length n with (n, V). At a vertex, the
+//! coefficients are `a = sum_g Q_g^T y_g`, and `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T Q_g^T Q_g a`. A Cholesky
+//! factor of order p follows. Cost: `2 n V G (p + 1)` flops and about `V p^3` per relabelling. Memory: `16 n V` bytes.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 
@@ -36,46 +36,46 @@ use super::projection::{Projection, contrast_in_basis};
 use crate::ShapeError;
 use crate::product::{COLUMNS, product};
 
-/// Values prepared for the statistics of a study and of its relabellings.
+/// Values prepared to compute the statistics of a study and of its relabellings.
 pub(crate) struct AspinWelch {
-    /// Variance group of each subject's row of the design, (n).
+    /// Variance group of each row of the design, (n).
     of: Vec<usize>,
-    /// Residuals of the reduced model and their squares, (n, V).
+    /// Residuals of the reduced model, (n, V); `squares` holds their squares.
     residuals: Array2<f64>,
     squares: Array2<f64>,
-    /// The smallest sum of squares above rounding errors, (V).
+    /// Sum of squares at each vertex up to which errors are rounding errors, (V).
     floor: Vec<f64>,
-    /// Orthonormal basis of the design, (n, p), and the contrast in it, (p, q).
+    /// Orthonormal basis of the design, (n, p); `contrast` is the contrast in this basis, (p, q).
     basis: Array2<f64>,
     contrast: Array2<f64>,
     groups: Vec<VarianceGroup>,
-    /// The pairs of a group and a column of the basis that isn't zero in the group.
+    /// Pairs (group, column), for the columns of the basis that aren't zero in the group.
     columns: Vec<(usize, usize)>,
 }
 
 struct VarianceGroup {
     size: f64,
-    /// Sum of `R_ii`.
+    /// Degrees of freedom of the group's errors: the sum of `R_ii` over the group.
     freedom: f64,
-    /// `Q_g^T Q_g`, (p, p).
+    /// Gram matrix `Q_g^T Q_g` of the group's rows, (p, p).
     gram: Array2<f64>,
-    /// `U^T Q_g^T Q_g U`, (q, q).
+    /// Gram matrix in the contrast's rows, `U^T Q_g^T Q_g U`, (q, q).
     tested: Array2<f64>,
 }
 
-/// The statistic at a vertex.
+/// Statistics at a vertex.
 #[derive(Clone, Copy)]
 struct AtVertex {
-    /// G, with the sign of the estimate for a contrast of one row; NaN if there is no variance.
+    /// The statistic G, with the sign of the estimate for a contrast of one row; NaN without variance.
     signed: f64,
-    /// Estimate and variance of the first row of the contrast.
+    /// Estimate of the first row of the contrast; `variance` is the variance of this estimate.
     estimate: f64,
     variance: f64,
-    /// F of the estimates by their own covariance.
+    /// F statistic of the estimates by their covariance V.
     wald: f64,
-    /// The errors' sum of squares.
+    /// Sum of squares of the errors.
     errors: f64,
-    /// Degrees of freedom of the covariance.
+    /// Denominator degrees of freedom of `wald`.
     freedom: f64,
 }
 
@@ -114,7 +114,7 @@ impl AspinWelch {
         Ok(Self { of: of.to_vec(), residuals, squares, floor: floors(values), basis, contrast, groups, columns })
     }
 
-    /// Returns the statistics and their p values; NaN if there is no variance.
+    /// Returns the statistics and their p values at all vertices; NaN at vertices without variance.
     pub(crate) fn statistics(&self, confidence: f64) -> Found {
         let mut vertices: Vec<AtVertex> = Vec::with_capacity(self.floor.len());
         self.each(&[identity(self.of.len())], true, |_, _, found| vertices.extend_from_slice(found));
@@ -150,8 +150,8 @@ impl AspinWelch {
         (Statistic::T { freedom: least }, column(&v), p, Some(effect))
     }
 
-    /// Calls `use_it(index of the relabelling, first vertex, statistics)` for runs of vertices; see
-    /// [`signed`](AtVertex::signed).
+    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the [signed
+    /// statistics](AtVertex::signed) at these vertices.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let mut signed = Vec::new();
         self.each(relabellings, false, |which, first, found| {
@@ -195,11 +195,12 @@ impl AspinWelch {
         }
     }
 
-    /// Computes the statistic at a vertex from its sums; with `detailed` also the variance, F and degrees of freedom.
+    /// Computes the statistic at a vertex from the sums in `work`; if `detailed`, also the variance, F and its
+    /// degrees of freedom.
     fn at(&self, floor: f64, work: &mut Work, detailed: bool) -> AtVertex {
         let (p, q) = self.contrast.dim();
         let Work { sums, squares, coefficients, weights, scatter, small, columns, estimate } = work;
-        // Sums of squares are differences, with the rounding errors of what is subtracted.
+        // The groups' sums of squares are differences, with rounding errors in proportion to their terms.
         let rounding = 64.0 * self.of.len() as f64 * f64::EPSILON;
         let floor = floor.max(rounding * squares.iter().sum::<f64>() / squares.len() as f64);
         coefficients.fill(0.0);
@@ -232,7 +233,7 @@ impl AspinWelch {
         for ((group, square), weight) in self.groups.iter().zip(squares.iter()).zip(weights.iter_mut()) {
             *weight = group.freedom / square.max(floor);
         }
-        // A group without variance has a large weight, but none with which the factorisation fails.
+        // The weight of a group without variance is limited, because the factorisation would fail otherwise.
         let least = weights.iter().copied().fold(f64::INFINITY, f64::min);
         weights.iter_mut().for_each(|weight| *weight = weight.min(1e10 * least));
         scatter.fill(|i, j| self.groups.iter().zip(weights.iter()).map(|(group, w)| w * group.gram[[i, j]]).sum());
@@ -266,8 +267,8 @@ impl AspinWelch {
         AtVertex { signed, estimate: estimate[0], variance, wald, errors, freedom }
     }
 
-    /// Returns the variance of the first row's estimate, F of all rows and its degrees of freedom, given the errors'
-    /// sums of squares of the groups.
+    /// Returns the variance of the first row's estimate, F of all rows, and the degrees of freedom of F, given the
+    /// sum of squared errors of each group.
     fn wald(&self, squares: &[f64], estimate: &[f64]) -> (f64, f64, f64) {
         let q = self.contrast.ncols();
         let variances: Vec<f64> =
@@ -288,7 +289,7 @@ impl AspinWelch {
     }
 }
 
-/// Working space of one vertex.
+/// Workspace for one vertex.
 struct Work {
     sums: Vec<f64>,
     squares: Vec<f64>,

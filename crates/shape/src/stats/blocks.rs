@@ -1,5 +1,5 @@
-//! Exchangeability blocks: sets of observations that depend on each other, such as the visits of a subject or the
-//! members of a family.
+//! Defines exchangeability blocks: sets of observations that depend on each other, such as the visits of a subject or
+//! the members of a family.
 //!
 //! A. M. Winkler, M. A. Webster, D. Vidaurre, T. E. Nichols and S. M. Smith, "Multi-level block permutation",
 //! NeuroImage 123 (2015). Relabellings exchange observations within each block, or exchange whole blocks of the same
@@ -11,29 +11,29 @@ use std::hash::Hash;
 
 use ndarray::ArrayView2;
 
-/// The relabellings that blocks allow.
+/// Relabellings that blocks allow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exchange {
-    /// Observations are exchanged with others of their block; each sign is flipped on its own.
+    /// Observations are exchanged only within their block, and signs are flipped independently.
     Within,
-    /// Blocks of the same size are exchanged as wholes, with the order of their observations; the signs of a block are
-    /// flipped together.
+    /// Blocks of the same size are exchanged as wholes, keeping the order of their observations, and all signs of a
+    /// block are flipped together.
     Whole,
 }
 
-/// The exchangeability block of each observation.
+/// Assignment of observations to exchangeability blocks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Blocks {
-    /// Number of the block of each observation, (n).
+    /// Index of each observation's block, from 0, (n).
     of: Vec<usize>,
     exchange: Exchange,
 }
 
-/// Observations that are exchanged, or whose signs are flipped, together.
+/// Observations that are exchanged together, or whose signs are flipped together.
 pub(crate) type Unit = Vec<u32>;
 
 impl Blocks {
-    /// Creates blocks from the name of each observation's block, (n).
+    /// Creates blocks from the name of the block of each observation, (n).
     ///
     /// ```
     /// use spharm_shape::stats::{Blocks, Exchange};
@@ -61,7 +61,7 @@ impl Blocks {
         self.exchange
     }
 
-    /// Returns the sets of units that can be exchanged with each other. Each observation is in one unit.
+    /// Returns the sets of units that can be exchanged with each other. Each observation belongs to one unit.
     pub(crate) fn sets(&self) -> Vec<Vec<Unit>> {
         let mut blocks: Vec<Unit> = vec![Vec::new(); self.count()];
         self.of.iter().enumerate().for_each(|(i, block)| blocks[*block].push(i as u32));
@@ -76,7 +76,7 @@ impl Blocks {
     }
 }
 
-/// Numbers names in the order in which they first occur, from 0, such as for variance groups.
+/// Numbers names from 0 in the order of their first occurrence, for example to define variance groups.
 ///
 /// ```
 /// assert_eq!(spharm_shape::stats::numbered(["f", "m", "f"]), [0, 1, 0]);
@@ -91,7 +91,7 @@ pub fn numbered<T: Eq + Hash>(names: impl IntoIterator<Item = T>) -> Vec<usize> 
     names.into_iter().map(of).collect()
 }
 
-/// Returns whether the members of two units have equal rows, in order.
+/// Returns whether the observations of two units have equal rows, in order.
 pub(crate) fn are_equal(a: &Unit, b: &Unit, rows: ArrayView2<'_, f64>) -> bool {
     let equal = |(a, b): (&u32, &u32)| {
         rows.row(*a as usize).iter().zip(rows.row(*b as usize)).all(|(a, b)| (a - b).abs() <= 1e-12)
@@ -99,7 +99,7 @@ pub(crate) fn are_equal(a: &Unit, b: &Unit, rows: ArrayView2<'_, f64>) -> bool {
     a.iter().zip(b).all(equal)
 }
 
-/// Returns the set of n single observations, all exchangeable.
+/// Returns a single set of n observations, all of which can be exchanged with each other.
 pub(crate) fn free(observations: usize) -> Vec<Vec<Unit>> {
     vec![(0..observations as u32).map(|i| vec![i]).collect()]
 }

@@ -1,7 +1,8 @@
 //! Parses contrasts: linear combinations of a design's columns, such as `patient - control`.
 //!
-//! A contrast is a sum of `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them; weights are numbers or
-//! fractions, `1/3`. Names may contain spaces, signs and digits: of the names that fit, the longest is taken.
+//! A contrast is a sum of terms `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them. Weights are
+//! numbers or fractions such as `1/3`. Names may contain spaces, signs and digits: of all names that match, the
+//! longest is taken.
 
 use ndarray::Array2;
 
@@ -9,13 +10,13 @@ use super::design::{Contrast, Design};
 use crate::ShapeError;
 
 impl Design {
-    /// Parses a contrast, each row of which is a combination of the design's columns, such as `patient - control` or
-    /// `0.5 mild + 0.5 severe - control`.
+    /// Parses a contrast from its rows, each of which is a combination of the design's columns, such as
+    /// `patient - control` or `0.5 mild + 0.5 severe - control`.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Contrast`] for text other than such a combination; [`ShapeError::NoColumn`] for a name that isn't
-    /// a column's.
+    /// [`ShapeError::Contrast`] for text that isn't such a combination; [`ShapeError::NoColumn`] for a name that
+    /// isn't a column of the design.
     ///
     /// ```
     /// use spharm_shape::stats::Design;
@@ -36,13 +37,13 @@ impl Design {
     }
 }
 
-/// Parses the summands of one row: weights and columns.
+/// Parses the summands of one row, and returns the weight and the column of each.
 fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeError> {
     let mut rest = text.trim();
     let mut found = Vec::new();
     while !rest.is_empty() || found.is_empty() {
         let mut sign = 1.0;
-        // Levels may begin with a sign.
+        // Names of levels may begin with a sign.
         if !(found.is_empty() && column_at(rest, names).is_some()) {
             let signed = rest.strip_prefix(SIGNS);
             if signed.is_none() && !found.is_empty() {
@@ -51,7 +52,7 @@ fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeErro
             sign = if rest.starts_with(['-', '\u{2212}']) { -1.0 } else { 1.0 };
             rest = signed.unwrap_or(rest).trim_start();
         }
-        // A name first: levels may be numbers.
+        // A name is tried before a weight, because names of levels may be numbers.
         let (weight, named) = match column_at(rest, names) {
             Some(_) => (1.0, rest),
             None => weight_at(rest).unwrap_or((1.0, rest)),
@@ -74,7 +75,7 @@ fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeErro
     Ok(found)
 }
 
-/// Signs between summands.
+/// Signs allowed between summands.
 const SIGNS: [char; 3] = ['+', '-', '\u{2212}'];
 
 fn malformed(text: &str, names: &[String]) -> ShapeError {
@@ -84,7 +85,8 @@ fn malformed(text: &str, names: &[String]) -> ShapeError {
     }
 }
 
-/// Returns the longest column name at the start of a text, followed by a sign or the end, and the text after it.
+/// Returns the column with the longest name that the text starts with and that is followed by a sign or the end, and
+/// the text after the name.
 fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
     let candidates = names.iter().enumerate().filter_map(|(column, name)| {
         let rest = text.strip_prefix(name.as_str())?.trim_start();
@@ -93,7 +95,7 @@ fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
     candidates.max_by_key(|(length, ..)| *length).map(|(_, column, rest)| (column, rest))
 }
 
-/// Returns the number or fraction at the start of a text, and the text after it and an asterisk.
+/// Returns the number or fraction at the start of a text, and the text after it and after an asterisk, if any.
 fn weight_at(text: &str) -> Option<(f64, &str)> {
     let end = text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '/'))).unwrap_or(text.len());
     let weight = match text[..end].split_once('/') {

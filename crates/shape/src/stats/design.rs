@@ -12,7 +12,7 @@ pub struct Design {
     names: Vec<String>,
 }
 
-/// A column is linearly dependent if its part orthogonal to the other columns is below this fraction of its norm.
+/// A column is linearly dependent if its part orthogonal to the preceding columns is at most this fraction of its norm.
 const DEPENDENT: f64 = 1e-9;
 
 impl Design {
@@ -20,8 +20,8 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFiniteValue`], [`ShapeError::Rank`] for a column that depends linearly on the columns before
-    /// it, and [`ShapeError::Subjects`] if the number of rows isn't above the number of columns.
+    /// [`ShapeError::NotFiniteValue`]; [`ShapeError::Rank`] for a column that depends linearly on the preceding
+    /// columns; [`ShapeError::Subjects`] if the number of rows isn't above the number of columns.
     pub fn new(matrix: Array2<f64>, names: Vec<String>) -> Result<Self, ShapeError> {
         let (n, p) = matrix.dim();
         if let Some(at) = matrix.iter().position(|value| !value.is_finite()) {
@@ -54,12 +54,12 @@ impl Design {
         Self::new(matrix, (1..=sizes.len()).map(|group| format!("group {group}")).collect())
     }
 
-    /// Adds columns of covariates, (n, k), after subtracting their means, so that the coefficients of the other columns
-    /// keep their meaning.
+    /// Adds columns of covariates, (n, k), minus their means, so that the coefficients of the other columns keep
+    /// their meaning.
     ///
     /// # Errors
     ///
-    /// The errors of [`new`](Self::new), and [`ShapeError::Subjects`] if the number of rows differs.
+    /// The errors of [`new`](Self::new), and [`ShapeError::Subjects`] if the number of rows differs from the design's.
     pub fn with_covariates(&self, covariates: ArrayView2<'_, f64>, names: &[String]) -> Result<Self, ShapeError> {
         let (n, p) = self.matrix.dim();
         if covariates.nrows() != n {
@@ -73,12 +73,12 @@ impl Design {
         Self::new(matrix, self.names.iter().chain(names).cloned().collect())
     }
 
-    /// Returns X, (n, p).
+    /// Returns the design matrix X, (n, p).
     pub fn matrix(&self) -> ArrayView2<'_, f64> {
         self.matrix.view()
     }
 
-    /// Returns the names of the columns, p.
+    /// Returns the names of the p columns.
     pub fn names(&self) -> &[String] {
         &self.names
     }
@@ -105,7 +105,7 @@ impl Design {
     }
 }
 
-/// Rows of weights over a design's columns; the hypothesis is that `c^T B` is zero.
+/// Rows of weights of a design's columns. The null hypothesis is that `c^T B` is zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contrast {
     /// Weights, (q, p), of full row rank.
@@ -124,14 +124,14 @@ impl Contrast {
         Self { weights: Array2::from_shape_fn((1, columns), |(_, column)| weight(column)) }
     }
 
-    /// Creates the contrast of the single column `column` of `columns`: the slope of a covariate.
+    /// Creates the contrast of the single column `column` of `columns`, such as the slope of a covariate.
     pub fn column(columns: usize, column: usize) -> Self {
         Self { weights: Array2::from_shape_fn((1, columns), |(_, at)| f64::from(at == column)) }
     }
 }
 
-/// Returns an orthonormal basis Q, (n, r), of the columns' span, by Gram-Schmidt with reorthogonalisation, and the
-/// first column that depends on the columns before it. Q doesn't include dependent columns.
+/// Returns an orthonormal basis Q of the columns' span, (n, r), by Gram-Schmidt with reorthogonalisation, and the
+/// index of the first column that depends on the preceding columns, if any. Dependent columns add nothing to Q.
 pub(crate) fn orthonormalise(matrix: ArrayView2<'_, f64>) -> (Array2<f64>, Option<usize>) {
     let (n, p) = matrix.dim();
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(p);
@@ -161,7 +161,7 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 fn norm(a: &[f64]) -> f64 {
-    // Scaled, so that squares neither overflow nor underflow.
+    // Values are scaled, so that squares neither overflow nor underflow.
     let largest = a.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     if largest == 0.0 { 0.0 } else { largest * a.iter().map(|value| (value / largest).powi(2)).sum::<f64>().sqrt() }
 }

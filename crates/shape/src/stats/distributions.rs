@@ -6,8 +6,8 @@
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use statrs::function::beta::beta_reg;
 
-/// Returns the two-sided p value of t on `freedom` > 0 degrees of freedom: `I_{v / (v + t^2)}(v / 2, 1 / 2)`. If t
-/// is NaN, so is the result.
+/// Returns the two-sided p value of t with `freedom` > 0 degrees of freedom v: `I_{v / (v + t^2)}(v / 2, 1 / 2)`. The
+/// result is NaN if t is NaN.
 pub fn p_of_t(t: f64, freedom: f64) -> f64 {
     if t.is_nan() {
         return f64::NAN;
@@ -15,8 +15,8 @@ pub fn p_of_t(t: f64, freedom: f64) -> f64 {
     tail(freedom, t * t, 0.5 * freedom, 0.5)
 }
 
-/// Returns the upper tail probability of F on (`between`, `within`) degrees of freedom, both > 0. If F is NaN, so is
-/// the result.
+/// Returns the upper tail probability of F with (`between`, `within`) degrees of freedom, both > 0. The result is NaN
+/// if F is NaN.
 pub fn p_of_f(f: f64, between: f64, within: f64) -> f64 {
     if f.is_nan() {
         return f64::NAN;
@@ -24,18 +24,18 @@ pub fn p_of_f(f: f64, between: f64, within: f64) -> f64 {
     tail(within, between * f.max(0.0), 0.5 * within, 0.5 * between)
 }
 
-/// Returns `I_x(a, b)` at `x = u / (u + v)`.
+/// Returns the regularised incomplete beta function `I_x(a, b)` at `x = u / (u + v)`.
 fn tail(u: f64, v: f64, a: f64, b: f64) -> f64 {
     if v.is_infinite() {
         return 0.0;
     }
-    // The smaller of x and 1 - x is exact.
+    // Of x and 1 - x, the smaller one has full relative precision.
     let (x, rest) = (u / (u + v), v / (u + v));
     if x <= 0.5 { beta_reg(a, b, x) } else { 1.0 - beta_reg(b, a, rest) }
 }
 
-/// Returns the two-sided quantile of t: |t| exceeds it with probability `1 - coverage`, for a coverage in (0, 1) and
-/// `freedom` > 0. NaN for arguments out of range.
+/// Returns the two-sided quantile of t, which |t| exceeds with probability `1 - coverage`, for a coverage in (0, 1)
+/// and `freedom` > 0. The result is NaN for arguments out of range.
 pub fn quantile_of_t(coverage: f64, freedom: f64) -> f64 {
     let Ok(distribution) = StudentsT::new(0.0, 1.0, freedom) else { return f64::NAN };
     if !(coverage > 0.0 && coverage < 1.0) {
@@ -48,7 +48,7 @@ pub fn quantile_of_t(coverage: f64, freedom: f64) -> f64 {
 mod tests {
     use super::*;
 
-    // 2 * scipy.stats.t.sf(t, v) and scipy.stats.f.sf(f, a, b).
+    // Reference values of 2 * scipy.stats.t.sf(t, v) and scipy.stats.f.sf(f, a, b).
     const TAILS_OF_T: [(f64, f64, f64); 8] = [
         (0.0, 8.0, 1.0),
         (0.3, 1.0, 0.8144528418445154),

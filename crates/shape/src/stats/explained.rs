@@ -1,4 +1,4 @@
-//! Computes the fraction of a relabelled study's scatter that the effect explains.
+//! Computes the fraction of the scatter that the effect explains in relabelled studies.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -8,7 +8,7 @@ use super::linear::{Small, floors};
 use super::projection::Projection;
 use crate::product::{COLUMNS, product};
 
-/// Evaluator of the fraction of the scatter that the effect explains.
+/// Residuals prepared to evaluate the fraction of the scatter that the effect explains.
 pub(crate) struct Explained<'a> {
     /// Residuals of the reduced model, (n, V d), whitened so that the components of a vertex are uncorrelated.
     whitened: Array2<f64>,
@@ -19,8 +19,8 @@ pub(crate) struct Explained<'a> {
 }
 
 impl<'a> Explained<'a> {
-    /// Prepares the evaluation from the residuals of the reduced model and the values, (n, V d). `orthogonal` says that
-    /// relabelled residuals stay orthogonal to the reduced model.
+    /// Prepares the evaluation from the residuals of the reduced model and the values, both (n, V d). `orthogonal` is
+    /// whether relabelled residuals stay orthogonal to the reduced model.
     pub(crate) fn new(
         mut reduced: Array2<f64>,
         values: ArrayView2<'_, f64>,
@@ -48,14 +48,14 @@ impl<'a> Explained<'a> {
         Self { whitened: reduced, components, model, orthogonal }
     }
 
-    /// Calls `use_it(index of the relabelling, first vertex, shares)` for runs of vertices. Shares of one component and
-    /// one row have the sign of the estimate.
+    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the explained
+    /// fractions at these vertices. For one component and one row, fractions have the sign of the estimate.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (effect, nuisance, d) = (&self.model.effect, &self.model.nuisance, self.components);
         let (q, z) = (effect.ncols(), if self.orthogonal { 0 } else { nuisance.ncols() });
         let each = q + z;
         let n = effect.nrows();
-        // The rows of a relabelling: first those of the effect, then those of the reduced model.
+        // Each relabelling has the rows of the effect first, and then the rows of the reduced model.
         let mut rows = Array2::zeros((relabellings.len() * each, n));
         for (relabelling, mut rows) in relabellings.iter().zip(rows.axis_chunks_iter_mut(Axis(0), each)) {
             for (i, (from, sign)) in relabelling.iter().enumerate() {
@@ -94,8 +94,8 @@ impl<'a> Explained<'a> {
     }
 }
 
-/// Returns `u = b (1 - g^T g)^-1 b^T`; the first q rows of `products` are b, the others g. For one component the values
-/// u of all rows b are summed.
+/// Returns the explained fraction `u = b (1 - g^T g)^-1 b^T`, summed over rows b. The first q rows of `products` are
+/// b, and the others are g.
 fn explained(products: ArrayView2<'_, f64>, q: usize) -> f64 {
     let d = products.ncols();
     if d == 1 {

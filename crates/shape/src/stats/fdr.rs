@@ -1,8 +1,8 @@
-//! Controls the false-discovery rate: Y. Benjamini and Y. Hochberg, "Controlling the false discovery rate", J. R. Stat.
-//! Soc. B 57 (1995).
+//! Controls the false-discovery rate by the method of Y. Benjamini and Y. Hochberg, "Controlling the false discovery
+//! rate", J. R. Stat. Soc. B 57 (1995).
 
-/// Returns the adjusted p values ("q values"): among vertices with q at most alpha, the expected fraction of false
-/// positives is at most alpha if tests are independent or positively dependent. p values are in [0, 1].
+/// Returns the adjusted p values ("q values") of p values in [0, 1]. Among vertices with q at most alpha, the
+/// expected fraction of false positives is at most alpha if tests are independent or positively dependent.
 ///
 /// ```
 /// use spharm_shape::stats::fdr::benjamini_hochberg;

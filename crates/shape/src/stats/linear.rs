@@ -1,15 +1,15 @@
 //! Fits the linear model at each vertex: t, F, Hotelling's `T^2`, and effects with their confidence intervals.
 //!
-//! With the orthonormal bases of `projection`, b = Q_E^T Y and T = |residual of the reduced model|^2, the errors' sum
-//! of squares is `W = T - b^T b`, on v = n - p degrees of freedom, and
+//! With the orthonormal bases of `projection`, b = Q_E^T Y and T = |residual of the reduced model|^2, the errors have
+//! the sum of squares `W = T - b^T b` and v = n - p degrees of freedom. The statistics are
 //!
 //! - d = 1, one row: `t = b / sqrt(W / v)`;
-//! - d = 1, q rows: `F = (|b|^2 / q) / (W / v)` on (q, v);
-//! - d > 1, one row: `T^2 = v b W^-1 b^T`, of which `(v - d + 1) / (v d) T^2` is F on (d, v - d + 1): T. W. Anderson,
-//!   "An Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2.
+//! - d = 1, q rows: `F = (|b|^2 / q) / (W / v)` with (q, v) degrees of freedom;
+//! - d > 1, one row: `T^2 = v b W^-1 b^T`, for which `(v - d + 1) / (v d) T^2` is F with (d, v - d + 1) degrees of
+//!   freedom (T. W. Anderson, "An Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2).
 //!
-//! A design of two groups gives the two-sample tests, a design with only the mean the one-sample tests. Cost: 2 n V d
-//! (p + 2) flops.
+//! A design of two groups gives the two-sample tests, and a design of the mean alone the one-sample tests. Cost: 2 n
+//! V d (p + 2) flops.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -23,13 +23,13 @@ use super::resampling::Resampling;
 use crate::ShapeError;
 use crate::product::product;
 
-/// The statistic of a test.
+/// Statistic of a test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Statistic {
     /// Student's t.
     T {
-        /// Degrees of freedom; for Welch's t the fewest at any vertex.
+        /// Degrees of freedom; for Welch's t, the fewest at any vertex.
         freedom: f64,
     },
     /// Fisher's F.
@@ -49,7 +49,7 @@ pub enum Statistic {
 }
 
 impl Statistic {
-    /// Returns the two-sided p value of a statistic.
+    /// Returns the two-sided p value of a value of the statistic.
     pub(crate) fn p(&self, statistic: f64) -> f64 {
         match *self {
             Self::T { freedom } => p_of_t(statistic, freedom),
@@ -62,7 +62,7 @@ impl Statistic {
         }
     }
 
-    /// Returns the statistic, positive, whose two-sided p value is `p`, in (0, 1).
+    /// Returns the positive statistic with the two-sided p value `p`, in (0, 1).
     pub(crate) fn threshold(&self, p: f64) -> f64 {
         let (mut low, mut high) = (0.0, 1.0);
         while self.p(high) > p && high < 1e150 {
@@ -76,17 +76,17 @@ impl Statistic {
     }
 }
 
-/// The estimate of a contrast of one row, `c^T B`, in the measurement's unit.
+/// Estimate of a contrast of one row, `c^T B`, in the measurement's unit.
 #[derive(Debug, Clone)]
 pub struct Effect {
-    /// The estimate, (V, d).
+    /// Estimate of the contrast, (V, d).
     pub estimate: Array2<f64>,
     /// Standard error of the estimate, (V, d).
     pub standard_error: Array2<f64>,
     /// Half the width of the estimate's confidence interval, (V, d).
     pub margin: Array2<f64>,
-    /// The estimate divided by the errors' standard deviation: for two groups Cohen's d; for d > 1 Mahalanobis'
-    /// distance, (V). NaN if there is no variance.
+    /// Effect size, (V): the estimate divided by the errors' standard deviation, which is Cohen's d for two groups
+    /// and Mahalanobis' distance for d > 1. NaN at vertices without variance.
     pub size: Vec<f64>,
 }
 
@@ -110,7 +110,7 @@ pub(crate) fn check(
     check_design(components, design, contrast, params)
 }
 
-/// Checks what doesn't depend on the values.
+/// Checks the design, the contrast and the settings, without the values.
 pub(crate) fn check_design(
     components: usize,
     design: &Design,
@@ -134,7 +134,7 @@ pub(crate) fn check_design(
             found: format!("{rows} rows"),
         });
     }
-    // Hotelling's T^2 needs v - d + 1 > 0, with v the degrees of freedom and d the components.
+    // Hotelling's T^2 needs v - d + 1 > 0, with v the degrees of freedom and d the number of components.
     let least = p + components;
     if n < least {
         return Err(ShapeError::Subjects { what: "the design", expected: least, found: n });
@@ -148,7 +148,7 @@ pub(crate) fn check_design(
     Ok(())
 }
 
-/// Checks what restricts the relabellings, for n subjects.
+/// Checks that blocks, variance groups and assumptions about errors fit n subjects and each other.
 fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Result<(), ShapeError> {
     let differ = |what, found| ShapeError::Subjects { what, expected: n, found };
     if let Some(found) = params.blocks.as_ref().map(Blocks::observations).filter(|found| *found != n) {
@@ -173,7 +173,7 @@ fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Resul
 
 pub(crate) type Found = (Statistic, Vec<f64>, Vec<f64>, Option<Effect>);
 
-/// Returns statistics and p values, NaN if there is no variance.
+/// Returns the statistics and p values at all vertices; NaN at vertices without variance.
 pub(crate) fn statistics(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -187,7 +187,7 @@ pub(crate) fn statistics(
     let (freedom, rows) = (model.freedom as f64, contrast.weights.nrows());
     debug_assert_eq!(rows, along.nrows());
     let vertices = values.ncols() / components;
-    // The largest value of each column determines the sum of squares below which only rounding errors are left.
+    // Sums of squares below the floor of a column, which depends on the column's size, are rounding errors.
     let floor = floors(values);
     if components == 1 {
         let squares = column_squares(errors.view());
@@ -245,7 +245,7 @@ fn effect(
     Effect { estimate, standard_error, margin, size }
 }
 
-/// Returns the sums of squares of the columns.
+/// Returns the sum of squares of each column.
 pub(crate) fn column_squares(values: ArrayView2<'_, f64>) -> Vec<f64> {
     let mut sums = vec![0.0; values.ncols()];
     for row in values.axis_iter(Axis(0)) {
@@ -260,14 +260,14 @@ pub(crate) fn floors(values: ArrayView2<'_, f64>) -> Vec<f64> {
     column_squares(values).into_iter().map(|sum| sum * n * (8.0 * f64::EPSILON).powi(2)).collect()
 }
 
-/// A small symmetric matrix.
+/// A small symmetric matrix, of which the lower triangle is stored and factorised in place.
 pub(crate) struct Small {
     size: usize,
     values: Vec<f64>,
 }
 
 impl Small {
-    /// Returns `B^T B` of (n, d) values.
+    /// Returns the matrix `B^T B` of a block B of values, (n, d).
     pub(crate) fn gram(block: ArrayView2<'_, f64>) -> Self {
         let size = block.ncols();
         let mut values = vec![0.0; size * size];
@@ -285,7 +285,7 @@ impl Small {
         Self { size, values: vec![0.0; size * size] }
     }
 
-    /// Sets the lower triangle, `value(row, column)`.
+    /// Sets each element of the lower triangle to `value(row, column)`.
     pub(crate) fn fill(&mut self, value: impl Fn(usize, usize) -> f64) {
         for i in 0..self.size {
             for j in 0..=i {
@@ -294,7 +294,7 @@ impl Small {
         }
     }
 
-    /// Returns the identity matrix minus `sum g g^T`.
+    /// Returns the identity matrix minus `sum g g^T` over the given vectors g.
     pub(crate) fn unit_without<'g>(size: usize, vectors: impl Iterator<Item = &'g [f64]>) -> Self {
         let mut values = vec![0.0; size * size];
         (0..size).for_each(|i| values[i * size + i] = 1.0);
@@ -308,8 +308,8 @@ impl Small {
         Self { size, values }
     }
 
-    /// Replaces the lower triangle by its Cholesky factor; returns false if a pivot is within rounding errors or below
-    /// `floor`.
+    /// Replaces the lower triangle by the Cholesky factor; returns false if a pivot is within rounding errors or at
+    /// most `floor`.
     pub(crate) fn factorise(&mut self, floor: f64) -> bool {
         let d = self.size;
         let largest = (0..d).map(|i| self.values[i * d + i]).fold(0.0, f64::max);
@@ -332,14 +332,15 @@ impl Small {
         true
     }
 
-    /// Returns `b M^-1 b^T`, using the factor.
+    /// Returns `b M^-1 b^T` of the factorised matrix M.
     pub(crate) fn quotient(&self, b: &[f64]) -> f64 {
         let mut b = b.to_vec();
         self.whiten(&mut b);
         b.iter().map(|value| value * value).sum()
     }
 
-    /// Returns `tr (S M^-1)^2 + (tr S M^-1)^2` of a symmetric matrix S given by its elements, using the factor.
+    /// Returns `tr (S M^-1)^2 + (tr S M^-1)^2` of the factorised matrix M and a symmetric matrix S, given by its
+    /// elements.
     pub(crate) fn squared_traces(&self, element: impl Fn(usize, usize) -> f64) -> f64 {
         // B = L^-1 S L^-T has the same traces of powers as S M^-1.
         let d = self.size;
@@ -351,7 +352,7 @@ impl Small {
         columns.iter().flatten().map(|value| value * value).sum::<f64>() + trace * trace
     }
 
-    /// Computes `b <- L^-1 b`.
+    /// Replaces b by `L^-1 b`, with L the Cholesky factor.
     pub(crate) fn whiten(&self, b: &mut [f64]) {
         let d = self.size;
         for i in 0..d {

@@ -1,21 +1,22 @@
-//! Computes family-wise p values: how often the largest statistic of a relabelled study reaches a vertex's own
-//! statistic.
+//! Computes family-wise p values: the fraction of relabelled studies whose largest statistic reaches the statistic of
+//! a vertex.
 //!
-//! P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing" (1993): single-step max-T. The residuals of the
-//! reduced model are relabelled by permutations of subjects or sign flips ([`Resampling`]): D. Freedman and D. Lane, "A
-//! nonstochastic interpretation of reported significance levels", J. Bus. Econ. Stat. 1 (1983). If there are at most
-//! [`PermutationParams::exact_up_to`] relabellings, all of them are used and p values are exact. With B random
-//! relabellings, of which `count` reach the statistic, p is `(count + 1) / (B + 1)`.
+//! The method is single-step max-T (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing" (1993)). The
+//! residuals of the reduced model are relabelled by permutations of subjects or sign flips, see [`Resampling`] (D.
+//! Freedman and D. Lane, "A nonstochastic interpretation of reported significance levels", J. Bus. Econ. Stat. 1
+//! (1983)). If there are at most [`PermutationParams::exact_up_to`] relabellings, all of them are used and p values
+//! are exact. With B random relabellings, of which `count` reach the statistic, p is `(count + 1) / (B + 1)`.
 //!
 //! # Computation
 //!
 //! The residuals e of the reduced model are whitened once at each vertex, so that their d components are uncorrelated
-//! with sums of squares of one. For a signed permutation P let `b = (P^T Q_E)^T e`, `g = (P^T Q_Z)^T e`: the product of
-//! a row of length n with (n, V d). The share of the reduced model's scatter that the effect explains, `u = b (1 - g^T
-//! g)^-1 b^T`, increases with |t|, F and `T^2` (`T^2 = v u / (1 - u)`), so that only u needs to be compared; g = 0 for
-//! permutations if the reduced model is a constant. `welch_flips` has the statistics of unequal variances. Cost: `2 n V
-//! d (q + p - q)` flops per relabelling, `2 n V d q` if the reduced model is a constant; 10,000 relabellings of 100
-//! subjects at 10,242 vertices of a scalar take 2e10. Memory: `8 n V d` bytes for the residuals, and 2 MB per thread.
+//! with sums of squares of one. For a signed permutation P, let `b = (P^T Q_E)^T e` and `g = (P^T Q_Z)^T e`, which
+//! are products of rows of length n with (n, V d). The effect explains the fraction `u = b (1 - g^T g)^-1 b^T` of the
+//! reduced model's scatter. This fraction increases with |t|, F and `T^2` (`T^2 = v u / (1 - u)`), so that only u
+//! needs to be compared. For permutations g is 0 if the reduced model is a constant. `welch_flips` computes the
+//! statistics for unequal variances. Cost: `2 n V d (q + p - q)` flops per relabelling, `2 n V d q` if the reduced
+//! model is a constant; 10,000 relabellings of 100 subjects at 10,242 vertices of a scalar take 2e10. Memory:
+//! `8 n V d` bytes for the residuals, and 2 MB per thread.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -33,7 +34,7 @@ use super::spatial::{Clusters, Largest, Regions, Tfce};
 use super::welch_flips::WelchFlips;
 use crate::ShapeError;
 
-/// Maximum number of relabellings of a test; this many random relabellings take 2.4 GB.
+/// Maximum number of relabellings of a test. This number of random relabellings takes 2.4 GB.
 pub const MAX_RELABELLINGS: usize = 100_000_000;
 
 /// Settings of the relabellings of a study.
@@ -41,8 +42,8 @@ pub const MAX_RELABELLINGS: usize = 100_000_000;
 pub struct PermutationParams {
     /// Number of random relabellings, 1 to [`MAX_RELABELLINGS`]. Default: 10,000.
     pub count: usize,
-    /// Maximum number of possible relabellings for which all are used instead; at most [`MAX_RELABELLINGS`]. Default:
-    /// 20,000.
+    /// Largest number of possible relabellings for which all are used instead of random ones; at most
+    /// [`MAX_RELABELLINGS`]. Default: 20,000.
     pub exact_up_to: usize,
     /// Seed of the random relabellings. Default: 0.
     pub seed: u64,
@@ -54,39 +55,39 @@ impl Default for PermutationParams {
     }
 }
 
-/// p values by relabelling, at each of V vertices.
+/// P values by relabelling at each of V vertices.
 #[derive(Debug, Clone)]
 pub struct FamilyWise {
-    /// Probability, without an effect at any vertex, that the largest statistic over all vertices is at least this one,
-    /// (V).
+    /// Family-wise p values, (V): the probability, without an effect at any vertex, that the largest statistic over
+    /// all vertices is at least the vertex's statistic.
     pub p: Vec<f64>,
-    /// Probability, without an effect, that the vertex's statistic is at least this one: uncorrected, without assuming
-    /// normal errors, (V).
+    /// Uncorrected p values that don't assume normal errors, (V): the probability, without an effect, of a statistic
+    /// at the vertex of at least this size.
     pub pointwise: Vec<f64>,
     /// Kind of relabelling used.
     pub resampling: Resampling,
     /// Number of relabellings, including the original labels.
     pub relabellings: usize,
-    /// Whether these are all relabellings.
+    /// Whether all possible relabellings were used.
     pub exact: bool,
-    /// The smallest possible p value.
+    /// Smallest possible p value.
     pub floor: f64,
-    /// Threshold-free cluster enhancement, if requested.
+    /// Threshold-free cluster enhancement and its p values, if requested.
     pub tfce: Option<Tfce>,
-    /// Clusters, if requested.
+    /// Clusters and their p values, if requested.
     pub clusters: Option<Clusters>,
 }
 
-/// Number of relabellings whose products are computed together.
+/// Number of relabellings whose matrix products are computed together.
 const BATCH: usize = 64;
-/// Statistics are treated as equal if they differ by less than this, the level of rounding errors.
+/// Relative difference up to which statistics are treated as equal, the level of rounding errors.
 const TIE: f64 = 1e-9;
 
 const STAGE: Stage = Stage::counted("permutations", "relabellings");
 
-/// The statistic by which relabelled studies are compared.
+/// Statistic by which relabelled studies are compared.
 pub(crate) enum Compared<'a> {
-    /// t, F or `T^2` with pooled variances.
+    /// The statistics t, F or `T^2` with pooled variances.
     Pooled,
     /// Welch's t or its `T^2` of two groups, given the group of each subject.
     Welch(&'a [usize]),
@@ -94,8 +95,8 @@ pub(crate) enum Compared<'a> {
     VarianceGroups(&'a AspinWelch, &'a [usize]),
 }
 
-/// Returns family-wise p values of values (n, V d), whose statistic is `kind`; `None` if no relabelling changes the
-/// statistics.
+/// Returns the family-wise p values of a test of values (n, V d) with the statistic `kind`; `None` if no relabelling
+/// changes the statistics.
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -131,7 +132,7 @@ pub(crate) fn family_wise(
         Compared::Pooled | Compared::Welch(_) => None,
     };
     if let Some(groups) = groups {
-        // Rows of different variance groups are different, also if they are equal in the design.
+        // Rows of different variance groups are treated as different, even if they are equal in the design.
         let column = Array2::from_shape_fn((groups.len(), 1), |(i, _)| groups[i] as f64);
         rows = ndarray::concatenate![Axis(1), rows, column];
     }
@@ -231,7 +232,7 @@ pub(crate) fn family_wise(
     Ok(Some(result))
 }
 
-/// The largest statistics of all relabelled studies.
+/// Largest statistics of all relabelled studies, sorted.
 struct Null(Vec<f64>);
 
 impl Null {
@@ -240,28 +241,28 @@ impl Null {
         Self(largest)
     }
 
-    /// Returns the fraction of relabelled studies whose largest statistic reaches this one.
+    /// Returns the p value of a statistic: the fraction of relabelled studies whose largest statistic reaches it.
     fn p(&self, statistic: f64) -> f64 {
         let reached = statistic * (1.0 - TIE);
         (self.0.len() - self.0.partition_point(|most| *most < reached)) as f64 / self.0.len() as f64
     }
 }
 
-/// Returns whether relabelled residuals stay orthogonal to the reduced model: if it is empty, or if the relabellings
-/// exchange only subjects with equal rows of it.
+/// Returns whether relabelled residuals stay orthogonal to the reduced model: it is empty, or permutations exchange
+/// only subjects with equal rows of it.
 fn stays_orthogonal(model: &Projection, resampling: Resampling, sets: &[Vec<Unit>]) -> bool {
     let exchanged = resampling == Resampling::Permutations && units_are_equal(sets, &model.nuisance);
     model.nuisance.ncols() == 0 || exchanged
 }
 
-/// Returns whether all units of each set have equal rows.
+/// Returns whether all units within each set have equal rows.
 fn units_are_equal(sets: &[Vec<Unit>], rows: &Array2<f64>) -> bool {
     sets.iter().all(|set| set.iter().all(|unit| are_equal(unit, &set[0], rows.view())))
 }
 
 /// Returns the fraction of all relabellings that have the same statistics as the original labels.
 fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[usize]>) -> f64 {
-    // Groups may swap as wholes: each then has the variance of another.
+    // Variance groups may be swapped as wholes, so that each has the variance of another.
     let in_groups = |relabelling: &Relabelling| {
         let keeps = |groups: &[usize]| {
             let mut other = vec![None; groups.len()];
@@ -282,7 +283,7 @@ fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[us
     count.max(1) as f64 / arrangements.count as f64
 }
 
-/// Evaluator of the statistic that is compared between relabellings.
+/// Prepared values for the statistic that is compared between relabellings.
 enum Share<'a> {
     Explained(Explained<'a>),
     Welch(WelchFlips),
@@ -290,7 +291,8 @@ enum Share<'a> {
 }
 
 impl Share<'_> {
-    /// Calls `use_it(index of the relabelling, first vertex, values)` for runs of vertices.
+    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the values at these
+    /// vertices.
     fn evaluate(&self, relabellings: &[Relabelling], use_it: impl FnMut(usize, usize, &[f64])) {
         match self {
             Self::Explained(explained) => explained.evaluate(relabellings, use_it),
@@ -299,11 +301,11 @@ impl Share<'_> {
         }
     }
 
-    /// Returns the statistic of an evaluated value: t (signed), F or `T^2`.
+    /// Returns the statistic of an evaluated value: signed t, F or `T^2`.
     fn statistic(&self, kind: &Statistic, value: f64) -> f64 {
         let t = |square: f64| square.abs().sqrt().copysign(square);
-        // Of a fraction u of the scatter: t^2 or T^2 = v u / (1 - u).
-        // Without a rest there is no variance, and the statistic is 0 as in the map.
+        // For the explained fraction u of the scatter, t^2 or T^2 is v u / (1 - u). If the effect explains all
+        // scatter, there is no variance, and the statistic is 0 as in the map.
         let odds = |u: f64| if u.abs() < 1.0 - 1e-13 { u / (1.0 - u.abs()) } else { 0.0 };
         match (self, kind) {
             (Self::Explained(_), Statistic::T { freedom }) => t(freedom * odds(value)),

@@ -1,9 +1,10 @@
 //! Splits a design into the part that a contrast tests and the rest.
 //!
-//! With `X = Q R` the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, `R^T U = C^T`. So the columns of `W = Q U` span
-//! the contrast's contribution to the model, and their orthogonal complement in X's span is the reduced model of the
-//! null hypothesis: the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation inference for the general
-//! linear model", NeuroImage 92 (2014), appendix A), by orthogonal bases in place of normal equations.
+//! With `X = Q R`, the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, in which U solves `R^T U = C^T`. So the
+//! columns of `W = Q U` span the contrast's contribution to the model, and their orthogonal complement in the span of
+//! X is the reduced model of the null hypothesis. This is the partition of G. M. Ridgway (in A. M. Winkler et al.,
+//! "Permutation inference for the general linear model", NeuroImage 92 (2014), appendix A), with orthogonal bases
+//! instead of normal equations.
 
 use ndarray::{Array2, ArrayView2, concatenate, s};
 
@@ -11,18 +12,18 @@ use super::design::{Contrast, Design, orthonormalise};
 use crate::ShapeError;
 use crate::product::product;
 
-/// Orthonormal bases of a design's tested part and of the rest, and the errors' degrees of freedom.
+/// Orthonormal bases of the tested part of a design and of the rest, with the degrees of freedom of the errors.
 #[derive(Debug, Clone)]
 pub(crate) struct Projection {
-    /// The tested part, (n, q).
+    /// Basis of the tested part, (n, q).
     pub(crate) effect: Array2<f64>,
-    /// The reduced model, (n, p - q).
+    /// Basis of the reduced model, (n, p - q).
     pub(crate) nuisance: Array2<f64>,
-    /// `|W|` for q = 1: the ratio of the contrast's estimate to its component along `effect`.
+    /// Norm `|W|`, used for q = 1: the ratio of the contrast's estimate to the component of the values along `effect`.
     pub(crate) scale: f64,
     /// Degrees of freedom of the errors, n - p.
     pub(crate) freedom: usize,
-    /// The design's columns combined by the contrast, `X C^T`, (n, q).
+    /// Columns of the design combined by the contrast, `X C^T`, (n, q).
     pub(crate) tested: Array2<f64>,
 }
 
@@ -44,20 +45,19 @@ impl Projection {
         Ok(Self { effect, nuisance, scale, freedom: n - p, tested })
     }
 
-    /// Returns the residual of the reduced model: `(I - Q_Z Q_Z^T) Y`, (n, V d).
+    /// Returns the residuals of the reduced model, `(I - Q_Z Q_Z^T) Y`, (n, V d).
     pub(crate) fn residual(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
         without(self.nuisance.view(), values.to_owned())
     }
 
-    /// Returns whether a constant is in the span of the reduced model, so that residuals have zero mean.
+    /// Returns whether the reduced model's span contains a constant, so that residuals have zero mean.
     pub(crate) fn keeps_constant(&self) -> bool {
         let n = self.nuisance.nrows() as f64;
         let along: f64 = self.nuisance.columns().into_iter().map(|column| column.sum().powi(2)).sum();
         along >= n * (1.0 - 1e-9)
     }
 
-    /// Returns whether a relabelled study has the study's own statistics, because the spans of both parts are
-    /// unchanged.
+    /// Returns whether a relabelling leaves the statistics unchanged, because it preserves the spans of both parts.
     pub(crate) fn unchanged_by(&self, relabelling: &[(u32, f64)]) -> bool {
         let keeps = |basis: &Array2<f64>| {
             if basis.ncols() == 0 {
@@ -81,7 +81,7 @@ pub(crate) fn contrast_in_basis(design: &Design, contrast: &Contrast) -> (Array2
     let x = design.matrix();
     let (q, _) = orthonormalise(x);
     let r = product(q.t(), x);
-    // Forward substitution of R^T U = C^T.
+    // R^T U = C^T is solved by forward substitution.
     let mut u = contrast.weights.t().to_owned();
     for row in 0..x.ncols() {
         for above in 0..row {
@@ -95,7 +95,7 @@ pub(crate) fn contrast_in_basis(design: &Design, contrast: &Contrast) -> (Array2
     (q, u)
 }
 
-/// Returns values without their projection on the columns of an orthonormal basis.
+/// Returns values minus their projection onto the columns of an orthonormal basis.
 pub(crate) fn without(basis: ArrayView2<'_, f64>, mut values: Array2<f64>) -> Array2<f64> {
     if basis.ncols() > 0 {
         let along = product(basis.t(), values.view());
@@ -114,7 +114,7 @@ mod tests {
         let design = Design::groups(&[4, 5]).unwrap().with_covariates(age.view(), &[]).unwrap();
         let contrast = Contrast::row(&[1.0, -1.0, 0.5]);
         let found = Projection::new(&design, &contrast).unwrap();
-        // If the model explains the values exactly, the estimate is the contrast of their coefficients.
+        // The model explains the values exactly, so the estimate is the contrast of the coefficients.
         let coefficients = ndarray::array![[2.0], [-1.0], [4.0]];
         let y = product(design.matrix(), coefficients.view());
         let estimate = found.scale * product(found.effect.t(), y.view())[[0, 0]];

@@ -2,9 +2,9 @@
 //! flips, or both.
 //!
 //! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
-//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model. Without a constant the mean
-//! stays in the residuals, and no permutation changes their sum: a test of the mean would compare a statistic with
-//! itself. Signs are flipped in these cases.
+//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model. Without a constant, the
+//! mean stays in the residuals, and permutations don't change their sum, so a test of the mean would compare a
+//! statistic with itself. In these cases signs are flipped.
 
 use std::str::FromStr;
 
@@ -12,7 +12,7 @@ use ndarray::ArrayView2;
 
 use super::projection::Projection;
 
-/// The kind of relabelling.
+/// Kind of relabelling.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Resampling {
@@ -35,7 +35,7 @@ impl Resampling {
         }
     }
 
-    /// Returns the assumption on which the p values rest.
+    /// Returns the assumption about the errors on which the p values rest.
     #[must_use]
     pub fn assumption(self) -> &'static str {
         match self {
@@ -45,9 +45,8 @@ impl Resampling {
         }
     }
 
-    /// Chooses the kind for a contrast: permutations if the reduced model has a constant, otherwise sign flips;
-    /// permutations and sign flips together if there are too few sign flips, because the estimate depends on few of the
-    /// subjects.
+    /// Chooses the kind of relabelling for a contrast: permutations if the reduced model has a constant, otherwise
+    /// sign flips. If the estimate depends on few subjects, sign flips are too few, and both kinds are combined.
     pub(crate) fn choose(model: &Projection) -> Self {
         if model.keeps_constant() {
             return Self::Permutations;
@@ -71,12 +70,13 @@ impl FromStr for Resampling {
     }
 }
 
-/// Sign flips alone give fewer than 1,000 distinct statistics if the estimate depends on fewer subjects than this. For
-/// the mean of 5 of 24 subjects there are 16 distinct statistics, and the family-wise error is 0.01 instead of 0.05.
+/// Minimum number of subjects on which an estimate must depend for sign flips alone: with fewer, they give fewer than
+/// 1,000 distinct statistics. For the mean of 5 of 24 subjects there are 16 distinct statistics, and the family-wise
+/// error is 0.01 instead of 0.05.
 const MIN_SUPPORT: f64 = 11.0;
 
-/// Returns the number of subjects on which an estimate depends: `(sum h)^2 / sum h^2` of their leverages h, which is n
-/// for a mean of n subjects.
+/// Returns the effective number of subjects on which an estimate depends, `(sum h)^2 / sum h^2` with the subjects'
+/// leverages h; it is n for a mean of n subjects.
 fn support(effect: ArrayView2<'_, f64>) -> f64 {
     let leverage = effect.rows().into_iter().map(|row| row.iter().map(|value| value * value).sum::<f64>());
     let (sum, squares) = leverage.fold((0.0, 0.0), |(sum, squares), h| (sum + h, squares + h * h));
@@ -106,7 +106,7 @@ mod tests {
         let slope = Design::groups(&[9]).unwrap().with_covariates(age.view(), &[]).unwrap();
         assert_eq!(of(&slope, array![[1.0, 0.0]]), SignFlips);
         assert_eq!(of(&slope, array![[0.0, 1.0]]), Permutations);
-        // The mean of a small group in a design with a large group.
+        // The contrast is the mean of a small group in a design with a large group.
         assert_eq!(of(&Design::groups(&[5, 19]).unwrap(), array![[1.0, 0.0]]), Both);
     }
 }

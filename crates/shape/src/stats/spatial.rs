@@ -1,22 +1,24 @@
-//! Statistics of regions: threshold-free cluster enhancement (TFCE), and clusters above a threshold.
+//! Computes statistics of regions: threshold-free cluster enhancement (TFCE), and clusters above a threshold.
 //!
-//! S. M. Smith and T. E. Nichols, "Threshold-free cluster enhancement", NeuroImage 44 (2009): a vertex of statistic t
-//! gets
+//! S. M. Smith and T. E. Nichols, "Threshold-free cluster enhancement", NeuroImage 44 (2009): the enhanced statistic
+//! of a vertex with statistic t is
 //!
 //! ```text
 //! integral from 0 to t of e(h)^E h^H dh,   E = 1, H = 2,
 //! ```
 //!
-//! with e(h) the area of the connected vertices around it of at least h. E and H are FSL's for surfaces
-//! (`randomise --T2`). The integral is exact, without steps of h. Clusters are connected vertices above a threshold;
-//! their statistic is their area (K. J. Friston et al., "Assessing the significance of focal activations using their
-//! spatial extent", Human Brain Mapping 1 (1994)). Positive and negative statistics are separate regions.
+//! with e(h) the area of the connected region around the vertex in which statistics are at least h. E and H are those
+//! of FSL for surfaces (`randomise --T2`). The integral is exact, without steps of h. Clusters are connected vertices
+//! above a threshold; their statistic is their area (K. J. Friston et al., "Assessing the significance of focal
+//! activations using their spatial extent", Human Brain Mapping 1 (1994)). Positive and negative statistics are
+//! separate regions.
 //!
 //! # Computation
 //!
 //! Vertices are added in decreasing order of their statistic to a forest of regions (union by area, with path halving
-//! of offsets). Each region has the integral since it began; a vertex that joins gets the difference. Cost: a sort and
-//! about 12 operations of the forest per vertex, 1 ms for 10,242 vertices. Memory: 40 bytes per vertex.
+//! of offsets). A region stores its integral from its beginning, and a vertex that joins it stores the difference.
+//! Cost: a sort and about 12 operations on the forest per vertex, 1 ms for 10,242 vertices. Memory: 40 bytes per
+//! vertex.
 
 use std::collections::HashMap;
 
@@ -24,7 +26,7 @@ use spharm_surface::geometry::{cross, dot, sub};
 
 use crate::ShapeError;
 
-/// The surface of the tested vertices: which of them are neighbours, and the area of each.
+/// Graph of the tested vertices on their surface: the neighbours and the area of each vertex.
 #[derive(Debug, Clone)]
 pub struct SurfaceGraph {
     starts: Vec<u32>,
@@ -33,12 +35,11 @@ pub struct SurfaceGraph {
 }
 
 impl SurfaceGraph {
-    /// Creates the graph of a mesh: vertices (V) in space and triangles. A vertex has a third of the area of each of
-    /// its triangles.
+    /// Creates the graph of a mesh with V vertices. The area of a vertex is a third of the area of its triangles.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`] for a triangle of a vertex that isn't there.
+    /// [`ShapeError::Differ`] if a triangle has a corner that isn't a vertex of the mesh.
     pub fn new(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> Result<Self, ShapeError> {
         let count = vertices.len();
         let mut ends = Vec::with_capacity(6 * faces.len());
@@ -68,7 +69,7 @@ impl SurfaceGraph {
         Self { starts, neighbours: ends.into_iter().map(|[_, w]| w).collect(), areas }
     }
 
-    /// Returns the number of vertices, V.
+    /// Returns the number of vertices of the graph, V.
     #[must_use]
     pub fn vertices(&self) -> usize {
         self.areas.len()
@@ -100,31 +101,31 @@ impl SurfaceGraph {
 /// Settings of statistics of regions.
 #[derive(Debug, Clone)]
 pub struct SpatialParams {
-    /// The surface of the tested vertices.
+    /// Surface of the tested vertices.
     pub surface: SurfaceGraph,
     /// Whether to compute TFCE.
     pub tfce: bool,
-    /// Uncorrected p value below which vertices form clusters, in (0, 1); `None` for no clusters. 0.001 is usual.
+    /// Uncorrected p value below which vertices form clusters, in (0, 1), usually 0.001; `None` for no clusters.
     pub cluster: Option<f64>,
 }
 
-/// TFCE at each of V vertices.
+/// Threshold-free cluster enhancement (TFCE) at each of V vertices.
 #[derive(Debug, Clone)]
 pub struct Tfce {
-    /// The enhanced statistic, with the sign of the statistic, (V).
+    /// Enhanced statistic, with the sign of the original statistic, (V).
     pub statistic: Vec<f64>,
     /// Family-wise p values by the largest enhanced statistic of relabelled studies, (V).
     pub p: Vec<f64>,
 }
 
-/// Clusters of vertices.
+/// Clusters of connected vertices with statistics above a threshold.
 #[derive(Debug, Clone)]
 pub struct Clusters {
-    /// Statistic from which vertices form clusters.
+    /// Absolute value of the statistic from which vertices form clusters.
     pub threshold: f64,
-    /// Number of each vertex's cluster, from 1; 0 for none, (V).
+    /// Number of each vertex's cluster, from 1, (V); 0 for vertices without a cluster.
     pub of: Vec<u32>,
-    /// The clusters, by decreasing area.
+    /// Clusters, in order of decreasing area.
     pub clusters: Vec<Cluster>,
 }
 
@@ -133,32 +134,33 @@ pub struct Clusters {
 pub struct Cluster {
     /// Number of vertices.
     pub vertices: usize,
-    /// Area on the surface, in its unit squared.
+    /// Area on the surface, in the square of its unit.
     pub area: f64,
-    /// Vertex of the largest statistic, and the statistic there.
+    /// Vertex with the largest absolute statistic.
     pub peak: usize,
-    /// Statistic at the peak, signed.
+    /// Signed statistic at the peak.
     pub statistic: f64,
     /// Family-wise p value by the largest area of relabelled studies.
     pub p: f64,
 }
 
-/// The largest statistics of regions of a study.
+/// Largest statistics of regions in one study.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Largest {
     pub(crate) tfce: f64,
     pub(crate) area: f64,
 }
 
-/// A forest of regions, with working space for all vertices.
+/// Forest of regions, with workspace for all vertices.
 pub(crate) struct Regions<'a> {
     surface: &'a SurfaceGraph,
     order: Vec<(f64, u32)>,
-    /// The vertex above each vertex in the forest; itself for roots, `OUTSIDE` before the vertex is added.
+    /// Parent of each vertex in the forest; the vertex itself for a root, `OUTSIDE` before it is added.
     above: Vec<u32>,
-    /// Difference of a vertex's integral from that of the vertex above; the integral itself for a root.
+    /// Difference between the integral of a vertex and of its parent; the integral itself for a root.
     integral: Vec<f64>,
-    /// For roots: area, height to which the integral is computed, and largest integral of a member.
+    /// Values of each root: area of the region, height down to which integrals are computed, and largest integral in
+    /// the region.
     area: Vec<f64>,
     height: Vec<f64>,
     best: Vec<f64>,
@@ -197,7 +199,7 @@ impl<'a> Regions<'a> {
         largest
     }
 
-    /// Returns TFCE at each vertex, with the sign of the statistic.
+    /// Returns the enhanced statistic (TFCE) at each vertex, with the sign of the original statistic.
     pub(crate) fn tfce(&mut self, statistics: &[f64]) -> Vec<f64> {
         let mut found = vec![0.0; statistics.len()];
         for sign in [1.0, -1.0] {
@@ -211,8 +213,8 @@ impl<'a> Regions<'a> {
         found
     }
 
-    /// Returns the clusters of statistics of at least `threshold` in absolute value, with p of 1, and the number of
-    /// each vertex's cluster.
+    /// Returns the clusters of vertices with an absolute statistic of at least `threshold`, and the cluster of each
+    /// vertex. The p values are set to 1.
     pub(crate) fn clusters(&mut self, statistics: &[f64], threshold: f64) -> Clusters {
         let mut found: Vec<(Cluster, Vec<u32>)> = Vec::new();
         for sign in [1.0, -1.0] {
@@ -222,7 +224,7 @@ impl<'a> Regions<'a> {
                 let v = self.order[at].1;
                 let root = self.root(v);
                 let number = *of_root.entry(root).or_insert_with(|| {
-                    // Vertices come in decreasing order, so that the first is the peak.
+                    // Vertices are in decreasing order of their statistic, so the first one is the peak.
                     let (peak, area) = (v as usize, self.area[root as usize]);
                     let cluster = Cluster { vertices: 0, area, peak, statistic: statistics[peak], p: 1.0 };
                     found.push((cluster, Vec::new()));
@@ -240,8 +242,8 @@ impl<'a> Regions<'a> {
         Clusters { threshold, of, clusters: found.into_iter().map(|(cluster, _)| cluster).collect() }
     }
 
-    /// Makes the forest of the vertices whose statistic times `sign` is above 0 and at least `lowest`. Calls
-    /// `joined(height, area of the region)` after each vertex.
+    /// Builds the forest of the vertices whose statistic times `sign` is above 0 and at least `lowest`. Calls
+    /// `joined` with the height and the area of the region after each vertex.
     fn fill(&mut self, statistics: &[f64], sign: f64, lowest: f64, mut joined: impl FnMut(f64, f64)) {
         self.order.clear();
         let heights = statistics.iter().map(|value| sign * value).zip(0..);
@@ -255,7 +257,7 @@ impl<'a> Regions<'a> {
         }
     }
 
-    /// Continues the integrals of all regions down to 0; returns the largest.
+    /// Continues the integrals of all regions down to height 0, and returns the largest integral.
     fn finish(&mut self) -> f64 {
         let mut largest = 0.0_f64;
         for at in 0..self.order.len() {
@@ -268,7 +270,7 @@ impl<'a> Regions<'a> {
         largest
     }
 
-    /// Adds a vertex at a height that is at most that of all vertices before; returns the root of its region.
+    /// Adds a vertex at a height not above that of any earlier vertex, and returns the root of its region.
     fn add(&mut self, v: u32, height: f64) -> u32 {
         let at = v as usize;
         self.above[at] = v;
@@ -288,7 +290,7 @@ impl<'a> Regions<'a> {
         root
     }
 
-    /// Continues a region's integral down to a height.
+    /// Continues the integrals of a region down to a height.
     fn grow(&mut self, root: u32, height: f64) {
         let at = root as usize;
         let from = self.height[at];
@@ -298,7 +300,7 @@ impl<'a> Regions<'a> {
         self.height[at] = height;
     }
 
-    /// Joins two regions at a height; returns the root of the joint region.
+    /// Joins two regions at a height, and returns the root of the joint region.
     fn join(&mut self, a: u32, b: u32, height: f64) -> u32 {
         self.grow(a, height);
         self.grow(b, height);

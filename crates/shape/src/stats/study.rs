@@ -11,30 +11,30 @@ use crate::product::product;
 /// A design, the contrast to test, and the contrast's meaning.
 #[derive(Debug, Clone)]
 pub struct Question {
-    /// The design, with the effect's columns first.
+    /// Design, with the columns of the effect first.
     pub design: Design,
-    /// The contrast.
+    /// Contrast of the design to test.
     pub contrast: Contrast,
-    /// Description of the contrast: "control - patient", "slope of age".
+    /// Description of the contrast, such as "control - patient" or "slope of age".
     pub meaning: String,
-    /// Levels of the effect, or cells of two columns of levels, and their numbers of subjects.
+    /// Levels of the effect, or cells of two columns of levels, with their numbers of subjects.
     pub levels: Vec<(String, usize)>,
     /// Level or cell of each subject; empty if the effect has no levels.
     pub level_of: Vec<String>,
     /// Terms that are accounted for: covariates, and the columns of interactions.
     pub covariates: Vec<Term>,
-    /// Columns treated as numbers that may be codes of levels, with their distinct values.
+    /// Columns that are treated as numbers but may be codes of levels, with their distinct values.
     pub codes: Vec<(String, Vec<f64>)>,
 }
 
 impl Question {
-    /// Replaces the contrast by combinations of the design's columns, such as `patient - control`: t of one, F of
-    /// several ([`Design::contrast`]).
+    /// Replaces the contrast by one or more combinations of the design's columns, such as `patient - control`; see
+    /// [`Design::contrast`]. The statistic is t for one combination, and F for several.
     ///
     /// # Errors
     ///
-    /// The errors of [`Design::contrast`]; [`ShapeError::Contrast`] if a combination is zero or depends on those before
-    /// it.
+    /// The errors of [`Design::contrast`]; [`ShapeError::Contrast`] if a combination is zero or depends on the
+    /// preceding ones.
     pub fn with_contrast(mut self, rows: &[impl AsRef<str>]) -> Result<Self, ShapeError> {
         self.contrast = self.design.contrast(rows)?;
         Projection::new(&self.design, &self.contrast)?;
@@ -43,11 +43,11 @@ impl Question {
         Ok(self)
     }
 
-    /// Checks that the contrast is one of differences or slopes, for displacements from the mean.
+    /// Checks that the contrast consists of differences or slopes, as displacements from the mean require.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::MeanOfDisplacements`] if it is of means.
+    /// [`ShapeError::MeanOfDisplacements`] if the contrast tests a mean.
     pub fn check_differences(&self) -> Result<(), ShapeError> {
         if self.is_of_means() {
             return Err(ShapeError::MeanOfDisplacements { tested: self.meaning.clone() });
@@ -55,8 +55,8 @@ impl Question {
         Ok(())
     }
 
-    /// Returns whether the contrast's estimates change when a number is added to all values, as means do and
-    /// differences and slopes don't.
+    /// Returns whether the contrast tests means: its estimates change if a number is added to all values, unlike
+    /// differences and slopes.
     pub fn is_of_means(&self) -> bool {
         let (basis, u) = contrast_in_basis(&self.design, &self.contrast);
         let ones = Array2::<f64>::ones((self.design.subjects(), 1));
@@ -66,11 +66,11 @@ impl Question {
     }
 }
 
-/// The part of a design that is tested.
+/// Part of a design that is tested.
 struct Tested {
     /// Columns of ones and zeros, or the constant.
     base: Coded,
-    /// Columns of numbers, which are zero for average subjects.
+    /// Columns of centred numbers, which are zero for average subjects.
     slopes: Coded,
     /// Weights of the contrast's rows over the columns of base and slopes.
     weights: Vec<Vec<f64>>,
@@ -79,9 +79,9 @@ struct Tested {
     level_of: Vec<String>,
 }
 
-/// Returns the design and the contrast of an effect, with covariates.
+/// Returns the design and the contrast that test an effect, given covariates.
 ///
-/// | effect | columns | tested |
+/// | effect | columns | tested hypothesis |
 /// |---|---|---|
 /// | numbers | `mean`, the numbers | the slope |
 /// | levels | one for each level | the first minus the second; any difference between more levels |
@@ -89,9 +89,10 @@ struct Tested {
 /// | levels, levels | one for each pair of levels, `LEVEL:LEVEL` | differences of differences |
 /// | numbers, numbers | `mean`, both, and their product | the product's slope |
 ///
-/// Levels are in the order of `order`, by default sorted; of an interaction, the order is that of its first column of
-/// levels. Numbers are centred. Of a covariate, each level except the first has a centred column; interactions among
-/// covariates are products of such columns. The model has the columns of interactions even if they aren't listed.
+/// Levels are in the order `order`, by default sorted. For an interaction, `order` applies to its first column of
+/// levels. Numbers are centred. A covariate of levels has a centred column for each level except the first, and
+/// interactions of covariates are products of such columns. The design includes the columns of an interaction even if
+/// they aren't listed as covariates.
 ///
 /// # Errors
 ///
@@ -152,8 +153,8 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
 }
 
 /// Returns the design and the contrast of the mean of n subjects, with centred covariates; the hypothesis is that the
-/// mean is zero. Values are differences between two measurements of each subject, or other values whose mean can be
-/// zero.
+/// mean is zero. Values should be differences between two measurements of each subject, or other values whose mean
+/// can be zero.
 ///
 /// # Errors
 ///
@@ -182,7 +183,8 @@ fn ordered(name: &str, of: &[String], order: &[String]) -> Result<Vec<String>, S
     Ok(if order.is_empty() { found } else { order.to_vec() })
 }
 
-/// Returns rows of weights, each of a column minus the next one, for `count` columns after the first `before`.
+/// Returns rows of weights, each for a column minus the next one, over `count` columns that follow `before` other
+/// columns.
 fn successive(before: usize, count: usize) -> Vec<Vec<f64>> {
     let weight = |row: usize, column: usize| f64::from(column == row) - f64::from(column == row + 1);
     (0..count - 1)
@@ -239,7 +241,8 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
         }
         cells.push((cell, members));
     }
-    // Row (i, j): the difference of rows i and i + 1 of the cells, at j minus at j + 1.
+    // Row (i, j) of the weights is the difference between rows i and i + 1 of the cells at column j, minus this
+    // difference at j + 1.
     let (rows, columns) = (successive(0, levels[0].len()), successive(0, levels[1].len()));
     let product = |a: &[f64], b: &[f64]| a.iter().flat_map(|a| b.iter().map(move |b| a * b)).collect();
     Ok(Tested {
@@ -255,8 +258,8 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
     })
 }
 
-/// Returns the columns of the effect's interaction, and the covariates, with the columns of their interactions that
-/// aren't listed, and without terms that the effect has.
+/// Returns two lists of terms: the columns of the effect's interaction; and the covariates, including unlisted
+/// columns of their interactions and excluding terms of the effect.
 fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
     let parts = |term: &Term| match term {
         Term::Column(..) => Vec::new(),
@@ -264,7 +267,7 @@ fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
             columns.iter().map(|(name, column)| Term::Column(name.clone(), column.clone())).collect()
         }
     };
-    // A column that is both tested and a covariate stays, so that the design names it as dependent.
+    // A column that is both tested and a covariate is kept, so that the design reports it as linearly dependent.
     let has = |terms: &[Term], term: &Term| terms.iter().any(|other| other.is_same(term));
     let mut included: Vec<Term> = effect.map(parts).unwrap_or_default();
     let is_interaction = |term: &&Term| matches!(term, Term::Interaction(_));
@@ -287,7 +290,7 @@ fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
     [included, covariates]
 }
 
-/// Returns the design of a base, slopes and covariates.
+/// Assembles a design from a base, slopes and covariates.
 fn assemble(base: Coded, slopes: Coded, covariates: &[Term]) -> Result<Design, ShapeError> {
     let n = base[0].1.len();
     let columns = base.into_iter().chain(slopes).chain(covariates.iter().flat_map(coded));
@@ -295,7 +298,7 @@ fn assemble(base: Coded, slopes: Coded, covariates: &[Term]) -> Result<Design, S
     Design::new(Array2::from_shape_fn((n, columns.len()), |(i, column)| columns[column][i]), names)
 }
 
-/// Checks the lengths of columns, and that numbers vary.
+/// Checks that all columns have n cells, and that columns of numbers aren't constant.
 fn check(n: usize, terms: &[&Term]) -> Result<(), ShapeError> {
     for (name, column) in terms.iter().flat_map(|term| term.columns()) {
         if column.len() != n {
@@ -306,8 +309,8 @@ fn check(n: usize, terms: &[&Term]) -> Result<(), ShapeError> {
     Ok(())
 }
 
-/// Returns columns of numbers that may be codes of levels. Covariates of two values aren't included: as numbers and as
-/// levels they give the same model.
+/// Returns columns of numbers that may be codes of levels. Covariates with two values aren't included, because the
+/// model is the same whether they are numbers or levels.
 fn codes_of(effect: Option<&Term>, covariates: &[Term]) -> Vec<(String, Vec<f64>)> {
     let of = |terms: &[Term], least: usize| {
         let columns = terms.iter().flat_map(Term::columns);

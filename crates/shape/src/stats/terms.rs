@@ -1,11 +1,11 @@
-//! Columns of tables of subjects, and the terms of linear models that are made of them.
+//! Represents columns of tables of subjects, and the terms of linear models made from them.
 
 use std::collections::BTreeSet;
 use std::fmt;
 
 use crate::ShapeError;
 
-/// A table's column, with one value per subject.
+/// A column of a table, with one value per subject.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Column {
     /// Numbers, such as age or volume.
@@ -37,8 +37,8 @@ impl Column {
         }
     }
 
-    /// Returns the distinct values of numbers that may be codes of levels: at most six distinct values, all integers,
-    /// fewer than subjects. Returns `None` otherwise, and for levels.
+    /// Returns the distinct values of a column of numbers that may be codes of levels: at most six distinct integers,
+    /// and fewer than subjects. Returns `None` for other numbers and for levels.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -60,31 +60,32 @@ impl Column {
         (values.len() < numbers.len()).then_some(values)
     }
 
-    /// Returns whether there are no subjects.
+    /// Returns whether the column has no subjects.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 }
 
-/// With more distinct values than this, numbers are treated as measurements.
+/// Maximum number of distinct values of codes; numbers with more distinct values are measurements.
 const MAX_CODES: usize = 6;
 
 /// A term of a linear model: a column, or the interaction of two columns. Displayed as `group` or `group:age`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Term {
-    /// A column, by name.
+    /// A named column.
     Column(String, Column),
-    /// The interaction of two columns: the dependence of the effect of the one on the other.
+    /// The interaction of two columns: the dependence of one column's effect on the other column.
     Interaction([(String, Column); 2]),
 }
 
 impl Term {
-    /// Parses the name of a term, `group` or `group:age`, given a function that returns a column by its name, or `None`
-    /// if there is no such column. A column whose name has a colon precedes an interaction.
+    /// Parses the name of a term, such as `group` or `group:age`. `column` returns the column of a name, or `None` if
+    /// there is no such column. A column whose name contains a colon takes precedence over an interaction. The result
+    /// is `None` if a column is missing.
     ///
     /// # Errors
     ///
-    /// The errors of `column`; `None` if a column is missing.
+    /// The errors of `column`.
     pub fn parse<E>(name: &str, mut column: impl FnMut(&str) -> Result<Option<Column>, E>) -> Result<Option<Self>, E> {
         if let Some(whole) = column(name)? {
             return Ok(Some(Self::Column(name.to_owned(), whole)));
@@ -94,7 +95,7 @@ impl Term {
         Ok(Some(Self::Interaction([(first.to_owned(), a), (second.to_owned(), b)])))
     }
 
-    /// Returns whether two terms are the same, whatever the order of an interaction's columns.
+    /// Returns whether two terms are the same, regardless of the order of an interaction's columns.
     pub(crate) fn is_same(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Interaction([a, b]), Self::Interaction(columns)) => {
@@ -105,7 +106,7 @@ impl Term {
         }
     }
 
-    /// Returns the term's columns, by name.
+    /// Returns the names and the columns of the term.
     pub fn columns(&self) -> Vec<(&str, &Column)> {
         match self {
             Self::Column(name, column) => vec![(name, column)],
@@ -137,7 +138,7 @@ pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError
     }
 }
 
-/// Columns of a design, by name.
+/// Columns of a design with their names.
 pub(crate) type Coded = Vec<(String, Vec<f64>)>;
 
 /// Returns numbers minus their mean.
@@ -146,7 +147,7 @@ pub(crate) fn centred(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| value - mean).collect()
 }
 
-/// Returns ones for the subjects of a level, zeros for the others.
+/// Returns a column of ones for the subjects of a level and zeros for all others.
 pub(crate) fn indicator(of: &[String], level: &str) -> Vec<f64> {
     of.iter().map(|other| f64::from(other == level)).collect()
 }
@@ -156,8 +157,9 @@ pub(crate) fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
-/// Codes a covariate: numbers, and ones and zeros for each level except the first, minus their means. Interactions are
-/// the products of the columns of both, so that other effects are those of subjects with average covariates.
+/// Codes a covariate as columns minus their means: its numbers, or ones and zeros for each level except the first.
+/// Interactions are the products of the columns of both, so that other effects refer to subjects with average
+/// covariates.
 pub(crate) fn coded(term: &Term) -> Coded {
     let of_column = |name: &str, column: &Column| match column {
         Column::Numbers(numbers) => vec![(name.to_owned(), centred(numbers))],

@@ -1,4 +1,4 @@
-//! Compares statistics and relabellings with direct computation.
+//! Compares statistics and relabellings with direct computations.
 
 use ndarray::{Array2, Axis, array, s};
 use spharm_monitor::Silent;
@@ -11,7 +11,7 @@ mod means;
 mod regions;
 mod unequal;
 
-/// Pseudorandom numbers in (-1, 1).
+/// Returns pseudorandom numbers in (-1, 1).
 fn noise(rows: usize, columns: usize, seed: u64) -> Array2<f64> {
     Array2::from_shape_fn((rows, columns), |(i, j)| {
         let mut x = (i * columns + j) as u64 ^ seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -26,7 +26,7 @@ fn without_permutations() -> TestParams {
     TestParams { permutations: None, ..TestParams::default() }
 }
 
-/// The pooled t of two groups, by its definition.
+/// Returns the pooled t of two groups, by its definition.
 fn pooled_t(y: &[f64], first: &[bool]) -> f64 {
     let of =
         |group: bool| -> Vec<f64> { y.iter().zip(first).filter(|(_, of)| **of == group).map(|(y, _)| *y).collect() };
@@ -68,7 +68,7 @@ fn three_components_are_hotellings_test() {
     let scatter = |x: &Array2<f64>| product(x.t(), x.view());
     let s = (scatter(&centred(a)) + scatter(&centred(b))) / 10.0;
     let d = mean(a) - mean(b);
-    // S^-1 d by Cramer's rule.
+    // S^-1 d is computed by Cramer's rule.
     let determinant = |m: &Array2<f64>| {
         m[[0, 0]] * (m[[1, 1]] * m[[2, 2]] - m[[1, 2]] * m[[2, 1]])
             - m[[0, 1]] * (m[[1, 0]] * m[[2, 2]] - m[[1, 2]] * m[[2, 0]])
@@ -106,7 +106,7 @@ fn all_relabellings_are_a_brute_force() {
     }
 }
 
-/// The squared partial statistic of the last column of X by normal equations: `b^2 / var(b)`.
+/// Returns the squared partial statistic of the last column of X, `b^2 / var(b)`, by an orthonormal basis.
 fn partial(x: &Array2<f64>, y: &Array2<f64>) -> f64 {
     let (q, _) = design::orthonormalise(x.view());
     let last = q.ncols() - 1;
@@ -158,8 +158,8 @@ fn covariates_are_freedman_and_lanes() {
 
 #[test]
 fn vectors_with_covariates_agree_with_the_statistic() {
-    // Relabelled studies are compared by a share that grows with T^2. For the original labels the share and T^2 are
-    // both available.
+    // Relabelled studies are compared by a monotonic function of T^2. For the original labels, both this function and
+    // T^2 are available.
     let y = noise(15, 9, 21);
     let covariates = noise(15, 1, 22);
     let design = Design::groups(&[8, 7]).unwrap().with_covariates(covariates.view(), &[]).unwrap();
@@ -172,7 +172,7 @@ fn vectors_with_covariates_agree_with_the_statistic() {
     order.sort_by(|a, b| found.statistic[*b].total_cmp(&found.statistic[*a]));
     assert!(family_wise.p[order[0]] <= family_wise.p[order[1]] && family_wise.p[order[1]] <= family_wise.p[order[2]]);
     assert!(family_wise.p.iter().zip(&family_wise.pointwise).all(|(family, own)| family >= own));
-    // With normal errors both p values would agree; here they are close.
+    // With normal errors both p values would agree; with these errors they are close.
     for v in 0..3 {
         assert!((family_wise.pointwise[v] - found.p[v]).abs() < 0.1, "{} {}", family_wise.pointwise[v], found.p[v]);
     }

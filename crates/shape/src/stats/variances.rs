@@ -6,11 +6,11 @@ use super::TestWarning;
 use super::design::{Contrast, Design, orthonormalise};
 use super::projection::without;
 
-/// Smallest ratio of sizes and of variances that gives a warning.
+/// Ratio of sizes, and of variances, above which a warning is given.
 const RATIO: f64 = 1.5;
 
-/// Compares the two groups' total residual variances of values (n, V d). Returns a warning if both sizes and variances
-/// differ by more than [`RATIO`], and `None` for contrasts other than the difference of two groups.
+/// Compares the total residual variances of two groups in values (n, V d). Returns a warning if both sizes and
+/// variances differ by more than the factor [`RATIO`]. Returns `None` if the contrast isn't a difference of two groups.
 pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &Contrast) -> Option<TestWarning> {
     let columns = two_groups(design, contrast)?;
     let x = design.matrix();
@@ -30,7 +30,7 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
         }
         if freedom > 1e-9 { squares / freedom } else { f64::NAN }
     });
-    // The variance is NaN if it is unknown.
+    // An unknown variance is NaN.
     if !more(variances[0], variances[1]) || variances.iter().any(|variance| variance.is_nan()) {
         return None;
     }
@@ -46,8 +46,8 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
     })
 }
 
-/// Returns the columns of the two groups whose difference is tested, if each subject is in one of them: the errors of
-/// others would be part of the pooled variance.
+/// Returns the columns of the two groups whose difference is tested; `None` if some subject is in neither group,
+/// because the errors of other subjects would be part of the pooled variance.
 fn two_groups(design: &Design, contrast: &Contrast) -> Option<[usize; 2]> {
     let (x, weights) = (design.matrix(), &contrast.weights);
     if weights.nrows() != 1 {

@@ -1,16 +1,17 @@
 //! Tests the difference of two groups of unequal variance.
 //!
-//! For one component, `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` on the degrees of freedom of Satterthwaite
-//! (B. L. Welch, "The generalization of 'Student's' problem when several different population variances are involved",
-//! Biometrika 34 (1947)). For several, `T^2 = D^T C^-1 D` with `D = m_1 - m_2`, `C = C_1 + C_2`, `C_g = S_g / n_g`, and
-//! `(v - d + 1) / (v d) T^2` is nearly F on (d, v - d + 1), with
+//! For one component, the statistic is `t = (m_1 - m_2) / sqrt(s_1^2 / n_1 + s_2^2 / n_2)` with Satterthwaite's
+//! degrees of freedom (B. L. Welch, "The generalization of 'Student's' problem when several different population
+//! variances are involved", Biometrika 34 (1947)). For several components, the statistic is `T^2 = D^T C^-1 D` with
+//! `D = m_1 - m_2`, `C = C_1 + C_2` and `C_g = S_g / n_g`. Approximately, `(v - d + 1) / (v d) T^2` is F with (d,
+//! v - d + 1) degrees of freedom, and
 //!
 //! ```text
 //! v = (d + d^2) / sum_g (tr (C_g C^-1)^2 + (tr C_g C^-1)^2) / (n_g - 1)
 //! ```
 //!
 //! (K. Krishnamoorthy and J. Yu, "Modified Nel and Van der Merwe test for the multivariate Behrens-Fisher problem",
-//! Stat. Probab. Lett. 66 (2004)). Degrees of freedom differ between vertices; for d = 1 both formulas agree.
+//! Stat. Probab. Lett. 66 (2004)). The degrees of freedom differ between vertices. For d = 1 both formulas agree.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -21,15 +22,15 @@ use super::linear::{Effect, Found, Small, Statistic, floors};
 use crate::ShapeError;
 use crate::product::product;
 
-/// Returns the group of each subject, 0 or 1, and the weight of the first group's mean in a contrast of two groups, for
-/// `components` components per vertex.
+/// Returns the group of each subject, 0 or 1, and the weight of the first group's mean in a contrast of two groups.
+/// Each group must be large enough for values of `components` components per vertex.
 pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) -> Result<(Vec<usize>, f64), ShapeError> {
     let groups = design.two_groups().ok_or(ShapeError::NotTwoGroups)?;
     let weights = &contrast.weights;
     if weights.nrows() != 1 || weights[[0, 0]] != -weights[[0, 1]] {
         return Err(ShapeError::NotTwoGroups);
     }
-    // Each group's own covariance must be invertible.
+    // The covariance of each group must be invertible.
     let expected = components + 1;
     let sizes = [0, 1].map(|group| groups.iter().filter(|of| **of == group).count());
     if let Some(&found) = sizes.iter().find(|size| **size < expected) {
@@ -38,7 +39,7 @@ pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) ->
     Ok((groups, weights[[0, 0]]))
 }
 
-/// Returns Welch's statistics and their p values at each vertex, for values (n, V d); NaN if there is no variance.
+/// Returns Welch's statistic and its p value at each vertex, for values (n, V d); NaN at vertices without variance.
 pub(crate) fn statistics(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -75,11 +76,11 @@ pub(crate) fn statistics(
     (kind, column(|row| row.statistic), column(|row| row.p), Some(effect))
 }
 
-/// One group's statistics at a vertex.
+/// Statistics of one group at a vertex.
 struct Half {
     n: f64,
     mean: Vec<f64>,
-    /// Scatter about the mean, (d, d).
+    /// Scatter matrix about the mean, (d, d).
     scatter: Array2<f64>,
 }
 
@@ -94,13 +95,13 @@ impl Half {
         Self { n: n as f64, mean, scatter }
     }
 
-    /// Returns an element of the covariance of the mean, `C_g`.
+    /// Returns the element (i, j) of `C_g`, the covariance of the group's mean.
     fn error(&self, i: usize, j: usize) -> f64 {
         self.scatter[[i, j]] / (self.n - 1.0) / self.n
     }
 }
 
-/// Results at a vertex; statistic, p and size are NaN if there is no variance.
+/// Results of the test at a vertex; statistic, p and size are NaN without variance.
 struct Vertex {
     estimate: Vec<f64>,
     error: Vec<f64>,
@@ -155,7 +156,7 @@ impl Vertex {
     }
 }
 
-/// Returns Krishnamoorthy and Yu's degrees of freedom, given the factor of C.
+/// Returns Krishnamoorthy and Yu's degrees of freedom, given the factorised matrix C.
 fn freedom(halves: &[Half; 2], factor: &Small) -> f64 {
     let d = halves[0].mean.len();
     let spread = |half: &Half| factor.squared_traces(|i, j| half.error(i, j)) / (half.n - 1.0);

@@ -3,14 +3,14 @@
 //! Permutations between groups assume equal variances, and permutations within groups change nothing. So signs are
 //! flipped, as in A. M. Winkler et al., NeuroImage 92 (2014), with the statistic v of A. A. Aspin and B. L. Welch
 //! (1949), which has a variance for each group. Residuals are taken about the mean that both groups share under the
-//! null hypothesis, weighted by `n_g / tr S_g`: the restricted wild bootstrap, whose first relabelling is the study
-//! itself. With residuals about each group's own mean the family-wise error of `T^2` was 0.18 instead of 0.05 (5
-//! subjects against 15, standard deviations 2 : 1, 300 null studies in NumPy), with the same power for t.
+//! null hypothesis, weighted by `n_g / tr S_g`. This is the restricted wild bootstrap, whose first relabelling is the
+//! study itself. With residuals about the mean of each group, the family-wise error of `T^2` was 0.18 instead of 0.05
+//! (5 subjects against 15, standard deviations 2 : 1, 300 null studies in NumPy), and the power for t was the same.
 //!
-//! Sums of squares `Q_g = sum r r^T` don't change with signs. A relabelling needs the groups' sums of signed residuals,
-//! `s_g`, a product of two rows of length n with (n, V d), and at each vertex `d^T (C_1 + C_2)^-1 d` with `d = s_1 /
-//! n_1 - s_2 / n_2`, `C_g = (Q_g - s_g s_g^T / n_g) / (n_g (n_g - 1))`. Cost: `4 n V d` flops per relabelling and about
-//! `d^3` per vertex. Memory: `8 n V d + 8 V d (d + 1)` bytes.
+//! Sums of squares `Q_g = sum r r^T` don't depend on signs. A relabelling needs each group's sum of signed residuals,
+//! `s_g`, which takes a product of two rows of length n with (n, V d). At each vertex it needs `d^T (C_1 + C_2)^-1 d`
+//! with `d = s_1 / n_1 - s_2 / n_2` and `C_g = (Q_g - s_g s_g^T / n_g) / (n_g (n_g - 1))`. Cost: `4 n V d` flops per
+//! relabelling and about `d^3` per vertex. Memory: `8 n V d + 8 V d (d + 1)` bytes.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, s};
 
@@ -18,13 +18,13 @@ use super::arrangements::Relabelling;
 use super::linear::{Small, floors};
 use crate::product::{COLUMNS, product};
 
-/// Residuals about the common mean and their sums of squares by group.
+/// Residuals about the common mean, and their sums of squares by group.
 pub(crate) struct WelchFlips {
     /// Residuals about the common mean, (n, V d).
     residuals: Array2<f64>,
-    /// Lower triangles of `Q_g` by rows, (2, V d (d + 1) / 2).
+    /// Lower triangles of both groups' sums of squares `Q_g`, by rows, (2, V d (d + 1) / 2).
     squares: Array2<f64>,
-    /// The smallest pivot of `C_1 + C_2` above rounding errors, (V).
+    /// Threshold at each vertex, (V), up to which a pivot of `C_1 + C_2` is a rounding error.
     floor: Vec<f64>,
     components: usize,
     /// Whether each subject belongs to the first group, (n).
@@ -63,7 +63,8 @@ impl WelchFlips {
         Self { residuals, squares, floor, components, first, sizes }
     }
 
-    /// Calls `use_it(index of the relabelling, first vertex, statistics)` for runs of vertices.
+    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the statistics at
+    /// these vertices.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (n, d) = (self.first.len(), self.components);
         let rows = Array2::from_shape_fn((2 * relabellings.len(), n), |(row, i)| {
@@ -88,7 +89,8 @@ impl WelchFlips {
         }
     }
 
-    /// Computes `t^2`, with the sign of t, of vertices from `first` on, given the sums of both groups.
+    /// Computes `t^2` with the sign of t at the vertices from `first` on, given the sums of signed residuals of both
+    /// groups.
     fn squared_t(&self, first: usize, sums: &[ArrayView1<'_, f64>; 2], found: &mut [f64]) {
         let [n1, n2] = self.sizes;
         for (v, found) in found.iter_mut().enumerate() {
@@ -101,7 +103,7 @@ impl WelchFlips {
         }
     }
 
-    /// Computes `T^2` of vertices from `first` on, given the sums of both groups.
+    /// Computes `T^2` at the vertices from `first` on, given the sums of signed residuals of both groups.
     fn squared(&self, first: usize, sums: &[ArrayView1<'_, f64>; 2], found: &mut [f64]) {
         let d = self.components;
         let each = d * (d + 1) / 2;
@@ -142,7 +144,7 @@ fn about_common_mean(values: ArrayView2<'_, f64>, components: usize, first: &[bo
         }
     }
     let common = |column: usize| {
-        // Precisions are n_g (n_g - 1) / scatter; multiplying by both scatters avoids division by zero.
+        // The precisions are n_g (n_g - 1) / scatter. Multiplying both by both scatters avoids a division by zero.
         let v = column / components;
         let weights = [sizes[0] * (sizes[0] - 1.0) * scatter[[1, v]], sizes[1] * (sizes[1] - 1.0) * scatter[[0, v]]];
         let sum = weights[0] + weights[1];

@@ -6,7 +6,7 @@ use spharm_shape::codec::{CodecError, CompressParams, Compressed, Target, compre
 
 use super::{PREFIX, WHOLE, surface};
 
-/// Appends the right checksum to a modified header.
+/// Returns the file with a modified header, whose checksum is valid.
 fn forge(file: &Compressed, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut head = file.bytes[..file.head - 4].to_vec();
     change(&mut head);
@@ -36,7 +36,8 @@ fn hostile_heads_are_refused() {
         Err(error) => assert!(error.to_string().contains(what), "{what}: {error}"),
         Ok(_) => panic!("{what}"),
     };
-    // Highest degree L, channels c, highest degree T of the stream and guess g are one byte each.
+    // The header's highest degree L, number of channels c, highest degree T of the stream and guess g take one byte
+    // each.
     for (at, what) in [(10, "highest degree"), (11, "channels"), (12, "of the stream"), (13, "guess")] {
         for number in [u64::MAX, 1 << 40, 1 << 32, 2001, 65_537] {
             refuse(what, forge(&file, |head| drop(head.splice(at..=at, varint(number)))));
@@ -67,7 +68,7 @@ fn hostile_heads_are_refused() {
     refuse("length", longer);
 }
 
-/// The header declares a long stream, but the stream ends at once.
+/// The header declares degrees up to 6, but the stream ends earlier.
 #[test]
 fn a_stream_that_ends_early_is_refused() {
     let file = compress(
@@ -93,7 +94,7 @@ fn a_stream_that_ends_early_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// Any damage is an error.
+    /// Changing any byte of a file causes an error.
     #[test]
     fn damage_is_an_error(at in 0.0..1.0f64, flip in 1..=255u8, cut in 0.0..1.0f64, prefix: bool) {
         let model = surface(7);
@@ -112,7 +113,7 @@ proptest! {
         }
     }
 
-    /// Any bytes after a valid header and checksum are read without a panic.
+    /// Arbitrary bytes after a valid header with a valid checksum don't cause a panic.
     #[test]
     fn any_stream_is_read_without_a_panic(stream in prop::collection::vec(any::<u8>(), 0..300)) {
         let mut head = file_head(40, stream.len(), crc32c::crc32c(&stream));
@@ -122,7 +123,7 @@ proptest! {
         }
     }
 
-    /// No bytes after the magic number cause a panic.
+    /// Arbitrary bytes in place of the header's fields don't cause a panic.
     #[test]
     fn any_fields_are_read_without_a_panic(fields in prop::collection::vec(any::<u8>(), 0..80), flags in 0..4u8) {
         let mut head = b"\x89SPZ\x01".to_vec();
@@ -134,7 +135,7 @@ proptest! {
     }
 }
 
-/// The header of a surface with one segment.
+/// Returns the header of a surface with one segment.
 fn file_head(degree: u8, length: usize, crc: u32) -> Vec<u8> {
     let mut head = b"\x89SPZ\x01\x01\0\0\0\0".to_vec();
     head.extend([degree, 3, degree, 3, 0, 0]);

@@ -16,12 +16,12 @@ use spharm_surface::geometry::{add, dot, face_normal, sub};
 use spharm_surface::metrics::{SurfaceDistanceParams, bounding_box_scale, surface_distance};
 use spharm_surface::{Kind, Sphere};
 
-/// Expands complete files to all degrees.
+/// Settings to expand complete files, with all degrees.
 const WHOLE: ExpandParams = ExpandParams { max_degree: None, prefix: false };
-/// Expands prefixes of files.
+/// Settings to expand prefixes of files.
 const PREFIX: ExpandParams = ExpandParams { max_degree: None, prefix: true };
 
-/// Pseudorandom numbers from 0 to 1.
+/// Returns a generator of pseudorandom numbers from 0 to 1.
 fn random(seed: u64) -> impl FnMut() -> f64 {
     let mut state = seed;
     move || {
@@ -30,7 +30,7 @@ fn random(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// A bumpy ellipsoid of about 20 units, away from the origin; or a model of `channels` signals.
+/// Returns a bumpy ellipsoid of about 20 units, away from the origin, or a model of signals with `channels` channels.
 fn model(max_degree: usize, channels: usize, kind: Kind, seed: u64) -> Model {
     let mut random = random(seed);
     let mut values = Array2::from_shape_fn((basis_size(max_degree), channels), |(row, _)| {
@@ -58,7 +58,7 @@ fn compressed(model: &Model, target: Target) -> Compressed {
     compress(model, &CompressParams::new(target), &Silent).unwrap()
 }
 
-/// Root mean square error over the sphere.
+/// Returns the root mean square difference between two models over the sphere.
 fn error(a: &Coefficients, b: &Coefficients) -> f64 {
     let square: f64 = a.values().iter().zip(b.values()).map(|(a, b)| (a - b).powi(2)).sum();
     (square / (4.0 * std::f64::consts::PI)).sqrt()
@@ -183,7 +183,7 @@ fn a_beginning_is_a_coarser_model() {
 fn signals_are_compressed_by_their_spread() {
     let mut model = model(16, 5, Kind::Signal, 3);
     let mut values = model.coefficients.values().clone();
-    // The model has a signal in other units, a constant signal, and a signal of zeros.
+    // The model has a signal in another unit, a constant signal, and a signal of zeros.
     values.column_mut(1).mapv_inplace(|value| 1e9 * value);
     values.column_mut(3).iter_mut().skip(1).for_each(|value| *value = 0.0);
     values.column_mut(4).fill(0.0);
@@ -214,7 +214,8 @@ fn models_of_next_to_nothing_come_back() {
     let file = compressed(&constant, Target::Tolerance(1e-6));
     let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
     assert!((found.values()[[0, 0]] + 70.0).abs() < 1e-4);
-    // A signal of zeros to a high degree: the format doesn't allow so short a file to declare that many coefficients.
+    // The signal consists of zeros to a high degree. The format doesn't allow such a short file to declare that many
+    // coefficients.
     let zeros = Coefficients::new(Array2::zeros((basis_size(1999), 2))).unwrap();
     let file = compressed(&Model::without_sphere(zeros, Kind::Signal), Target::Step(1.0));
     let found = expand(&file.bytes, &WHOLE).unwrap().model.coefficients;
@@ -247,8 +248,8 @@ fn what_cant_be_compressed_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
-    /// The expanded values are the quantised values. Their error is at most 0.62 of a step, plus half a step for the
-    /// reconstruction shifts.
+    /// The error of expanded values is at most 0.62 of a step by quantisation, plus half a step by the reconstruction
+    /// shifts.
     #[test]
     fn any_model_comes_back(degree in 1..9usize, channels in 1..5usize, seed: u64, log in -20.0..0.0f64) {
         let model = model(degree, channels, Kind::Signal, seed);

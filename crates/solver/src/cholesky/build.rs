@@ -18,11 +18,12 @@ use crate::threaded::{Kernels, ThreadedKernels};
 
 /// Default number of rows and columns of a tile: 128 KiB of f64, which fit the L2 cache of any core.
 pub const DEFAULT_TILE: usize = 128;
-/// Number of columns of a panel if memory suffices: wider ones gain nothing if the rest of the factor is in memory.
+/// Largest number of columns of a panel in memory. If the rest of the factor is in memory, too, wider panels gain
+/// nothing.
 const PANEL: usize = 1024;
-/// Largest number of columns of a panel out of core, where wider panels save reading.
+/// Largest number of columns of a panel out of core. With wider panels, less is read from disk.
 const WIDEST: usize = 4096;
-/// Bytes of the program itself, its stacks and its allocator.
+/// Bytes of memory for the program itself, its stacks and its allocator.
 const BASE: usize = 16 << 20;
 
 /// Parameters of a factorisation.
@@ -36,9 +37,9 @@ pub struct FactorParams {
     pub tile: usize,
     /// Memory budget in bytes; default 2 GiB.
     pub memory: usize,
-    /// Bytes of these that are held by the Gram matrix and the caller; default 0.
+    /// Bytes of the budget that the Gram matrix and the caller hold; default 0.
     pub held: usize,
-    /// Number of threads; 0, the default, for that of the caller's rayon pool.
+    /// Number of threads; 0 (default) for the number of threads of the caller's rayon pool.
     pub threads: usize,
     /// Whether to build a factor even if it is large or doesn't seem to fit the disk; default false.
     pub allow_large: bool,
@@ -58,9 +59,9 @@ pub struct FactorPlan {
     pub in_memory: bool,
     /// Number of columns of a panel.
     pub panel: usize,
-    /// Bytes of memory.
+    /// Bytes of memory for the factorisation.
     pub memory: usize,
-    /// Bytes of address space that [`Kernels`] reserve in addition; they count against a limit on data.
+    /// Bytes of address space that [`Kernels`] reserve in addition to `memory`; they count towards a limit on data.
     pub reserved: usize,
     /// Bytes of disk space during the computation; 0 for a factor that stays in memory.
     pub disk: u64,
@@ -71,20 +72,20 @@ pub struct FactorPlan {
 pub struct FactorReport {
     /// The factor in the store.
     pub file: FactorFile,
-    /// Whether it already existed, or another builder published it meanwhile.
+    /// Whether the factor already existed, or another builder published it meanwhile.
     pub present: bool,
-    /// Bytes of memory planned.
+    /// Planned memory in bytes; 0 if the factor already existed.
     pub memory: usize,
     /// Warnings about a damaged file that was replaced.
     pub warnings: Vec<StoreWarning>,
 }
 
-/// Plans the factorisation of a matrix of `size` columns, in memory, or out of core if `disk` is set and memory is
-/// short.
+/// Plans the factorisation of a matrix of `size` columns: in memory, or out of core if `disk` is set and the budget is
+/// too small for the factor.
 ///
 /// # Errors
 ///
-/// [`StoreError::Budget`] with the smallest sufficient budget; [`StoreError::FactorLayout`].
+/// [`StoreError::Budget`] with the smallest sufficient budget, and [`StoreError::FactorLayout`].
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
     let threads = crate::threads(params.threads);
@@ -139,11 +140,11 @@ pub struct MemoryFactor {
 
 /// Factorises G in memory.
 ///
-/// The monitor gets one stage, `factor`, in flops.
+/// Reports one stage, `factor`, in flops, to the monitor.
 ///
 /// # Errors
 ///
-/// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`], [`SolverError::Interrupted`], those of the source.
+/// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`], [`SolverError::Interrupted`], and errors of `source`.
 pub fn factorise(
     source: &dyn GramMatrix,
     params: &FactorParams,
@@ -161,17 +162,17 @@ pub fn factorise(
 
 /// Builds the factor of `spec` into `store`, unless it exists.
 ///
-/// G's weights and penalty must be those of `spec`, which are recorded in the file. The monitor gets one stage,
-/// `factor`, in flops, unless the factor exists.
+/// The weights and the penalty of G must equal those of `spec`, which are recorded in the file. Reports one stage,
+/// `factor`, in flops, to the monitor, unless the factor exists.
 ///
 /// # Errors
 ///
 /// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`] and [`StoreError::Space`] before any work,
-/// [`SolverError::Interrupted`], [`StoreError::Io`], those of the source. No files are left behind.
+/// [`SolverError::Interrupted`], [`StoreError::Io`], and errors of `source`. No files are left behind.
 ///
 /// # Panics
 ///
-/// If the size of the Gram matrix isn't that of `spec`.
+/// If the sizes of the Gram matrix and of `spec` differ.
 pub fn build_factor(
     store: &Path,
     spec: &FactorSpec,
@@ -180,7 +181,7 @@ pub fn build_factor(
     monitor: &dyn Monitor,
 ) -> Result<FactorReport, SolverError> {
     assert_eq!(source.size(), spec.size(), "the Gram matrix is that of the degree");
-    // An existing factor is used, whatever the budget.
+    // Use an existing factor regardless of the budget.
     if let Ok(file) = open_factor(store, spec, Some(params.scalar)) {
         return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() });
     }
@@ -205,7 +206,7 @@ pub fn build_factor(
     Ok(FactorReport { file, present: published.is_none(), memory: plan.memory, warnings })
 }
 
-/// Factorises into tiles, then estimates the condition number with them.
+/// Factorises `source` into `tiles`, then estimates the condition number by solves with the tiles.
 fn compute<T: Tiles + Finished>(
     source: &dyn GramMatrix,
     tiles: &T,
@@ -226,7 +227,7 @@ fn compute<T: Tiles + Finished>(
     Ok(Condition { norm, reciprocal })
 }
 
-/// Writes a factor in memory to a file.
+/// Copies a factor from memory to an unpublished file.
 fn copy(tiles: &MemoryTiles, writer: &FactorWriter, monitor: &dyn Monitor) -> Result<(), SolverError> {
     let all: Vec<(usize, usize)> = tiles.grid().tiles().collect();
     all.into_par_iter().try_for_each_init(Vec::new, |values, (row, column)| {

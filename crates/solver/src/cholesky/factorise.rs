@@ -1,6 +1,6 @@
-//! The factorisation: left-looking, a panel of tile columns at a time.
+//! Computes the factorisation by the left-looking algorithm, one panel of tile columns at a time.
 //!
-//! For columns J = [a, b) the panel G[a.., J] is computed, the contributions of the previous columns are subtracted,
+//! For each panel of columns J = [a, b), the source computes G[a.., J], and [`Kernels`] compute
 //!
 //! ```text
 //! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (gemm, runs of k of some 512 columns)
@@ -8,10 +8,9 @@
 //! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
-//! by [`Kernels`], and the finished tiles are stored. Earlier columns are read again for each panel, so with panels of
-//! w columns a total of 4 K^3 / (3 w) bytes is read, in addition to K^3 / 3 flops; the wider the panels that fit the
-//! budget, the less. In memory "reading" is a copy between tiles and panels. The order of summation of each entry
-//! depends only on the panels' width.
+//! Then the finished tiles are stored. Earlier columns are read again for each panel, so panels of w columns cause
+//! reads of 4 K^3 / (3 w) bytes in total, in addition to K^3 / 3 flops: wider panels read less. In memory, "reading" is
+//! a copy between tiles and panels. The order of summation of each entry depends only on the panels' width.
 
 use std::ops::Range;
 
@@ -31,7 +30,7 @@ const RUN: usize = 512;
 /// Number of rows that are gathered at a time.
 const ROWS: usize = 4096;
 
-/// The layout of a factorisation.
+/// Layout of the panels of a factorisation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Panels {
     pub(crate) grid: TileGrid,
@@ -41,19 +40,19 @@ pub(crate) struct Panels {
 }
 
 impl Panels {
-    /// Returns the bytes of workspace.
+    /// Returns the size of the workspace in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let (size, tile) = (self.grid.size(), self.grid.tile());
         let width = (self.width * tile).min(size);
         let run = RUN.max(tile).min(size);
         let rows = ROWS.max(tile).min(size);
-        // The panel; a copy of its triangle; the gathered run of the panel's rows and of others; two tiles for each
-        // thread.
+        // The workspace consists of the panel, a copy of its triangle, a gathered run of the panel's rows, a gathered
+        // run of other rows, and two tiles per thread.
         let values = size * width + width * width + width * run + rows * run + 2 * self.threads * tile * tile;
         8 * values
     }
 
-    /// Returns the flops of the entire factorisation.
+    /// Returns the number of flops of the entire factorisation.
     pub(crate) fn flops(&self) -> f64 {
         (self.grid.size() as f64).powi(3) / 3.0
     }
@@ -113,7 +112,7 @@ pub(crate) fn factorise(
         monitor.step(wide * wide * (wide / 3 + rows as u64 - wide));
         put(finished, grid, columns, &panel, rows)?;
     }
-    // Not f64::max, which would ignore a NaN.
+    // f64::max isn't used here, because it would ignore a NaN.
     Ok(sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m }))
 }
 
@@ -131,8 +130,8 @@ fn add_norms(panel: &[f64], rows: usize, sums: &mut [f64]) {
     }
 }
 
-/// Gathers finished tiles of some tile rows and columns side by side: column-major without gaps. The columns are
-/// complete.
+/// Gathers the finished tiles of a range of tile rows and a range of tile columns into one matrix, column-major without
+/// gaps. The tile columns must have full width.
 fn gather(
     finished: &dyn Finished,
     grid: TileGrid,

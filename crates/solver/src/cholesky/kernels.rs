@@ -32,10 +32,10 @@ impl Real for f32 {
     }
 }
 
-/// Kernels for one type of tile.
+/// Kernels for tiles of one scalar type.
 pub(crate) trait Kernels: Real {
     /// Computes `out -= tile y`: tile (rows, k), y (k, c), out (rows, c). The next tile to read starts `ahead` bytes
-    /// from this one.
+    /// after the start of this tile.
     fn subtract(tile: &[Self], rows: usize, y: &[f64], out: &mut [f64], channels: usize, ahead: isize);
     /// Computes `out -= tile^T x`: tile (rows, k), x (rows, c), out (k, c).
     fn subtract_transposed(tile: &[Self], rows: usize, x: &[f64], out: &mut [f64], channels: usize, ahead: isize);
@@ -87,7 +87,7 @@ macro_rules! kernels {
                 by_channels!(
                     channels, at,
                     $module::transposed_1(tile, rows, &x[at * rows..], &mut out[at * k..], ahead),
-                    // Two columns one after another: the compiler's code for two at once is slower.
+                    // Process two columns one after the other: the compiler's code for two at once is slower.
                     for c in at..at + 2 {
                         $module::transposed_1(tile, rows, &x[c * rows..], &mut out[c * k..], ahead);
                     },
@@ -334,8 +334,8 @@ mod tests {
         (0..count).map(|i| ((i as f64 + 1.0) * seed).sin()).collect()
     }
 
-    /// Compares kernels with explicit sums, for all remainders of rows, columns and channels by the kernels' step
-    /// sizes.
+    /// Compares the kernels with explicit sums, for numbers of rows, columns and channels with all remainders modulo
+    /// the kernels' step sizes.
     fn kernels_are_the_sums_written_out<S: Kernels>(narrow: fn(f64) -> S) {
         for rows in [1, 7, 8, 9, 23, 40] {
             for k in [1, 3, 4, 5, 11] {

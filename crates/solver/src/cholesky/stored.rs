@@ -11,7 +11,7 @@ use crate::SolverError;
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::cholesky::{CholeskyFactor, inverse, triangular};
 
-/// A factor read from a store through windows on its tile columns.
+/// A factor read from a store through windows: memory maps of its tile columns.
 ///
 /// If the file fits the budget, windows are kept between solves. Otherwise each window is dropped when its tile column
 /// is done, so that only a few columns occupy memory and address space at a time.
@@ -32,7 +32,8 @@ enum Held {
 }
 
 impl StoredFactor {
-    /// Uses an open factor, with up to `memory` bytes of kept windows, and `threads` threads.
+    /// Creates a factor from an open file, for solves on `threads` threads. Windows are kept between solves if the file
+    /// has at most `memory` bytes.
     pub fn new(file: FactorFile, memory: usize, threads: usize) -> Self {
         let kept = file.file_len() <= memory as u64;
         let windows = (0..file.header().grid.columns()).map(|_| Mutex::new(Held::None)).collect();
@@ -44,7 +45,7 @@ impl StoredFactor {
         &self.file
     }
 
-    /// Returns the window on a tile column: the window in use if there is one, else a new one.
+    /// Returns the window on a tile column: the current window if one is open, otherwise a new window.
     fn window(&self, column: usize) -> Result<Arc<TileWindow>, SolverError> {
         let mut held = self.windows[column].lock().unwrap_or_else(PoisonError::into_inner);
         let there = match &*held {
@@ -67,7 +68,7 @@ impl Tiles for StoredFactor {
         self.file.header().grid
     }
 
-    /// Faults in the pages of this thread's share of the tile columns, at the first use. If each thread faulted in
+    /// At the first use, faults in the pages of this thread's share of the tile columns. If each thread faulted in
     /// every page, that would cost as much as reading the factor.
     fn prepare(&self, thread: usize, threads: usize) -> Result<(), SolverError> {
         if !self.kept {

@@ -23,22 +23,23 @@ pub(crate) trait Tiles: Sync {
     /// Returns the values of a tile, column-major without gaps.
     fn tile<'c>(&'c self, row: usize, column: usize, cursor: &'c mut Cursor) -> Result<TileValues<'c>, SolverError>;
 
-    /// Prepares a thread; called by each of `threads` threads before it starts.
+    /// Prepares the calling thread. Each of `threads` threads calls this before its first tile.
     fn prepare(&self, _thread: usize, _threads: usize) -> Result<(), SolverError> {
         Ok(())
     }
 
-    /// Finishes a thread; called by each thread at its end. The thread's results are only valid if this succeeds.
+    /// Finishes the calling thread. Each thread calls this at its end, and its results are only valid if this succeeds.
     fn finish(&self, _cursor: &mut Cursor) -> Result<(), SolverError> {
         Ok(())
     }
 }
 
-/// Tiles that a factorisation has finished and reads again. Tiles on the diagonal are zero above the diagonal.
+/// Tiles that a factorisation has finished and reads again for later panels. Tiles on the diagonal of the factor are
+/// zero above the diagonal.
 pub(crate) trait Finished: Sync {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
     fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;
-    /// Announces that the tiles of a column from a row on will be read.
+    /// Announces that tiles of tile column `column` will be read, from tile row `row` on.
     fn will_need(&self, _row: usize, _column: usize) {}
 }
 

@@ -5,10 +5,10 @@
 //!
 //! In the forward solve, a thread owns tile rows and processes the tile columns in file order, subtracting `C_ij y_j`
 //! from its own rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes
-//! `y_(j + 1)` before it continues. The other threads then needn't wait for the rest of the owner's column. In the
+//! `y_(j + 1)` before it continues, so that the other threads needn't wait for the rest of the owner's column. In the
 //! backward solve, a thread owns tile columns and processes each from the last row upwards:
-//! `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. The thread of the next column is half a column behind. It needs x_j only
-//! for the last term of its sum, when x_j is available. Threads wait nowhere else, and there are no barriers.
+//! `x_j = C_jj^-T (y_j - sum_i C_ij^T x_i)`. The owner of the next column runs half a column behind. It needs x_j only
+//! for the last term of its sum, and by then x_j is available. Threads wait nowhere else, and there are no barriers.
 //!
 //! The order of summation depends only on the tiles, so results are bit-identical for any number of threads.
 
@@ -25,8 +25,8 @@ use crate::cholesky::kernels::{Kernels, widen};
 use crate::cholesky::tiles::{Cursor, Tiles};
 use crate::dense;
 
-/// Number of columns from which faer's matrix products are faster than the kernels, which process three columns at a
-/// time.
+/// Smallest number of right-hand sides for which faer's matrix products are faster than the kernels, which process
+/// three right-hand sides at a time.
 const MANY: usize = 16;
 
 /// Solves `C C^T x = b`: `x`, (K, c), is b on entry.
@@ -64,8 +64,8 @@ pub(crate) enum Direction {
     Both,
 }
 
-/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Blocks before `first` must be zero,
-/// which saves their share of the forward solve; without a backward solve these blocks are returned unchanged.
+/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Blocks before `first` must be zero:
+/// the forward solve skips them. Without a backward solve these blocks are returned unchanged.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -124,7 +124,8 @@ struct Job<'a> {
     direction: Direction,
     /// Monitor that is checked for interruption before each tile: with many columns a tile takes milliseconds.
     monitor: &'a dyn Monitor,
-    /// y and x by tile rows: each block is set when it has been computed.
+    /// Solutions y of the forward solve and x of the backward solve, in blocks of one tile row. Each block is set when
+    /// it has been computed.
     forward: Vec<OnceLock<Vec<f64>>>,
     backward: Vec<OnceLock<Vec<f64>>>,
     /// Set if a thread fails, so that the other threads don't wait for its results.
@@ -132,7 +133,7 @@ struct Job<'a> {
     error: Mutex<Option<SolverError>>,
 }
 
-/// Why a thread stops: it failed itself, or another thread failed and reports its own error.
+/// Reason why a thread stops: its own error, or another thread's failure, which that thread reports.
 enum Stop {
     Failed(SolverError),
     Others,
@@ -254,8 +255,8 @@ impl Job<'_> {
     }
 
     /// Waits for a block that another thread computes. Usually the block is already available. After some spins the
-    /// thread yields its processor: that costs little, and much less than a wasted processor if there are more threads
-    /// than processors.
+    /// thread yields its processor: a yield costs little, and much less than spinning if there are more threads than
+    /// processors.
     fn wait<'b>(&self, block: &'b OnceLock<Vec<f64>>) -> Result<&'b [f64], Stop> {
         const SPINS: usize = 2000;
         let mut spins = 0;

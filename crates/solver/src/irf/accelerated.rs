@@ -82,7 +82,7 @@ impl IrfSolver<'_> {
             s.copy_from(r);
             z.fill(0.0);
             let forward = self.pass(Order::Forward, &mut s, &mut z, log)?;
-            // The backward pass skips the last block.
+            // The backward pass skips the last block, so report that block's progress here.
             log.end_block(self.blocks.last().map_or(0, columns));
             let backward = self.pass(Order::Backward, &mut s, &mut z, log)?;
             let gamma = forward.energy;
@@ -92,7 +92,7 @@ impl IrfSolver<'_> {
             let live = |column: usize, value: f64| if finished[column] { 0.0 } else { value };
             let beta: Vec<f64> =
                 (0..c).map(|j| live(j, if before[j] > 0.0 { gamma[j] / before[j] } else { 0.0 })).collect();
-            // s becomes A z.
+            // Replace s by A z = r - s.
             s.combine(r, |_, s, r| r - s);
             q.combine(&s, |j, q, az| az + beta[j] * q);
             Zip::indexed(&mut p).and(&z).for_each(|(_, j), p, z| *p = z + beta[j] * *p);

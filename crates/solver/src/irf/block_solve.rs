@@ -1,5 +1,5 @@
-//! The least squares of one block: by the Gram matrix and Cholesky if that is safe, else by a rank-revealing
-//! factorisation.
+//! Solves the least-squares problem of one block: by a Cholesky factor of the Gram matrix if that is safe, else by a
+//! rank-revealing factorisation.
 
 use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
@@ -15,20 +15,20 @@ use crate::gram::GramMatrix;
 use crate::operator::{BlockOperator, Scratch};
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Reciprocal condition number of a Gram matrix (1e6 for the block itself) below which the normal equations are not
-/// used: a Cholesky solve would lose more than four digits of a pass.
+/// Smallest reciprocal condition number of a Gram matrix for which the normal equations are used. It allows a condition
+/// number of 1e6 of the block itself. Beyond that, a Cholesky solve would lose more than four digits of a pass.
 const SAFE_RECIPROCAL: f64 = 1e-12;
 
 /// The solution for one block.
 pub(super) struct Step {
     /// The change of the block's coefficients, (k, c) row-major.
     pub(super) x: Vec<f64>,
-    /// Decrease of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`, (c). It is computed from the
-    /// right-hand side, since the difference of the squared norms loses its digits near the optimum.
+    /// Decrease of the squared norm of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`, (c). It is
+    /// computed from the right-hand side, since the difference of the squared norms loses its digits near the optimum.
     pub(super) energy: Vec<f64>,
 }
 
-/// A block's factor, as known once the block has been solved.
+/// Factorisation of a block, known after the block's first solve.
 #[derive(Debug, Clone)]
 enum BlockFactor {
     /// Lower Cholesky factor of the Gram matrix, (k, k), for any right-hand side, and the reciprocal condition number
@@ -49,7 +49,7 @@ pub(super) struct BlockSolver<'o> {
     /// The source of Gram matrices, if they aren't computed from the basis.
     gram: Option<&'o dyn GramMatrix>,
     threads: usize,
-    /// Whether to keep factors.
+    /// Whether to keep factors between passes.
     keep: bool,
     /// Kept factors, by block.
     factors: Vec<Option<BlockFactor>>,
@@ -79,7 +79,7 @@ impl<'o> BlockSolver<'o> {
         }
     }
 
-    /// Reports of the blocks solved so far, in order.
+    /// Returns the reports on the blocks solved so far, in order.
     pub(super) fn reports(&self) -> &[BlockReport] {
         &self.reports
     }
@@ -89,14 +89,15 @@ impl<'o> BlockSolver<'o> {
         self.reports.iter().any(|block| block.solver != "cholesky")
     }
 
-    /// Computes `argmin | W^(1/2) (A_d..e x - r) |` for the workers' residual r.
+    /// Computes `argmin | W^(1/2) (A_d..e x - r) |`, with the residual r that the workers hold.
     pub(super) fn solve(
         &mut self,
         block: &OpenBlock<'_>,
         residual: &mut Workers<'_>,
         monitor: &dyn Monitor,
     ) -> Result<Step, SolverError> {
-        // A basis that was truncated meanwhile appears singular; the check reports the actual error.
+        // If the basis file was truncated meanwhile, the block appears singular; the check then reports the actual
+        // error.
         self.step(block, residual, monitor).or_else(|error| block.data.check().and(Err(error)))
     }
 
@@ -111,8 +112,8 @@ impl<'o> BlockSolver<'o> {
         if let Some(BlockFactor::Cholesky(factor, _)) = known {
             return Ok(by_cholesky(factor, k, residual.right_hand_sides(block, k)?, residual.channels()));
         }
-        // A block that was singular once is singular again. Its spectrum is not reused, since that would square its
-        // condition number.
+        // A block that was singular in an earlier pass is singular again. Its singular values aren't reused: with them
+        // a solve would start from `A^T W r`, which squares the condition number.
         if k <= self.operator.rows() && known.is_none() {
             let (right_hand_sides, mut gram) = self.normal_equations(block, residual, k, monitor)?;
             if let Some(reciprocal) = self.factorise(&mut gram, k) {
@@ -127,7 +128,8 @@ impl<'o> BlockSolver<'o> {
         Ok(step)
     }
 
-    /// Computes `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
+    /// Computes the normal equations of a block: `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k,
+    /// k).
     fn normal_equations(
         &self,
         block: &OpenBlock<'_>,
@@ -162,7 +164,7 @@ impl<'o> BlockSolver<'o> {
         let (mut chunk_values, mut scratch) = (Vec::new(), Scratch::default());
         let mut stacked = Vec::new();
         for first in (0..operator.chunk_count()).step_by(together) {
-            // A wide block may take minutes.
+            // A wide block may take minutes, so check for cancellation here.
             monitor.check()?;
             let last = (first + together).min(operator.chunk_count());
             let rows: usize = (first..last).map(|chunk| operator.chunk_range(chunk).len()).sum();
@@ -231,7 +233,8 @@ impl<'o> BlockSolver<'o> {
         Ok((Step { x, energy }, BlockFactor::RankRevealing { condition, rank }))
     }
 
-    /// Reports a block when it is solved for the first time, and keeps its factor if the plan has memory for it.
+    /// Adds a report on a block when it is solved for the first time, and keeps its factor if the plan has memory for
+    /// it.
     fn remember(&mut self, block: &OpenBlock<'_>, factor: BlockFactor) {
         if self.reports.len() == block.index {
             let columns = columns(&block.degrees);

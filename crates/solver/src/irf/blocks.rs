@@ -1,4 +1,4 @@
-//! The paper's methods: which degrees they solve together, and their number of passes.
+//! Defines the fitting methods of Shen and Chung: their blocks of degrees and their numbers of passes.
 //!
 //! Shen and Chung (3DPVT 2006), section 3: NLSF is one block of all degrees; SIRF has a first block of degrees 0 to s
 //! and then one block per degree; MIRF repeats this several times; a block of IRF has as many degrees as fit into g
@@ -10,7 +10,7 @@ use spharm_harmonics::index::{basis_size, first_column};
 
 use crate::SolverError;
 
-/// The paper's four methods of fitting.
+/// The four fitting methods of Shen and Chung (3DPVT 2006).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Iterative residual fitting: `passes` passes over blocks of at most `granularity` columns.
@@ -37,7 +37,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// Returns the paper's name of the method, in lower case.
+    /// Returns the method's name in the paper of Shen and Chung, in lower case.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Irf { .. } => "irf",
@@ -59,7 +59,8 @@ impl Method {
     ///
     /// # Errors
     ///
-    /// [`SolverError::TooSmall`] for no passes or a granularity of zero, [`SolverError::StartDegree`].
+    /// [`SolverError::TooSmall`] for zero passes or a granularity of zero, [`SolverError::StartDegree`] for a start
+    /// degree above `max_degree`.
     pub fn blocks(&self, max_degree: usize) -> Result<Vec<RangeInclusive<usize>>, SolverError> {
         if self.passes() == 0 {
             return Err(SolverError::TooSmall { what: "the number of passes", least: 1, found: 0 });
@@ -117,7 +118,7 @@ mod tests {
             let blocks = irf(g, 100);
             assert_eq!(blocks.iter().map(columns).sum::<usize>(), basis_size(100));
             assert!(blocks.iter().all(|b| columns(b) <= g || b.start() == b.end()));
-            // No block could contain one degree more.
+            // Except in the last block, another degree would exceed the granularity.
             assert!(blocks[..blocks.len() - 1].iter().all(|b| columns(&(*b.start()..=b.end() + 1)) > g));
         }
     }

@@ -9,16 +9,16 @@ pub struct IrfParams {
     pub max_degree: usize,
     /// Blocks and passes; default IRF in one pass with a granularity of 100.
     pub method: Method,
-    /// Maximum number of additional passes that remove rounding errors; passes end early when they change nothing.
-    /// Useful for [`Method::Nlsf`], whose single block may be ill-conditioned. Default 0.
+    /// Maximum number of additional passes that remove rounding errors; they end early when the coefficients hardly
+    /// change. Useful for [`Method::Nlsf`], whose single block may be ill-conditioned. Default 0.
     pub refinements: usize,
     /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` for equal weights.
     pub weights: Option<Vec<f64>>,
-    /// Marks rows that are left out of the norms of residuals, (n); none by default.
+    /// Marks rows that are excluded from the norms of residuals, (n); default `None`, for all rows included.
     pub unread: Option<Vec<bool>>,
-    /// Memory budget in bytes, mapped windows included; default 256 MiB.
+    /// Memory budget in bytes, including mapped windows on the basis; default 256 MiB.
     pub memory: usize,
-    /// Bytes already held by the caller, which count against `memory`; default 0.
+    /// Bytes of `memory` that the caller already holds; default 0.
     pub held: usize,
     /// Number of threads of the caller's rayon pool to use; default 0, which uses all of them.
     pub threads: usize,

@@ -11,42 +11,43 @@ use crate::SolverError;
 use crate::operator::{BlockOperator, Residency};
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Number of columns from which threads share one Gram matrix and a threaded `dsyrk` instead of summing one each.
+/// Smallest number of columns of a block for which the threads share one Gram matrix and a threaded `dsyrk`. For
+/// narrower blocks, each thread sums a Gram matrix of its own.
 pub(super) const SHARED_FROM: usize = 1024;
-/// Number of rows of a shared `dsyrk`: enough that its memory traffic on the Gram matrix is negligible.
+/// Number of rows per call of the shared `dsyrk`: enough that its memory traffic on the Gram matrix is negligible.
 pub(super) const SHARED_ROWS: usize = 2048;
 
-/// Bytes into which a thread packs matrices for a product of narrow blocks.
+/// Bytes per thread for packed matrices in products of narrow blocks.
 const PACKED: usize = 4 << 20;
-/// Bytes of workspace of a thread that writes a Gram matrix from moments.
+/// Bytes of workspace per thread for computing a Gram matrix from moments.
 const GRAM_WORK: usize = 1 << 20;
 
-/// The memory plan of a fit. All figures are bytes.
+/// The memory plan of a fit. All sizes are in bytes.
 #[derive(Debug, Clone, Serialize)]
 pub struct IrfPlan {
-    /// Memory already held by the caller: program, surfaces, directions.
+    /// Bytes already held by the caller: program, surfaces, directions.
     pub held: usize,
-    /// Residual and coefficients.
+    /// Bytes of the residual and the coefficients.
     pub arrays: usize,
-    /// Sums, packed chunks and buffers of matrix products of all threads.
+    /// Bytes of all threads' sums, packed chunks and buffers of matrix products.
     pub work: usize,
-    /// The source of the blocks' Gram matrices; zero if they are summed from the basis.
+    /// Bytes of the source of the blocks' Gram matrices; zero if Gram matrices are summed from the basis.
     pub grams: usize,
-    /// Factors kept between passes, or the one in use.
+    /// Bytes of the factors kept between passes, or of the one factor in use.
     pub factors: usize,
-    /// Part of the basis in memory at a time: mapped windows, or decoded chunks.
+    /// Bytes of the part of the basis that is in memory at a time: mapped windows, or decoded chunks.
     pub basis: usize,
-    /// The sum of the above.
+    /// Total bytes: the sum of the fields above.
     pub total: usize,
-    /// The budget.
+    /// Memory budget in bytes.
     pub budget: usize,
-    /// Address space that [`Kernels`] reserve in addition; it counts against a limit on data.
+    /// Bytes of address space that [`Kernels`] reserve in addition to `total`; they count towards a limit on data.
     pub reserved: usize,
     /// Whether to keep factors from the first pass on.
     pub keep_factors: bool,
     /// Whether to read the next block while one is being solved.
     pub read_ahead: bool,
-    /// For each block, whether it is read once per pass (entirely in memory) rather than twice.
+    /// For each block, whether it is entirely in memory, and so read once per pass rather than twice.
     #[serde(skip)]
     pub whole: Vec<bool>,
 }
@@ -62,7 +63,7 @@ impl IrfPlan {
     }
 }
 
-/// Plans a fit of `channels` columns: the fastest plan that fits the budget.
+/// Returns the fastest plan within the budget for a fit of `channels` columns.
 ///
 /// # Errors
 ///
@@ -110,13 +111,13 @@ pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -
 struct Needs {
     arrays: usize,
     grams: usize,
-    /// All memory except factors and basis.
+    /// Bytes of everything but the factors and the basis.
     fixed: usize,
     /// Bytes reserved by [`Kernels`], which are only used for wide blocks.
     reserved: usize,
     one_factor: usize,
     all_factors: usize,
-    /// For each block, bytes if it is entirely in memory, and if it is read chunk by chunk.
+    /// Bytes of each block: `resident` if it is entirely in memory, `chunkwise` if it is read chunk by chunk.
     resident: Vec<usize>,
     chunkwise: Vec<usize>,
 }
@@ -126,24 +127,24 @@ impl Needs {
         let (n, threads, chunk_rows) = (operator.rows(), crate::threads(params.threads), operator.chunk_rows());
         let widest = blocks.iter().map(columns).max().unwrap_or(0);
         let shared = widest >= SHARED_FROM;
-        // Each thread has sums of its own for blocks that are too narrow to be shared.
+        // Each thread has its own sums for blocks that are too narrow for a shared Gram matrix.
         let narrow = blocks.iter().map(columns).filter(|&k| k < SHARED_FROM).max().unwrap_or(0);
         let weighted = params.weights.is_some();
-        // Residual; coefficients; a block's right-hand sides and solution, and the transposes of both; the roots of the
-        // weights.
+        // Arrays of the fit: residual, coefficients, a block's right-hand sides and solution with the transposes of
+        // both, and the roots of the weights.
         let size = basis_size(params.max_degree);
-        // Accelerated: s and q, (n, c); z and p, (K, c).
+        // Accelerated fits also need s and q, (n, c), and z and p, (K, c).
         let more = if params.accelerate { 2 * (n + size) * channels } else { 0 };
         let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
-        // If Gram matrices aren't summed from the basis, no thread sums one of its own or packs chunks for it, but
-        // computing one needs some workspace per thread.
+        // If a source provides the Gram matrices, threads neither sum Gram matrices nor pack chunks for them, but
+        // computing a Gram matrix needs some workspace per thread.
         let from_basis = params.gram_bytes.is_none();
         let grams = params.gram_bytes.map_or(0, |bytes| bytes + threads * GRAM_WORK);
         let per_thread = 8
             * (if from_basis { narrow * narrow + chunk_rows * narrow } else { 0 }
                 + widest * channels
                 + if weighted { chunk_rows * channels } else { 0 });
-        // The stacked chunks of a shared Gram matrix, and the chunk being packed.
+        // Bytes of the stacked chunks of a shared Gram matrix, and of the chunk being packed.
         let stacked = if shared && from_basis { 8 * widest * (SHARED_ROWS.max(chunk_rows) + chunk_rows) } else { 0 };
         let products = threads * if shared { Kernels::TOUCHED_PER_THREAD } else { PACKED };
         let singular = if widest > n { rank_revealing_bytes(widest, channels, chunk_rows, threads, n) } else { 0 };
@@ -156,7 +157,8 @@ impl Needs {
             fixed: params.held + arrays + grams + threads * per_thread + stacked + products + singular,
             reserved: if shared { threads * Kernels::RESERVED_PER_THREAD } else { 0 },
             one_factor: 8 * widest * widest.min(n),
-            // While one factor is computed the others are in memory; that of a single block is kept in place.
+            // While one factor is computed, the factors of the other blocks are in memory. A single block's factor
+            // stays in place.
             all_factors: blocks.iter().map(factor).sum::<usize>()
                 + if blocks.len() > 1 { 8 * widest * widest.min(n) } else { 0 },
             resident: blocks.iter().map(resident).collect(),
@@ -170,7 +172,7 @@ impl Needs {
     }
 }
 
-/// Returns the largest granularity, to a factor of two, whose plan fits the budget.
+/// Returns the largest power of two that, as the granularity, gives a plan within the budget.
 fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Option<usize> {
     let passes = params.method.passes();
     let largest = basis_size(params.max_degree).next_power_of_two();
@@ -181,12 +183,12 @@ fn fitting_granularity(operator: &dyn BlockOperator, channels: usize, params: &I
     })
 }
 
-/// Returns the additional bytes of a rank-revealing solve: each thread's triangle twice while it is folded, a chunk,
-/// and the singular value decomposition.
+/// Returns the additional bytes for a rank-revealing solve: two copies of each thread's triangle while it is folded, a
+/// chunk, and the singular value decomposition.
 pub(super) fn rank_revealing_bytes(k: usize, channels: usize, chunk_rows: usize, threads: usize, rows: usize) -> usize {
     let width = k + channels;
     let height = width.min(rows);
-    // R, the waiting rows, both stacked, and the resulting R.
+    // A fold needs R, the waiting rows, the stack of both, and the resulting R.
     let fold = width * (5 * height + 4 * chunk_rows) * 8;
     let decomposition = 8 * height * (6 * k + 2 * height);
     (threads * fold).max(decomposition + width * height * 8)

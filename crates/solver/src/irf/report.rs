@@ -1,4 +1,4 @@
-//! Reports on fits by iterative residual fitting, and their recording.
+//! Defines the reports on fits by iterative residual fitting, and records them.
 
 use std::ops::{Range, RangeInclusive};
 use std::time::Instant;
@@ -22,7 +22,7 @@ pub struct IrfReport {
     pub passes: usize,
     /// Highest degree, L.
     pub max_degree: usize,
-    /// Number of rows, n.
+    /// Number of rows (directions), n.
     pub rows: usize,
     /// Number of columns of targets fitted together, c.
     pub channels: usize,
@@ -42,15 +42,15 @@ pub struct IrfReport {
 /// Report on one block of a pass.
 #[derive(Debug, Clone, Serialize)]
 pub struct BlockReport {
-    /// First degree.
+    /// First degree of the block.
     pub first_degree: usize,
-    /// Last degree, inclusive.
+    /// Last degree of the block, inclusive.
     pub last_degree: usize,
-    /// Number of basis functions.
+    /// Number of basis functions of the block.
     pub columns: usize,
     /// Solver of the block: `cholesky` of the Gram matrix, or `rank-revealing`.
     pub solver: &'static str,
-    /// Numerical rank.
+    /// Numerical rank of the block.
     pub rank: usize,
     /// Estimated condition number of the block; infinite (null in JSON) if it is singular.
     pub condition: f64,
@@ -64,7 +64,7 @@ pub struct PassReport {
     pub pass: usize,
     /// Whether this is an additional pass, which removes rounding errors of the full least squares.
     pub refinement: bool,
-    /// Wall time in seconds.
+    /// Wall time of the pass in seconds.
     pub seconds: f64,
     /// Bytes read from the store.
     pub bytes_read: u64,
@@ -75,11 +75,11 @@ pub struct PassReport {
 /// Wall time by kind of work in seconds, summed over the blocks.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct IrfSeconds {
-    /// Opening blocks and waiting for read-ahead to start.
+    /// Seconds for opening blocks and waiting for read-ahead to start.
     pub open: f64,
-    /// Gram matrices, adjoints, factorisations and solves, including the reading of their data.
+    /// Seconds for Gram matrices, adjoints, factorisations and solves, including the reading of their data.
     pub solve: f64,
-    /// Updates of the residual.
+    /// Seconds for updates of the residual.
     pub update: f64,
 }
 
@@ -95,7 +95,7 @@ pub(super) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
 pub(super) struct Recorder<'a> {
     /// Columns of each target.
     groups: &'a [Range<usize>],
-    /// Marks rows that are left out of residual norms, (n).
+    /// Marks rows that are excluded from residual norms, (n).
     unread: Option<Vec<bool>>,
     pub(super) monitor: &'a dyn Monitor,
     pub(super) seconds: IrfSeconds,

@@ -38,7 +38,7 @@ pub struct IrfSolver<'o> {
 }
 
 impl<'o> IrfSolver<'o> {
-    /// Plans fits of up to `channels` columns at a time.
+    /// Creates a solver, and plans fits of up to `channels` columns at a time.
     ///
     /// # Errors
     ///
@@ -49,13 +49,14 @@ impl<'o> IrfSolver<'o> {
         Self::planned(operator, channels, params, None)
     }
 
-    /// Plans fits as [`IrfSolver::new`] does, with the blocks' Gram matrices taken from `gram`. It must be the Gram
-    /// matrix of the operator's basis, in f64, with the weights of `params`. Every pass, including the first, then only
-    /// computes right-hand sides and updates.
+    /// Creates a solver as [`IrfSolver::new`] does, but takes the blocks' Gram matrices from `gram`. It must be the
+    /// Gram matrix of the operator's basis, in f64, with the weights of `params`. Every pass, including the first, then
+    /// only computes right-hand sides and updates.
     ///
     /// # Errors
     ///
-    /// Those of [`IrfSolver::new`]; [`SolverError::Degree`] if the matrix's highest degree is below the fit's.
+    /// The errors of [`IrfSolver::new`], and [`SolverError::Degree`] if the highest degree of `gram` is below that of
+    /// the fit.
     pub fn with_gram(
         operator: &'o dyn BlockOperator,
         channels: usize,
@@ -108,14 +109,14 @@ impl<'o> IrfSolver<'o> {
 
     /// Fits targets, (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
-    /// The monitor gets one stage, `fit`, counted in columns of the basis over all passes. It also gets a status for
-    /// each block and a detail for each pass.
+    /// Reports one stage, `fit`, to the monitor, counted in columns of the basis over all passes. Also sends a status
+    /// for each block and a detail for each pass.
     ///
     /// # Errors
     ///
     /// [`SolverError::Store`] if the basis is damaged or changes, [`SolverError::Interrupted`] if the monitor asks to
     /// stop, [`SolverError::Rows`], [`SolverError::Channels`] and [`SolverError::NotFinite`] for targets that can't be
-    /// fitted; [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
+    /// fitted, [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
     pub fn fit(
         &mut self,
         targets: ChunkedRows,
@@ -165,7 +166,7 @@ impl<'o> IrfSolver<'o> {
 ///
 /// # Errors
 ///
-/// Those of these functions.
+/// The errors of [`IrfSolver::new`] and [`IrfSolver::fit`].
 pub fn solve(
     operator: &dyn BlockOperator,
     targets: ArrayView2<'_, f64>,

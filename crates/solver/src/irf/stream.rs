@@ -15,7 +15,7 @@ pub(super) enum Order {
     /// From the first block to the last.
     Forward,
     /// From the last block but one to the first, after a forward pass. The last block is skipped: it has just been
-    /// solved, and solving it again would give zero.
+    /// solved, so solving it again would change nothing.
     Backward,
 }
 
@@ -43,7 +43,7 @@ impl<'s, 'o> Stream<'s, 'o> {
         Self { operator, blocks, plan, rest: indices.into_iter(), ahead: None }
     }
 
-    /// Opens the next block; `None` after the last block.
+    /// Opens the next block; returns `None` after the last block.
     pub(super) fn next(&mut self) -> Result<Option<OpenBlock<'o>>, SolverError> {
         let block = match self.ahead.take() {
             Some(block) => Some(block),
@@ -64,7 +64,7 @@ impl<'s, 'o> Stream<'s, 'o> {
     }
 }
 
-/// An open block: the columns of a run of degrees.
+/// An open block: the basis columns of consecutive degrees.
 pub(super) struct OpenBlock<'o> {
     /// Index of the block within a forward pass, from 0.
     pub(super) index: usize,

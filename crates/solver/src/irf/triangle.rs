@@ -9,7 +9,8 @@ use spharm_harmonics::product::Matrix;
 
 use crate::dense::triangularise;
 
-/// R of the rows so far, (height, columns) with height at most columns, and rows that aren't yet folded into R.
+/// The triangular factor R of the rows so far, (height, columns) with height at most columns, and the rows that aren't
+/// yet folded into R.
 #[derive(Debug, Clone)]
 pub(super) struct Triangle {
     values: Vec<f64>,

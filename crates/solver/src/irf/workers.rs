@@ -1,4 +1,4 @@
-//! Divides the residual among threads: each owns a fixed run of chunks and its own sums.
+//! Divides the residual among threads: each thread owns a fixed run of chunks and its own sums.
 //!
 //! Runs and the order of summation depend only on the number of threads. Results are therefore bit-identical for the
 //! same number of threads.
@@ -15,7 +15,7 @@ use crate::chunked_rows::ChunkedRows;
 use crate::dense;
 use crate::operator::{BlockOperator, Scratch};
 
-/// Number of columns of targets from which a matrix product is faster than the kernels for few columns.
+/// Smallest number of target columns for which a matrix product is faster than the kernels for few columns.
 const MANY_CHANNELS: usize = 8;
 
 /// The residual of a fit and the threads that work on it.
@@ -79,12 +79,13 @@ impl<'r> Workers<'r> {
         self.root_weights
     }
 
-    /// Computes `A^T W r`, (k, c) row-major.
+    /// Computes the block's right-hand sides `A^T W r`, (k, c) row-major.
     pub(super) fn right_hand_sides(&mut self, block: &OpenBlock<'_>, k: usize) -> Result<Vec<f64>, SolverError> {
         Ok(self.sums(block, k, false)?.0)
     }
 
-    /// Computes `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k, k).
+    /// Computes the block's right-hand sides `A^T W r`, (k, c) row-major, and the lower triangle of its Gram matrix
+    /// `A^T W A`, (k, k).
     pub(super) fn normal_equations(
         &mut self,
         block: &OpenBlock<'_>,
@@ -104,7 +105,7 @@ impl<'r> Workers<'r> {
         Ok((std::mem::take(&mut first.adjoint), std::mem::take(&mut first.gram)))
     }
 
-    /// Computes `r -= A x` for x (k, c) row-major.
+    /// Updates the residual by `r -= A x`, with the block's columns A and x (k, c) row-major.
     pub(super) fn subtract(&mut self, block: &OpenBlock<'_>, x: &[f64]) -> Result<(), SolverError> {
         self.workers.par_iter_mut().try_for_each(|worker| worker.subtract(block, x))
     }
@@ -200,7 +201,7 @@ impl Worker<'_> {
     }
 }
 
-/// Packs the parts side by side, with rows scaled by `root_weights`, if any.
+/// Packs matrices side by side into one matrix, with rows scaled by `root_weights`, if any.
 pub(super) fn pack<'p>(parts: &[Matrix<'_>], root_weights: Option<&[f64]>, packed: &'p mut Vec<f64>) -> Matrix<'p> {
     let rows = parts[0].rows();
     packed.clear();

@@ -1,4 +1,4 @@
-//! Creates reports on solutions.
+//! Creates reports on least-squares solutions.
 
 use std::ops::Range;
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! Collects the data by which the strategy decides, and creates the preconditioner of a step.
+//! Collects the data from which the strategy chooses steps, and creates the preconditioner of a step.
 
 use spharm_transform::InverseDensity;
 
@@ -47,7 +47,7 @@ impl LsqSolver<'_> {
         self.params.memory.saturating_sub(self.params.held)
     }
 
-    /// Returns the reason why moments aren't available.
+    /// Returns a message that explains why moments aren't available.
     pub(super) fn why_no_moments(&self) -> String {
         match self.make_moments {
             Some(_) => format!("moments of the samples don't fit in the remaining {} MiB of memory", self.room() >> 20),
@@ -62,7 +62,8 @@ impl LsqSolver<'_> {
         }
     }
 
-    /// Returns the inverse of the density, if there are moments of uneven samples and the density may precondition.
+    /// Returns the inverse of the sampling density for preconditioning. Returns `None` without moments, for even
+    /// samples, and if the density must not precondition.
     pub(super) fn inverse_density(&self) -> Option<&InverseDensity> {
         let normal = match self.source {
             Source::Samples(_) => &*self.moments.as_ref()?.normal,

@@ -42,7 +42,7 @@ pub struct CgParams {
     pub tolerance: f64,
     /// Maximum number of iterations; default 3000.
     pub max_iterations: usize,
-    /// Number of iterations since the optimality last halved after which to give up; default 250.
+    /// Maximum number of iterations without a halving of the optimality; default 250.
     pub patience: usize,
 }
 
@@ -63,17 +63,18 @@ pub struct CgFit {
     pub stop: Stop,
     /// Number of iterations.
     pub iterations: usize,
-    /// The largest relative gradient of all columns, computed from the samples.
+    /// Largest relative gradient of all columns, computed from the samples.
     pub optimality: f64,
 }
 
 /// Solves the normal equations for targets f, (n, c), from x = 0.
 ///
-/// The monitor gets a step and a status for each iteration.
+/// Reports a step and a status to the monitor for each iteration.
 ///
 /// # Errors
 ///
-/// [`SolverError::Interrupted`]; errors of the operator and the preconditioner. Not converging isn't an error.
+/// [`SolverError::Interrupted`], and errors of the operator and the preconditioner. An iteration that doesn't converge
+/// isn't an error.
 pub fn solve(
     equations: &NormalEquations<'_>,
     targets: &Array2<f64>,
@@ -86,7 +87,7 @@ pub fn solve(
     let stop = cg.run(&problem, preconditioner, params, monitor)?;
     let (stop, residual) = cg.confirm(stop, &problem, preconditioner, params, monitor)?;
     let optimality = cg.optimality();
-    // With samples there is always a residual.
+    // A problem with samples always has a residual.
     let residual = residual.unwrap_or_default();
     Ok(CgFit { solution: cg.x, residual, stop, iterations: cg.iterations, optimality })
 }
@@ -125,12 +126,12 @@ pub(crate) struct Cg {
 }
 
 impl Cg {
-    /// Starts from x = 0.
+    /// Creates the state of an iteration at x = 0.
     pub(crate) fn new(problem: &dyn Problem) -> Result<Self, SolverError> {
         Ok(Self::from_right_sides(problem.right_sides()?))
     }
 
-    /// Starts from x = 0 with right-hand sides, (K, c).
+    /// Creates the state of an iteration at x = 0 from right-hand sides, (K, c).
     pub(crate) fn from_right_sides(gradient: Array2<f64>) -> Self {
         let scale = norms(&gradient);
         let x = Array2::zeros(gradient.dim());
@@ -153,7 +154,7 @@ impl Cg {
         self.run_while(problem, preconditioner, params, None, monitor)
     }
 
-    /// Iterates until a stopping rule applies, or until `progress` is too slow, which also returns
+    /// Iterates until a stopping rule applies or `progress` is too slow. Slow progress also returns
     /// [`Stop::IterationLimit`].
     pub(crate) fn run_while(
         &mut self,
@@ -234,8 +235,8 @@ impl Cg {
 
     /// Recomputes the gradient from the samples, and resumes the iteration if the tolerance isn't met after all. The
     /// gradient isn't recomputed if the errors of products are small. Without samples, recomputing it takes one more
-    /// product, which is no more accurate than the previous ones. Returns why the iteration ended, and the residual,
-    /// (n, c), if there are samples.
+    /// product, which is no more accurate than the previous ones. Returns the reason why the iteration ended, and the
+    /// residual, (n, c), if there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -267,9 +268,9 @@ impl Cg {
     /// samples. Returns `None` if the gradient must be recomputed, at twice the cost of the residual.
     ///
     /// Products with an error of e relative to the norm of N cause an error of up to `e |N| |x|` in the gradient,
-    /// `b - N x`. Rounding adds an error of some eps times `|N| |x|` in each iteration. In units of the optimality
-    /// these errors are divided by `|b|`; they must be small compared with the tolerance. If there are samples, they
-    /// serve to verify the accuracy of products in the direction of x: the residual r and the gradient g satisfy
+    /// `b - N x`. Rounding adds an error of some eps times `|N| |x|` in each iteration. Divided by `|b|`, these errors
+    /// are errors of the optimality, and must be small compared with the tolerance. If there are samples, they serve to
+    /// verify the accuracy of products in the direction of x: the residual r and the gradient g satisfy
     /// `(A x)^T W r = x^T g`.
     fn confirm_carried(
         &mut self,
@@ -299,7 +300,7 @@ pub(crate) fn relative(norms: &[f64], scale: &[f64]) -> f64 {
     norms.iter().zip(scale).map(|(norm, scale)| if *scale > 0.0 { norm / scale } else { 0.0 }).fold(0.0, f64::max)
 }
 
-/// Returns a quotient; zero for a solved column, which has no search direction any more.
+/// Returns a quotient, or zero if the denominator isn't positive: a solved column has no search direction.
 fn ratio(numerator: f64, denominator: f64) -> f64 {
     if denominator > 0.0 { numerator / denominator } else { 0.0 }
 }
@@ -337,7 +338,7 @@ impl Lanczos {
             before = Some((alpha, beta));
         }
         let Some(largest) = diagonal.iter().copied().reduce(f64::max) else { return 1.0 };
-        // Gershgorin's bound on the eigenvalues, then bisection; Sturm's sequence counts the eigenvalues below a value.
+        // Bisect below Gershgorin's bound on the eigenvalues. Sturm's sequence counts the eigenvalues below a value.
         let bound = 2.0 * largest + 2.0 * squares.iter().copied().fold(0.0, f64::max).sqrt();
         let below = |value: f64| {
             let mut count = 0;
@@ -354,7 +355,7 @@ impl Lanczos {
             count
         };
         let find = |rank: usize| {
-            // On a logarithmic scale, since the smallest eigenvalue may be 1e-16 of the largest.
+            // Bisect on a logarithmic scale, since the smallest eigenvalue may be 1e-16 of the largest.
             let (mut low, mut high) = (bound * 1e-20, bound);
             for _ in 0..80 {
                 let middle = (low * high).sqrt();

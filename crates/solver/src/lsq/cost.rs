@@ -11,7 +11,7 @@ use super::limits::{
     PAYING_PER_EXPECTED_ITERATIONS, PRODUCTS_PER_DENSITY_ITERATION, SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID,
 };
 
-/// Sizes on which costs depend.
+/// Sizes that determine the costs of a fit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cost {
     pub(super) rows: usize,
@@ -20,8 +20,8 @@ pub(super) struct Cost {
 }
 
 impl Cost {
-    /// Returns the cost of a product by samples: computing kernels, which channels share; summing them; the transforms
-    /// of a grid.
+    /// Returns the cost of a product by samples: computing the kernels, which channels share, summing them, and the
+    /// transforms of a grid.
     fn by_samples(&self) -> f64 {
         let (n, l, c) = self.sizes();
         n * (50.0 + 50.0 * c) + c * (25.0 * l * l * l.log2() + 0.1 * l.powi(3))
@@ -81,10 +81,10 @@ impl Cost {
 }
 
 /// Returns whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model
-/// of costs. Its grid is larger, since operator and moments share it. It saves 10 to 25 % for one channel, if
-/// iterations on n = `rows` samples to a tolerance use moments from the start, and if n is so large that sorting the
-/// samples twice costs more than the larger grid. With fewer samples the larger grid's memory costs more time than it
-/// saves. For 6 to 48 channels the shared grid took 10 to 40 % longer at degrees from 50 to 400.
+/// of costs. Its grid is larger, since operator and moments share it. For one channel it saves 10 to 25 % on two
+/// conditions: iterations on n = `rows` samples to `tolerance` use moments from the start, and n is so large that
+/// sorting the samples twice costs more than the larger grid. With fewer samples the larger grid's memory costs more
+/// time than it saves. For 6 to 48 channels the shared grid took 10 to 40 % longer at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     let many = rows >= SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID * max_degree * max_degree;
     channels == 1 && many && Cost { rows, max_degree, channels }.at_once(tolerance)

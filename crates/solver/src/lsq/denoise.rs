@@ -1,4 +1,4 @@
-//! Denoising within the fit: a ridge penalty on each degree, whose strength is derived from the targets' own noise.
+//! Denoises within the fit, by a ridge penalty on each degree. Its strength is derived from the noise of the targets.
 //!
 //! Targets are modelled as the sum of a smooth function and noise, which is independent from row to row and of variance
 //! sigma^2, or sigma^2 divided by the row's precision if precisions differ. An estimate of coefficients that is linear
@@ -44,7 +44,8 @@ use crate::SolverError;
 /// estimated from 12 (2l + 1) values.
 pub const NOISE_COLUMNS: usize = 12;
 
-/// Lower bound of the gain in the formula of the penalty: a degree with such a gain is practically left out.
+/// Lower bound of the gain in the formula of the penalty. A degree with such a gain is practically removed from the
+/// fit.
 const LEAST_GAIN: f64 = 1e-6;
 
 /// Generates columns of noise of variance 1, (n, columns): random signs that depend only on row and column. With
@@ -75,14 +76,14 @@ pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>)
 /// Power that noise of variance 1 has after a fit: in the coefficients of each degree, and in the residual.
 #[derive(Debug, Clone)]
 pub struct NoisePower {
-    /// Sums over the columns of noise, (L + 1).
+    /// Power in the coefficients of each degree, summed over the columns of noise, (L + 1).
     by_degree: Vec<f64>,
     residual: f64,
     columns: f64,
 }
 
 impl NoisePower {
-    /// Creates the sums without any fits of noise.
+    /// Creates empty sums, before any fit of noise is added.
     #[must_use]
     pub fn new(max_degree: usize) -> Self {
         Self { by_degree: vec![0.0; max_degree + 1], residual: 0.0, columns: 0.0 }
@@ -108,7 +109,7 @@ impl NoisePower {
     ///
     /// # Errors
     ///
-    /// [`SolverError::NoResidual`] unless n is above K; [`SolverError::Interrupted`].
+    /// [`SolverError::NoResidual`] unless n is above K, and [`SolverError::Interrupted`].
     pub fn of_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Self, SolverError> {
         const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 1000, patience: 100 };
         let (max_degree, rows) = (problem.max_degree(), problem.rows());
@@ -183,7 +184,7 @@ pub struct Denoise {
     pub penalty: Vec<f64>,
 }
 
-/// Checks that a sampling leaves a residual.
+/// Checks that a fit of `columns` coefficients to `rows` samples leaves a residual.
 ///
 /// # Errors
 ///

@@ -11,9 +11,9 @@ use crate::gram::{GramMatrix, Penalised};
 /// A computed factor of `N + mu I`.
 pub(super) struct MadeFactor {
     pub(super) factor: MemoryFactor,
-    /// mu relative to the largest diagonal entry of N; zero if N isn't singular.
+    /// Shift mu relative to the largest diagonal entry of N; zero if N isn't singular.
     pub(super) shift: f64,
-    /// The column and degree at which the factorisation of N itself broke down.
+    /// Column and degree at which the factorisation of N itself broke down; `None` if it didn't.
     pub(super) breaks_at: Option<[usize; 2]>,
 }
 

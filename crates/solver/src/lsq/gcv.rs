@@ -29,12 +29,13 @@ use crate::SolverError;
 use crate::gram::smoothness_penalty;
 use crate::operator::Operator;
 
-/// Number of probes z of the trace. The noise of GCV, some percent of `tr(P N^-1)`, falls with the root of this number.
+/// Number of probes z for the trace. The noise of GCV, some percent of `tr(P N^-1)`, decreases with the square root of
+/// this number.
 const PROBES: usize = 3;
 /// Number of values of lambda on the coarse grid.
 const COARSE: usize = 13;
-/// Number of steps of the golden-section search that follows. It reduces the ratio of neighbouring lambdas from 30 on
-/// the grid to 1.1.
+/// Number of steps of the golden-section search that follows the coarse grid. It reduces the ratio of neighbouring
+/// lambdas from 30 on the grid to 1.1.
 const FINE: usize = 10;
 
 /// The search for a smoothness, and its result.
@@ -48,13 +49,13 @@ pub struct Gcv {
     pub at_the_end: bool,
 }
 
-/// Chooses lambda for targets, (n, c).
+/// Chooses the smoothness lambda for targets, (n, c).
 ///
-/// The monitor gets one stage, `smoothness`, counted in values of lambda.
+/// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
 ///
 /// # Errors
 ///
-/// Those of the operator; [`SolverError::Interrupted`].
+/// Errors of the operator, and [`SolverError::Interrupted`].
 pub fn choose_smoothness(
     operator: &dyn Operator,
     weights: Option<&[f64]>,
@@ -65,10 +66,10 @@ pub fn choose_smoothness(
     search(&Samples { operator, weights, targets }, adjoint, monitor)
 }
 
-/// Chooses lambda for a problem given by its moments; all columns share it. Trying some 25 values costs about as much
-/// as a few hundred products of [`MomentProblem::operator`].
+/// Chooses the smoothness lambda for a problem given by its moments; all columns share it. Trying some 25 values costs
+/// about as much as a few hundred products of [`MomentProblem::operator`].
 ///
-/// The monitor gets one stage, `smoothness`, counted in values of lambda.
+/// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
 ///
 /// # Errors
 ///
@@ -85,9 +86,9 @@ trait Validated {
     fn rows(&self) -> usize;
     /// Returns the sum of the weights.
     fn weight(&self) -> f64;
-    /// Runs conjugate gradients with a penalty.
+    /// Runs conjugate gradients with the penalty's diagonal `penalty`, (K).
     fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError>;
-    /// Returns `|W^(1/2) (f - A x)|^2` of all columns.
+    /// Returns `|W^(1/2) (f - A x)|^2`, summed over all columns.
     fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError>;
 }
 
@@ -177,14 +178,14 @@ impl GcvTerms {
     }
 }
 
-/// Chooses lambda for fits whose hat matrix differs from the one above: `terms` computes the terms of GCV for each
-/// lambda. `weight` is the sum of the weights; the range of the search depends on it.
+/// Chooses the smoothness lambda for fits with another hat matrix than `A (A^T W A + P)^-1 A^T W`: `terms` computes the
+/// terms of GCV for each lambda. `weight` is the sum of the weights; the range of the search depends on it.
 ///
-/// The monitor gets one stage, `smoothness`, counted in values of lambda.
+/// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
 ///
 /// # Errors
 ///
-/// Those of `terms`.
+/// The errors of `terms`.
 pub fn choose_smoothness_by<E>(
     max_degree: usize,
     weight: f64,
@@ -193,7 +194,7 @@ pub fn choose_smoothness_by<E>(
 ) -> Result<Gcv, E> {
     let even = weight / (4.0 * std::f64::consts::PI);
     let top = ((max_degree * (max_degree + 1)) as f64).max(2.0).powi(2);
-    // From a negligible penalty, 1e-6 of the highest degree's diagonal, to a penalty that suppresses degree 2.
+    // Search from a negligible penalty, 1e-6 of the highest degree's diagonal, to a penalty that suppresses degree 2.
     let (low, high) = ((1e-6 * even / top).ln(), (even / 36.0).ln());
     monitor.begin(Stage::counted("smoothness", "values"), (COARSE + FINE) as u64);
     let mut tried = Vec::new();
@@ -257,7 +258,7 @@ fn terms(
     Ok(GcvTerms { square, trace: basis_size(max_degree) as f64 - lost, rows: problem.rows() as f64 })
 }
 
-/// Returns signs, (K, PROBES), generated from a counter.
+/// Returns the probes, (K, PROBES): signs generated from a counter.
 fn probes(max_degree: usize) -> Array2<f64> {
     Array2::from_shape_fn((basis_size(max_degree), PROBES), |(k, c)| sign((k * PROBES + c) as u64))
 }

@@ -1,13 +1,13 @@
-//! Constants that decide about the steps of a fit, each with its origin. A constant without a figure was chosen, and no
-//! measurement of it is recorded. The model of costs is in `cost`; figures are in docs/performance.md.
+//! Constants that determine the steps of a fit, each with its origin. A constant without a figure was chosen without a
+//! recorded measurement. The model of costs is in `cost`; figures are in docs/performance.md.
 
 /// Minimum number of iterations before switching to a factor that must first be computed. Samplings that need more
-/// iterations than this need many more: an icosphere takes 9, a map by cald 60 (figure of
+/// iterations than this need many more: an icosphere takes 9, a sphere map by `cald` 60 (figure of
 /// docs/algorithms/least-squares.md).
 pub(super) const ITERATIONS_BEFORE_FACTOR: usize = 60;
 /// Number of iterations over which progress is measured.
 pub(super) const ITERATIONS_OF_PROGRESS: usize = 30;
-/// If there is a stored factor: minimum number of iterations before switching to it, and number of iterations over
+/// With a stored factor: minimum number of iterations before switching to the factor, and number of iterations over
 /// which progress is measured. Three iterations suffice to predict the remaining number. A batch of 32 cortices then
 /// takes a third less time.
 pub(super) const ITERATIONS_BESIDE_FACTOR: usize = 3;
@@ -24,8 +24,8 @@ pub(super) const WELL_CONDITIONED_RECIPROCAL: f64 = 1e-2;
 /// surface takes 16 ms by iterations, 17 ms with the factor.
 pub(super) const FEW_COLUMNS: usize = 12;
 
-/// Moments are computed immediately if they pay off within this share of the expected iterations. Even samplings take
-/// half of the expected iterations (`Cost::expected_iterations`).
+/// Largest share of the expected iterations within which moments must pay off to be computed immediately. Even
+/// samplings take half of the expected iterations (`Cost::expected_iterations`).
 pub(super) const PAYING_PER_EXPECTED_ITERATIONS: f64 = 0.6;
 /// Accuracy of moments relative to the tolerance. If the density is at most ten times its mean, the error of the
 /// gradient due to moments is then small compared with the tolerance. The gradient needn't be recomputed from the
@@ -44,10 +44,10 @@ pub(super) const ROWS_PER_COLUMN_FOR_DENSITY: usize = 2;
 /// product.
 pub(super) const PRODUCTS_PER_DENSITY_ITERATION: f64 = 1.5;
 
-/// Number of iterations since the optimality last halved after which to give up.
+/// Maximum number of iterations without a halving of the optimality.
 pub(super) const ITERATIONS_WITHOUT_GAIN: usize = 250;
-/// Number of iterations since the optimality last halved after which to give up, for iterations that are preconditioned
-/// with the factor. Each of these gains as much as many plain iterations.
+/// Maximum number of iterations without a halving of the optimality, if the factor preconditions them. Each of these
+/// iterations gains as much as many plain ones.
 pub(super) const ITERATIONS_WITHOUT_GAIN_WITH_FACTOR: usize = 30;
 /// Maximum number of refinements.
 pub(super) const MOST_REFINEMENTS: usize = 40;

@@ -43,8 +43,9 @@ pub struct GroupFit {
 ///
 /// # Errors
 ///
-/// [`SolverError::Smoothness`], [`SolverError::Interrupted`]; an error for too small a budget if a factor is requested;
-/// [`SolverError::Underdetermined`] if standard errors are. Not converging isn't an error.
+/// [`SolverError::Smoothness`] and [`SolverError::Interrupted`]; an error if a factor is requested and the budget is
+/// too small for it; [`SolverError::Underdetermined`] if standard errors are requested and the samples don't determine
+/// the coefficients. A fit that doesn't converge isn't an error.
 ///
 /// ```
 /// use ndarray::Array2;
@@ -87,7 +88,7 @@ pub fn solve_moments(
 ///
 /// # Errors
 ///
-/// Those of [`solve_moments`].
+/// The errors of [`solve_moments`].
 pub fn solve_moments_of_groups(
     problem: &MomentProblem,
     groups: &[Range<usize>],
@@ -102,13 +103,14 @@ pub fn solve_moments_of_groups(
         Ok(GroupFit { coefficients, report })
     };
     let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params.clone())?;
-    // The groups share the inverse of the density: compute it before them, on all threads.
+    // Compute the inverse of the density first, on all threads, because the groups share it.
     let _ = solver.inverse_density();
     if let Some(group) = groups.first() {
         solver.plan(Given::Sums(problem), group.len()).note(monitor);
     }
     solver.notes_plans = false;
-    // Products of a group run on one thread. A factor uses all threads, and there is memory for only one factor.
+    // Fit the groups in parallel, each on one thread. Groups that need a factor follow one after another: a factor uses
+    // all threads, and there is memory for only one.
     let without_factor = |group: &Range<usize>| {
         let refuse = || Err(SolverError::NoGram);
         let mut solver = LsqSolver::of(Source::Moments(problem), Some(&refuse), params.clone())?;

@@ -1,4 +1,5 @@
-//! Least squares from sums over the samples alone, whatever the number of samples and wherever the sums were computed.
+//! Least squares from sums over the samples alone, for any number of samples. The sums may have been computed
+//! elsewhere.
 //!
 //! Moments determine `N = A^T W A + P` ([`MomentOperator`]), and `b = A^T W f` and `sum w f^2` are given. These data
 //! determine the solution, the weighted sum of squares of its residual,
@@ -22,8 +23,8 @@ use super::columns::dots;
 use super::problem::{Problem, ProductError, penalised_product};
 use crate::{MomentNormal, SolverError};
 
-/// Estimated rounding error of products with a [`MomentOperator`], relative to its norm; measured are 9e-15 at L = 100
-/// and 2e-14 at L = 500.
+/// Estimated rounding error of products with a [`MomentOperator`], relative to its norm. Measured errors are 9e-15 at
+/// degree 100 and 2e-14 at degree 500.
 const PRODUCT_ERROR: f64 = 1e-13;
 
 /// A least-squares problem up to degree L, given by its moments.
@@ -41,9 +42,9 @@ impl MomentProblem {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Degree`] for a higher degree; [`SolverError::SumsNotFinite`] for sums that contain a NaN or an
-    /// infinity, [`SolverError::Sums`] for arrays of the wrong size, and [`SolverError::NoSamples`] for sums over no
-    /// samples; those of [`MomentOperator::new`].
+    /// [`SolverError::Degree`] for a higher degree, [`SolverError::SumsNotFinite`] for sums that contain a NaN or an
+    /// infinity, [`SolverError::Sums`] for arrays of the wrong size, [`SolverError::NoSamples`] for sums over no
+    /// samples, and the errors of [`MomentOperator::new`].
     pub fn new(sums: &SampleSums, max_degree: usize) -> Result<Self, SolverError> {
         if max_degree > sums.max_degree {
             return Err(SolverError::Degree { found: max_degree, max_degree: sums.max_degree });
@@ -80,7 +81,7 @@ impl MomentProblem {
         self.right_sides.ncols()
     }
 
-    /// Returns the problem of some of the columns, over the same moments.
+    /// Returns the problem for a range of the columns, with the same moments.
     #[must_use]
     pub fn of_columns(&self, columns: Range<usize>) -> Self {
         let right_sides = self.right_sides.slice(ndarray::s![.., columns.clone()]).to_owned();
@@ -118,18 +119,18 @@ impl MomentProblem {
     ///
     /// # Errors
     ///
-    /// Those of [`MomentGram::new`].
+    /// The errors of [`MomentGram::new`].
     pub fn gram(&self) -> Result<MomentGram, SolverError> {
         Ok(MomentGram::new(self.max_degree(), self.normal.moments())?)
     }
 
-    /// Computes `sum w (f - A x)^2` of each column for coefficients x, (K, c); not below zero.
+    /// Computes `sum w (f - A x)^2` of each column, at least zero, for coefficients x, (K, c).
     ///
     /// The result is a difference of sums, whose error is some eps times `sum w f^2`.
     ///
     /// # Errors
     ///
-    /// Those of [`MomentOperator::apply`].
+    /// The errors of [`MomentOperator::apply`].
     pub fn residual_squares(&self, x: &Array2<f64>) -> Result<Vec<f64>, SolverError> {
         let rest = &self.right_sides - &self.operator().apply(x.view())?;
         let (explained, left) = (dots(x, &self.right_sides), dots(x, &rest));
@@ -141,7 +142,7 @@ impl MomentProblem {
 /// A problem given by its moments, with a penalty.
 pub(crate) struct Summed<'a> {
     pub(crate) problem: &'a MomentProblem,
-    /// Diagonal of P, (K).
+    /// Diagonal of the penalty P, (K).
     pub(crate) penalty: Option<&'a [f64]>,
 }
 

@@ -9,19 +9,19 @@ use super::preconditioner::Diagonal;
 use crate::SolverError;
 use crate::operator::Operator;
 
-/// The normal equations of a weighted and penalised least squares.
+/// The normal equations of a weighted and penalised least-squares problem.
 #[derive(Clone, Copy)]
 pub struct NormalEquations<'a> {
     /// Operator of the basis, A.
     pub operator: &'a dyn Operator,
     /// Weights w, (n); all 1 by default.
     pub weights: Option<&'a [f64]>,
-    /// Diagonal of P, (K); zero by default.
+    /// Diagonal of the penalty P, (K); zero by default.
     pub penalty: Option<&'a [f64]>,
 }
 
 impl NormalEquations<'_> {
-    /// Computes `N x`.
+    /// Computes the product `N x` with the normal matrix N.
     pub(crate) fn apply(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         let mut y = self.operator.normal(x.view(), self.weights)?;
         if let Some(penalty) = self.penalty {
@@ -37,12 +37,12 @@ impl NormalEquations<'_> {
         Diagonal::new(self.operator.max_degree(), weight, self.penalty)
     }
 
-    /// Computes `A^T W s`.
+    /// Computes `A^T W s` for samples s, (n, c).
     pub(crate) fn adjoint(&self, samples: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         self.operator.apply_adjoint(self.weighted(samples).view())
     }
 
-    /// Computes `W s`.
+    /// Computes `W s`: samples s, (n, c), with each row multiplied by its weight.
     pub(crate) fn weighted<'s>(&self, samples: &'s Array2<f64>) -> Cow<'s, Array2<f64>> {
         let mut samples = Cow::Borrowed(samples);
         if let Some(weights) = self.weights {
@@ -58,7 +58,7 @@ impl NormalEquations<'_> {
         Ok(residual)
     }
 
-    /// Computes `A^T W (f - A x) - P x` and the residual `f - A x`.
+    /// Computes the gradient `A^T W (f - A x) - P x` and the residual `f - A x`.
     pub(crate) fn gradient(
         &self,
         targets: &Array2<f64>,

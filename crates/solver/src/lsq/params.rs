@@ -21,7 +21,7 @@ pub enum Strategy {
 pub struct LsqParams {
     /// Weight of each row (vertex), (n), finite and not negative; `None` for equal weights.
     pub weights: Option<Vec<f64>>,
-    /// Marks rows that are left out of the norms of residuals, (n); none by default.
+    /// Marks rows that are excluded from the norms of residuals, (n); default `None`, for all rows included.
     pub unread: Option<Vec<bool>>,
     /// Smoothness penalty, lambda, at least 0; default 0. Adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
     pub smoothness: f64,

@@ -42,7 +42,7 @@ pub(super) enum Factor {
     Stored { reciprocal: f64 },
 }
 
-/// Settings of the caller that decide about the steps.
+/// Settings of the caller that determine the steps.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Request {
     pub(super) strategy: Strategy,
@@ -65,7 +65,7 @@ pub(super) enum Step {
     /// Runs conjugate gradients up to a total of `at_most` iterations, or until a factor seems faster.
     Cg { by_moments: bool, precondition: Precondition, at_most: usize, leave_for_factor: Option<Leave> },
     /// Provides the factor, computing it if necessary, with a shifted diagonal if the matrix is singular. A factor that
-    /// can't be computed is an error if it is `required`; otherwise refinement is left out.
+    /// can't be computed is an error if it is `required`; otherwise refinement is skipped.
     Factor { from: Factor, required: bool },
     /// Refines with the factor, and ends the fit.
     Refine,

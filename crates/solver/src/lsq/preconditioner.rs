@@ -71,7 +71,8 @@ impl Diagonal {
 }
 
 impl Preconditioner for Diagonal {
-    /// Reports say `none`: without a penalty it has no effect, and with a penalty it only scales by the diagonal.
+    /// Returns `none`: without a penalty this preconditioner has no effect, and with a penalty it only scales by the
+    /// diagonal.
     fn name(&self) -> &'static str {
         "none"
     }

@@ -11,14 +11,14 @@ use crate::{MomentNormal, SolverError};
 
 /// Products with the normal matrix, and the gradient by which a solution is finally verified.
 pub(crate) trait Problem: Sync {
-    /// Returns `A^T W f`, (K, c).
+    /// Returns the right-hand sides `A^T W f`, (K, c).
     fn right_sides(&self) -> Result<Array2<f64>, SolverError>;
 
-    /// Computes `N x`, for iterations.
+    /// Computes the product `N x` with the normal matrix, for iterations.
     fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// Computes `A^T W (f - A x) - P x` as accurately as possible, and the residual `f - A x`, (n, c), if there are
-    /// samples.
+    /// Computes the gradient `A^T W (f - A x) - P x` as accurately as possible, and the residual `f - A x`, (n, c), if
+    /// there are samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
     /// Returns a bound on the errors of products, compared with products from the samples, or with exact products if
@@ -27,13 +27,12 @@ pub(crate) trait Problem: Sync {
         None
     }
 
-    /// Returns the number of columns that products process together, if further columns are processed after them;
-    /// `None` if all columns are processed together.
+    /// Returns the number of columns that a product processes at a time; `None` if it processes all columns together.
     fn columns_together(&self) -> Option<usize> {
         None
     }
 
-    /// Computes only the residual, at half the cost of the gradient; `None` if there are no samples.
+    /// Computes only the residual, at half the cost of the gradient; returns `None` if there are no samples.
     fn residual(&self, _x: &Array2<f64>) -> Result<Option<Residual>, SolverError> {
         Ok(None)
     }
@@ -48,15 +47,15 @@ pub(crate) struct ProductError {
     pub(crate) norm: f64,
 }
 
-/// A residual r, with its slopes.
+/// A residual r, with the slope of each column.
 pub(crate) struct Residual {
     /// Residual `f - A x`, (n, c).
     pub(crate) values: Array2<f64>,
-    /// Slope `(A x)^T W r` of each column.
+    /// Slope `(A x)^T W r` of each column, (c).
     pub(crate) slopes: Vec<f64>,
 }
 
-/// A problem with samples. Products are computed by moments if there are any, else by samples.
+/// A problem with samples. Products are computed by moments if `moments` is set, else by samples.
 #[derive(Clone, Copy)]
 pub(crate) struct Sampled<'a> {
     pub(crate) equations: NormalEquations<'a>,
@@ -90,7 +89,7 @@ impl Problem for Sampled<'_> {
     }
 
     fn product_error(&self) -> Option<ProductError> {
-        // The residual's slope doesn't include a penalty.
+        // With a penalty no bound is given, because the slopes of the residual don't include the penalty.
         let moments = self.moments.filter(|_| self.equations.penalty.is_none())?;
         Some(ProductError { relative: moments.accuracy, norm: moments.normal.operator().norm() })
     }

@@ -7,8 +7,8 @@ use super::plan::Leave;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     tolerance: f64,
-    /// Number of iterations before which the iteration isn't abandoned; `every` is the number of iterations over which
-    /// progress is measured.
+    /// Minimum number of iterations before the iteration may be abandoned; `every` is the number of iterations over
+    /// which progress is measured.
     after: usize,
     every: usize,
     /// Largest predicted number of remaining iterations for which the iteration continues.
@@ -18,8 +18,8 @@ pub(crate) struct Progress {
 
 #[cfg(feature = "dense")]
 impl Progress {
-    /// Measures iterations that start at an optimality of `before`; `density` is whether the density preconditions
-    /// them.
+    /// Creates a measurement of progress for iterations that start at an optimality of `before`. `density` is set if
+    /// the density preconditions them.
     pub(super) fn new(leave: &Leave, density: bool, tolerance: f64, before: f64) -> Self {
         let &Leave { after, every, most, most_with_density } = leave;
         Self { tolerance, after, every, most: if density { most_with_density } else { most }, before }
@@ -27,7 +27,7 @@ impl Progress {
 }
 
 impl Progress {
-    /// Returns whether to continue after this iteration of a run.
+    /// Returns whether to continue after iteration `iteration` of a run, counted from 1.
     pub(super) fn may_go_on(&mut self, iteration: usize, optimality: f64) -> bool {
         if !iteration.is_multiple_of(self.every) {
             return true;
@@ -52,8 +52,8 @@ mod tests {
         Leave { after: 60, every: 30, most, most_with_density: 0.0 }
     }
 
-    /// Returns the step, within the first 300, at which an iteration with this gain per step is abandoned; `None` if it
-    /// isn't.
+    /// Returns the step, within the first 300, at which an iteration that gains a factor of `gain` per step is
+    /// abandoned; `None` if it isn't abandoned.
     fn given_up(mut progress: Progress, gain: f64) -> Option<usize> {
         (1..300).find(|&iteration| !progress.may_go_on(iteration, gain.powi(-(iteration as i32))))
     }
@@ -61,20 +61,21 @@ mod tests {
     #[test]
     fn iterations_beside_a_factor_go_on_while_few_are_left() {
         let beside = Progress::new(&BESIDE, false, 1e-12, 1.0);
-        // Twelve steps that gain a factor of ten each, of which three are done.
+        // An iteration of twelve steps, each gaining a factor of ten, has nine steps left after three: few enough to
+        // continue.
         assert_eq!(given_up(beside, 10.0), None);
-        // Forty steps that gain a factor of two each.
+        // An iteration of forty steps, each gaining a factor of two, is abandoned after three.
         assert_eq!(given_up(beside, 2.0), Some(3));
         assert_eq!(given_up(beside, 1.0), Some(3));
         // Progress before the first step isn't counted.
         assert_eq!(given_up(Progress::new(&BESIDE, false, 1e-12, 1e-2), 10.0), Some(3));
-        // Nine remaining steps are more than the four allowed with the density.
+        // Nine remaining steps are more than the four that are allowed if the density preconditions.
         assert_eq!(given_up(Progress::new(&BESIDE, true, 1e-12, 1.0), 10.0), Some(3));
     }
 
     #[test]
     fn a_factor_is_made_where_many_are_left_after_sixty() {
-        // Thirty steps gain 0.7 digits.
+        // At a gain of 1.05 per step, thirty steps gain 0.6 digits.
         assert_eq!(given_up(Progress::new(&before(100.0), false, 1e-10, 1.0), 1.05), Some(60));
         assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.05), None);
         assert_eq!(given_up(Progress::new(&before(1000.0), false, 1e-10, 1.0), 1.0), Some(60));

@@ -80,7 +80,8 @@ impl LsqSolver<'_> {
             }
             taken.add("iterations with the factor", preconditioner, cg, None);
         }
-        // Rounding limits the optimality: no better one can be attained, since the factor is that of N.
+        // Treat the solution as converged: only rounding limits its optimality, and the factor of N can't improve it
+        // further.
         if stop == Stop::Stalled && cg.optimality() <= ROUNDING_OPTIMALITY {
             stop = Stop::Converged;
         }

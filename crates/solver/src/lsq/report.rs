@@ -15,7 +15,7 @@ pub struct LsqReport {
     pub rows: usize,
     /// Number of columns of the targets, c.
     pub channels: usize,
-    /// The preconditioner of the last steps: `none`, `density` (by moments), `factor`, `stored-factor`.
+    /// Preconditioner of the last steps: `none`, `density` (by moments), `factor` or `stored-factor`.
     pub preconditioner: &'static str,
     /// Number of iterations of conjugate gradients.
     pub iterations: usize,
@@ -25,9 +25,9 @@ pub struct LsqReport {
     pub refinements: usize,
     /// The steps taken, in order.
     pub steps: Vec<StepReport>,
-    /// The largest relative gradient of all columns, computed from the samples if there are any. If iterations by
-    /// moments have an estimated error that is small compared with the tolerance, it is their relative gradient plus
-    /// that error.
+    /// Largest relative gradient of all columns, computed from the samples if there are any. If iterations by moments
+    /// have an estimated error that is small compared with the tolerance, the optimality is the relative gradient of
+    /// these iterations plus the estimated error.
     pub optimality: f64,
     /// Reason why the fit ended.
     pub stop: Stop,
@@ -39,7 +39,7 @@ pub struct LsqReport {
     /// Column, counted from 0, at which the factorisation of a singular normal matrix broke down, and the column's
     /// degree.
     pub breaks_at: Option<[usize; 2]>,
-    /// The largest norm of a column of the coefficients.
+    /// Norm of the coefficients of a column: the largest of all columns.
     pub norm: f64,
     /// Smoothness penalty, lambda.
     pub smoothness: f64,
@@ -69,7 +69,7 @@ pub struct StepReport {
     pub seconds: f64,
     /// The largest relative gradient of all columns after the step.
     pub optimality: f64,
-    /// Reason why the step ended early.
+    /// Reason why the step ended early; `None` if it didn't.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub left: Option<String>,
 }
@@ -97,13 +97,13 @@ impl LsqReport {
 /// Wall time by kind of work, in seconds.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct LsqSeconds {
-    /// Time of computing the Gram matrix and factorising it.
+    /// Seconds for computing the Gram matrix and factorising it.
     pub factor: f64,
-    /// Time of computing moments of the sampling, the operator from them and its approximate inverse.
+    /// Seconds for computing moments of the sampling, the operator from them and its approximate inverse.
     pub moments: f64,
-    /// Time of conjugate gradients.
+    /// Seconds for conjugate gradients.
     pub iterations: f64,
-    /// Total time of the fit.
+    /// Total time of the fit in seconds.
     pub total: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The solver: its data, and the sequence of a fit from plan to report. The steps themselves are in `run`.
+//! Defines the solver and the sequence of a fit, from the plan to the report. Module `run` executes the steps.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
 use crate::{MomentNormal, SolverError, check};
 
-/// The stage of a fit, except for computing a factor; its number of steps is unknown.
+/// The stage that the monitor receives during a fit, except while a factor is computed; its number of steps is unknown.
 pub(super) const FIT: Stage = Stage::counted("fit", "steps");
 
 /// The result of a least-squares fit.
@@ -36,15 +36,15 @@ pub struct LsqFit {
     pub report: LsqReport,
 }
 
-/// Computes the Gram matrix `A^T W A`; called when a factor is needed.
+/// Function that computes the Gram matrix `A^T W A`; called when a factor is needed.
 pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + Sync + 'a;
 
-/// Checks that the process's limits allow this number of further bytes of anonymous memory.
+/// Function that checks whether the process's limits allow the given number of additional bytes of anonymous memory.
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
-/// Computes the normal matrix from moments of at least the given relative accuracy; called when iterations are faster
-/// with it. Also returns the right-hand sides `A^T W f` of the given targets, (n, c), if they are obtained at the same
-/// time.
+/// Function that computes the normal matrix from moments of at least the given relative accuracy; called when
+/// iterations are faster with it. Also returns the right-hand sides `A^T W f` of the given targets, (n, c), if they are
+/// obtained at the same time.
 pub type MakeMoments<'a> = dyn Fn(f64, Option<&Array2<f64>>) -> Result<MomentsAndRightSides, SolverError> + Sync + 'a;
 
 /// The normal matrix from moments, and right-hand sides, (K, c), if they were computed with it.
@@ -88,7 +88,7 @@ pub struct LsqSolver<'a> {
     check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
-    /// Diagonal of P, (K), if there is a penalty.
+    /// Diagonal of the penalty P, (K); `None` without a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
     pub(super) moments: Option<Moments>,
@@ -184,29 +184,30 @@ impl<'a> LsqSolver<'a> {
 
     /// Solves for targets, (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
-    /// The monitor gets the stage `fit`, counted in steps whose number is unknown, with a status for each step. If a
-    /// factor is computed, it also gets the stage `factor`, counted in flops.
+    /// Reports the stage `fit` to the monitor, counted in steps whose number is unknown, with a status for each step.
+    /// If a factor is computed, also reports the stage `factor`, counted in flops.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`], [`SolverError::NotFinite`], [`SolverError::Interrupted`]; [`SolverError::NoGram`],
-    /// [`SolverError::Limit`] and errors for too small a budget, for a strategy that needs a Gram matrix; errors of the
-    /// operator, the Gram matrix and the stored factor. Not converging isn't an error.
+    /// [`SolverError::Rows`] and [`SolverError::NotFinite`] for invalid targets, [`SolverError::Interrupted`], and
+    /// errors of the operator, the Gram matrix and the stored factor. For a strategy that needs a Gram matrix, also
+    /// [`SolverError::NoGram`], [`SolverError::Limit`] and errors for too small a budget. A fit that doesn't converge
+    /// isn't an error.
     pub fn fit(
         &mut self,
         targets: &Array2<f64>,
         groups: &[Range<usize>],
         monitor: &dyn Monitor,
     ) -> Result<LsqFit, SolverError> {
-        // Solvers of moments are only used by `solve_moments`, which doesn't call this.
+        // Solvers without samples are only used by `solve_moments` and `solve_moments_of_groups`, which don't call
+        // `fit`.
         let Source::Samples(operator) = self.source else { return Err(SolverError::NoGram) };
         check::targets(targets, operator.rows())?;
         let (coefficients, residual, report) = self.solve(Given::Targets(operator, targets), groups, monitor)?;
         Ok(LsqFit { coefficients, residual: residual.unwrap_or_default(), report })
     }
 
-    /// Solves the given problem; returns coefficients, (K, c), the residual, (n, c), if there are samples, and a
-    /// report.
+    /// Solves a problem. Returns the coefficients, (K, c), the residual, (n, c), if there are samples, and a report.
     pub(super) fn solve(
         &mut self,
         given: Given<'_>,
@@ -231,7 +232,7 @@ impl<'a> LsqSolver<'a> {
         Ok((Coefficients::new(cg.x)?, solution.residual, report))
     }
 
-    /// Returns the plan for solving the given problem with this number of columns.
+    /// Returns the plan for solving a problem with `columns` columns of targets.
     pub(super) fn plan(&mut self, given: Given<'_>, columns: usize) -> Plan {
         let available = self.available(given);
         if self.params.strategy == Strategy::DensityCg && available.moments == plan::Moments::None {
@@ -287,7 +288,7 @@ impl<'a> LsqSolver<'a> {
     /// Checks that the budget and the process's limits allow a factorisation.
     fn plan_factor(&self, size: usize, params: &FactorParams) -> Result<(), SolverError> {
         let (plan, _) = plan_factor(size, params, false)?;
-        // The memory in `held` is already in use.
+        // The memory in `held` is already in use, so it isn't checked against the limits again.
         self.check_limits.map_or(Ok(()), |check| check(plan.memory - self.params.held + plan.reserved))
     }
 
@@ -310,8 +311,8 @@ impl<'a> LsqSolver<'a> {
     }
 }
 
-/// Returns the diagonal of P, (K), if there is a penalty: the sum of the smoothness penalty and the penalties by
-/// degree.
+/// Returns the diagonal of the penalty P, (K): the sum of the smoothness penalty and the penalties by degree. Returns
+/// `None` without a penalty.
 fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, SolverError> {
     let smoothness = (params.smoothness > 0.0).then(|| smoothness_penalty(max_degree, params.smoothness));
     let Some(by_degree) = &params.penalty else { return Ok(smoothness) };
@@ -332,7 +333,7 @@ fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, So
 ///
 /// # Errors
 ///
-/// Those of these functions.
+/// The errors of [`LsqSolver::new`] and [`LsqSolver::fit`].
 pub fn solve(
     operator: &dyn Operator,
     targets: &Array2<f64>,

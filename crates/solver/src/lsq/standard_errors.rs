@@ -43,7 +43,7 @@ impl LsqSolver<'_> {
             return Err(SolverError::Underdetermined { rows, columns });
         }
         let diagonal = self.factor()?.inverse_diagonal(monitor)?;
-        // tr H = K - tr(P N^-1), and P is diagonal.
+        // The trace of the hat matrix is tr H = K - tr(P N^-1), and P is diagonal.
         let penalised = self.penalty.iter().flatten().zip(&diagonal).map(|(p, d)| p * d).sum::<f64>();
         let degrees_of_freedom = rows as f64 - (columns as f64 - penalised);
         if degrees_of_freedom <= 0.0 {

@@ -1,5 +1,5 @@
-//! The strategy of a least-squares fit, as data: [`choose`] decides which steps to take, and computes nothing else. The
-//! solver executes the steps one after another (`run`) and reports on them.
+//! Chooses the steps of a least-squares fit: [`choose`] returns them as data, and computes nothing else. The solver
+//! executes the steps one after another (`run`) and reports on them.
 //!
 //! | request | available | steps |
 //! |---|---|---|
@@ -12,9 +12,10 @@
 //!
 //! The exception: a stored factor of a well-conditioned matrix isn't used for few columns, or if moments and a few
 //! iterations cost less than its use. The density preconditions iterations by moments if it is requested or if the
-//! choice is left to the solver, provided that there is no penalty and there are enough rows. Iterations end early if a
-//! factor seems faster: with auto, at most as many columns as rows, and a factor or a Gram matrix. They are followed by
-//! factor and refinement, or by further iterations if the factor can't be computed. The constants are in `limits`.
+//! choice is left to the solver, provided that there is no penalty and there are enough rows. With auto, iterations end
+//! early if a factor seems faster, provided that there are at most as many columns as rows, and a factor or a Gram
+//! matrix. They are then followed by factor and refinement, or by further iterations if the factor can't be computed.
+//! The constants are in `limits`.
 
 #[cfg(test)]
 mod tests;
@@ -29,7 +30,7 @@ use super::limits::{
 use super::params::Strategy;
 use super::plan::{Available, Factor, Leave, Moments, Plan, Precondition, Request, Sizes, Step};
 
-/// Decides which steps to take.
+/// Chooses the steps of a fit.
 pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) -> Plan {
     let &Request { strategy, max_iterations, .. } = request;
     let &Available { moments, factor } = available;

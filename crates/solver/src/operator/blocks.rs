@@ -30,7 +30,7 @@ pub trait BlockOperator: Operator {
     /// Returns the memory of an open block in bytes, in addition to the scratch space.
     fn resident_bytes(&self, degrees: &RangeInclusive<usize>, residency: Residency, threads: usize) -> usize;
 
-    /// Opens the block of a run of degrees.
+    /// Opens the block of a range of degrees.
     ///
     /// # Errors
     ///
@@ -52,7 +52,7 @@ pub trait BlockOperator: Operator {
     }
 }
 
-/// An open block: the columns of a run of degrees.
+/// An open block: the basis columns of consecutive degrees.
 pub trait Block: Sync {
     /// Calls `read` with the chunk's matrices, one for each degree in order, each (rows, 2 l + 1).
     ///
@@ -66,14 +66,13 @@ pub trait Block: Sync {
         read: &mut dyn FnMut(&[Matrix<'_>]),
     ) -> Result<(), SolverError>;
 
-    /// Starts reading the block from disk while something else is computed.
+    /// Starts reading the block from disk in the background.
     fn prefetch(&self);
 
     /// Returns the bytes read from the store since the block was opened.
     fn bytes_read(&self) -> u64;
 
-    /// Checks that the basis didn't change while it was read. Results computed from the block are only valid if it
-    /// didn't.
+    /// Checks that the basis didn't change while it was read. If it did, results computed from the block are invalid.
     ///
     /// # Errors
     ///

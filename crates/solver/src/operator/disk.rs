@@ -1,4 +1,4 @@
-//! The basis in a store: blocks are windows on the files of their degrees.
+//! A basis in a store. A block consists of windows: memory maps of the files of its degrees.
 
 use std::ops::RangeInclusive;
 use std::sync::OnceLock;
@@ -142,7 +142,7 @@ impl DiskBlock<'_> {
         Ok(())
     }
 
-    /// Reads a chunk by mapping it only for this use.
+    /// Reads a chunk through windows that are opened only for this use.
     fn read_files(
         &self,
         chunk: usize,

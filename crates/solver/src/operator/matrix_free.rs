@@ -1,4 +1,4 @@
-//! The basis by fast transforms, without storing its matrix.
+//! Implements the basis by fast transforms, without storing its matrix.
 
 use std::sync::OnceLock;
 
@@ -10,11 +10,12 @@ use super::Operator;
 use crate::gram::{check_count, moment_normal};
 use crate::{MomentNormal, SolverError};
 
-/// A basis at scattered directions by [`Transform`], to the accuracy of its plan.
+/// A basis at scattered directions, whose products are computed by [`Transform`] to the accuracy of the transform's
+/// plan.
 #[derive(Debug)]
 pub struct MatrixFreeOperator {
     transform: Transform,
-    /// Transform of twice the degree at the same directions, for moments.
+    /// Transform of twice the degree at the same directions, for moments; `None` if transforms aren't shared.
     twice: Option<Transform>,
     accuracy: f64,
 }
@@ -24,7 +25,7 @@ impl MatrixFreeOperator {
     ///
     /// # Errors
     ///
-    /// Those of [`Transform::new`].
+    /// The errors of [`Transform::new`].
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, SolverError> {
         Ok(Self { transform: Transform::new(directions, params)?, twice: None, accuracy: params.accuracy })
     }
@@ -34,7 +35,7 @@ impl MatrixFreeOperator {
     ///
     /// # Errors
     ///
-    /// Those of [`Transform::new`] for twice the degree.
+    /// The errors of [`Transform::new`] for twice the degree.
     pub fn with_moments(directions: &Directions, params: &TransformParams) -> Result<Self, SolverError> {
         let TransformParams { max_degree, accuracy, channels } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: channels + 1 };
@@ -47,7 +48,7 @@ impl MatrixFreeOperator {
     ///
     /// # Errors
     ///
-    /// Those of [`Transform::bytes`].
+    /// The errors of [`Transform::bytes`].
     pub fn moment_bytes(
         params: &TransformParams,
         directions: usize,
@@ -56,7 +57,7 @@ impl MatrixFreeOperator {
     ) -> Result<usize, SolverError> {
         let TransformParams { max_degree, accuracy, channels: group } = *params;
         let twice = TransformParams { max_degree: 2 * max_degree, accuracy, channels: group };
-        // Grids of twice the size for the channels of a group, and a grid for the weights.
+        // Bytes of the grids of twice the size for the channels of a group, and of a grid for the weights.
         let grids = Transform::bytes(&twice, directions, channels.min(group) + 1)?;
         Ok(grids + MomentNormal::bytes(max_degree, channels, threads))
     }
@@ -67,7 +68,7 @@ impl MatrixFreeOperator {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`] for the wrong number of weights; those of [`MomentNormal::new`].
+    /// [`SolverError::Rows`] for the wrong number of weights, and the errors of [`MomentNormal::new`].
     pub fn moments(
         &self,
         directions: &Directions,
@@ -142,8 +143,8 @@ impl<'a> DeferredOperator<'a> {
         if let Some(planned) = self.planned.get() {
             return Ok(planned);
         }
-        // Planned outside the cell's initialisation: within it, this thread may take up other work that itself waits
-        // for the cell.
+        // Plan outside the cell's initialisation: within it, this thread may take up other work that itself waits for
+        // the cell.
         let planned = MatrixFreeOperator::new(self.directions, &self.params)?;
         Ok(self.planned.get_or_init(|| planned))
     }

@@ -15,7 +15,7 @@ use crate::SolverError;
 /// The entire basis, `8 n (L + 1)^2` bytes, in chunks of rows.
 #[derive(Debug, Clone)]
 pub struct MemoryOperator {
-    /// For each chunk its blocks A_0, A_1, .. one after another, each column-major.
+    /// Values of each chunk: its blocks A_0, A_1, .., one per degree, one after another, each column-major.
     chunks: Vec<Vec<f64>>,
     rows: usize,
     max_degree: usize,

@@ -1,6 +1,7 @@
-//! The threaded operations by faer: large matrices are halved until they are tiles, which rayon's threads process.
+//! Implements the threaded operations by faer: large matrices are halved until they have the size of tiles, which
+//! rayon's threads process.
 //!
-//! Where a matrix is halved depends only on its size, so results don't depend on the number of threads. faer's own
+//! The halving of a matrix depends only on its size, so results don't depend on the number of threads. faer's own
 //! parallelism isn't used: it is a feature of the entire program that would also make the sequential calls elsewhere
 //! parallel.
 
@@ -14,8 +15,8 @@ use spharm_harmonics::product::Matrix;
 
 use super::{ThreadedKernels, assert_extent};
 
-/// Largest number of rows and columns of a tile. Larger tiles are multiplied no faster; smaller ones repeat the packing
-/// of their factors.
+/// Largest number of rows and columns of a tile. Larger tiles are multiplied no faster, and with smaller tiles factors
+/// are packed more often.
 const TILE: usize = 512;
 /// Largest order of a matrix that is factorised by one thread.
 const FACTOR: usize = 256;
@@ -30,8 +31,8 @@ pub struct Faer {
 
 impl ThreadedKernels for Faer {
     const RESERVED_PER_THREAD: usize = 0;
-    /// Copies of two tiles' factors, as long as the runs of columns in `cholesky/factorise.rs`, and those of a tile of
-    /// a Gram matrix with 2,048 rows.
+    /// Bytes of the copies that a thread makes of factors: for two tiles with runs of columns as long as in
+    /// `cholesky/factorise.rs`, and for a tile of a Gram matrix with 2,048 rows.
     const TOUCHED_PER_THREAD: usize = 20 << 20;
 
     fn version() -> String {
@@ -123,7 +124,8 @@ impl Faer {
         self.join(|| self.divide(c, above), || self.divide(c, below));
     }
 
-    /// Computes the lower Cholesky factor by halves: the first, the rows below it, and what they leave of the second.
+    /// Computes the lower Cholesky factor by halves: factorises the first half, divides the rows below it by its
+    /// factor, subtracts their product from the second half, and factorises the second half.
     fn factorise(&self, matrix: MatMut<'_, f64>) -> Result<(), usize> {
         let k = matrix.nrows();
         if k <= FACTOR {

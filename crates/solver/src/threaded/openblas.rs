@@ -1,8 +1,8 @@
-//! The threaded operations by OpenBLAS. All calls of it are in this file.
+//! Implements the threaded operations by OpenBLAS. All calls of OpenBLAS are in this file.
 //!
-//! OpenBLAS has one number of threads, and one set of buffers for all callers, for the entire process, and reserves
+//! All callers of OpenBLAS in a process share one number of threads and one set of buffers, and OpenBLAS reserves
 //! [`RESERVED_PER_THREAD`](ThreadedKernels::RESERVED_PER_THREAD) bytes for each calling thread and each of its worker
-//! threads. So it is used by one caller at a time, who holds [`OpenBlas`].
+//! threads. So it is used by one caller at a time, which holds [`OpenBlas`].
 //!
 //! `unsafe` is needed because cblas-sys and lapack-sys are foreign functions; each method checks the extents that its
 //! function accesses.
@@ -25,10 +25,10 @@ unsafe extern "C" {
 
 static IN_USE: Mutex<()> = Mutex::new(());
 
-/// Exclusive use of OpenBLAS with some number of threads. A process has one at a time; others wait for it to be
-/// dropped, which restores the previous number of threads.
+/// Exclusive use of OpenBLAS with some number of threads. A process has at most one value of this type at a time. Other
+/// callers wait until it is dropped, which restores the previous number of threads.
 ///
-/// It must not be held while waiting for other threads, which may also need it.
+/// Don't hold this value while waiting for other threads: they may also need OpenBLAS.
 #[derive(Debug)]
 pub struct OpenBlas {
     threads_before: c_int,
@@ -37,7 +37,7 @@ pub struct OpenBlas {
 
 impl ThreadedKernels for OpenBlas {
     const RESERVED_PER_THREAD: usize = spharm_blas::RESERVED_PER_THREAD;
-    /// Measured.
+    /// Measured bytes of buffers that a thread touches.
     const TOUCHED_PER_THREAD: usize = 34 << 20;
 
     /// Returns version, kernels and build options of OpenBLAS.
@@ -158,7 +158,7 @@ mod tests {
         unsafe { openblas_get_num_threads() }
     }
 
-    /// Runs while no other test uses OpenBLAS.
+    /// Returns OpenBLAS's number of threads while no other test uses it.
     fn threads_of_nobody() -> c_int {
         let _only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
         threads()

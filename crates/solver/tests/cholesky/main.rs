@@ -1,4 +1,4 @@
-//! Guarantees of the Cholesky factor in memory, out of core and from a store.
+//! Tests of the Cholesky factor in memory, out of core and from a store.
 
 mod matrices;
 mod memory;

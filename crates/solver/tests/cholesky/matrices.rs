@@ -1,4 +1,4 @@
-//! Gram matrices of scattered directions, and their factors.
+//! Provides Gram matrices of scattered directions, and their factors.
 
 use std::ops::Range;
 use std::path::Path;
@@ -38,7 +38,7 @@ impl GramMatrix for Dense {
     }
 }
 
-/// Returns A^T A of the harmonics at scattered directions, by direct sums.
+/// Returns the Gram matrix A^T A of the harmonics at `directions`, by direct sums.
 pub(crate) fn gram(directions: &Directions, max_degree: usize) -> Dense {
     let (n, k) = (directions.len(), basis_size(max_degree));
     let recurrence = Recurrence::new(max_degree).unwrap();

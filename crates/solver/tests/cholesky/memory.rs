@@ -1,4 +1,4 @@
-//! Factors in memory and out of core: C C^T equals the matrix, and singular matrices are reported.
+//! Tests factors in memory and out of core: C C^T equals the matrix, and singular matrices are reported.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,8 +13,8 @@ use spharm_store::Scalar;
 
 use crate::matrices::{Dense, filled, gram, in_memory, largest, lower, out_of_core, scattered, spec, stored, to_faer};
 
-/// Covers tiles that divide K = 121 and tiles that don't, factors in memory and out of core, and windows that are kept
-/// and windows that are dropped.
+/// Covers tiles that are smaller and larger than K = 121, factors in memory and out of core, windows that are kept, and
+/// windows that are dropped.
 #[test]
 fn factor_times_its_transpose_is_the_matrix_and_solves_are_those_of_a_dense_solver() {
     let source = gram(&scattered(400), 10);
@@ -97,7 +97,7 @@ fn the_inverse_s_diagonal_is_that_of_unit_solves() {
 
 #[test]
 fn the_inverse_s_diagonal_stops_between_tiles() {
-    /// Asks to stop at the third check.
+    /// A monitor that cancels at the third check.
     struct Third(AtomicU64);
     impl Monitor for Third {
         fn cancelled(&self) -> bool {

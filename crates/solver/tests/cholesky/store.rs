@@ -1,4 +1,4 @@
-//! Factors in a store: refused if they are damaged or don't match, removed if their computation is interrupted.
+//! Tests factors in a store: damaged and mismatched factors are refused, and interrupted computations leave no files.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -51,7 +51,7 @@ fn a_factor_of_something_else_is_refused_by_name() {
     assert_eq!(factors(folder.path(), spec.key).unwrap().len(), 1);
 }
 
-/// Asks to stop after a number of steps or statuses.
+/// A monitor that cancels after a number of steps or statuses.
 struct StopAfter {
     left: AtomicU64,
 }
@@ -168,7 +168,7 @@ fn too_little_memory_or_disk_is_said_before_any_work() {
     };
     let params = FactorParams { memory: 64 << 20, ..FactorParams::default() };
     assert!(build(&params).contains("the smallest that works is"));
-    // The factor has 522 GB.
+    // The factor would take 522 GB.
     let line = build(&FactorParams { memory: 4 << 30, ..params });
     assert!(line.contains("the factor needs") && line.contains(&store.display().to_string()), "{line}");
     assert!(!store.exists());

@@ -1,4 +1,4 @@
-//! Denoising within the fit, compared with dense algebra.
+//! Tests denoising within the fit against dense algebra.
 
 use ndarray::{Array2, s};
 use spharm_harmonics::basis_size;
@@ -68,7 +68,7 @@ fn noise_power_is_that_of_the_dense_matrix() {
         let params = LsqParams { weights: Some(weights.clone()), ..params(Strategy::Auto) };
         let fit = solve(&sampling, DEGREE, &noise, params);
         let mut power = NoisePower::new(DEGREE);
-        // Columns may be added in pieces of any size.
+        // Columns of noise may be added in groups of any size.
         for columns in [0..5, 5..NOISE_COLUMNS] {
             let residual = residual_square(fit.residual.slice(s![.., columns.clone()]), Some(&weights));
             power.add(fit.coefficients.values().slice(s![.., columns]), residual);

@@ -1,4 +1,4 @@
-//! Factors that are kept between batches, stored, or in single precision.
+//! Tests factors that are kept between batches, stored, or in single precision.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -42,7 +42,7 @@ fn a_solver_keeps_its_factor_from_batch_to_batch() {
     assert_eq!(made.into_inner(), 1);
 }
 
-/// Computes a factor, stores it, and opens it as for a fit on `sampling`.
+/// Builds the factor for fits on `sampling` in a store, and opens it.
 fn stored(
     folder: &std::path::Path,
     sampling: &Sampling,
@@ -90,8 +90,8 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
             if scalar == Scalar::F64 {
                 assert_eq!(fit.coefficients.values(), made.coefficients.values(), "{what}: the same bits");
             }
-            // The report has the condition number in the sum norm. It differs from the condition number in the
-            // Euclidean norm by a factor of at most the size of the matrix, and by less on even samplings.
+            // The report has the condition number in the 1-norm. It differs from the condition number in the Euclidean
+            // norm by a factor of at most the size of the matrix, and by less on even samplings.
             let ratio = fit.report.condition / expected.condition();
             let most = if sampling.name == "even" { 3.0 } else { (basis_size(max_degree) as f64).sqrt() };
             assert!(ratio > 1.0 / most && ratio < most, "{what}: {ratio}");
@@ -99,7 +99,8 @@ fn a_stored_factor_gives_what_a_made_one_gives_and_single_precision_is_refined()
     }
 }
 
-/// The condition number of the normal equations is so large that a solve in single precision loses all digits.
+/// A fit ends with the best solution found if the condition number of the normal equations is so large that a solve in
+/// single precision loses all digits.
 #[test]
 fn a_single_precision_factor_of_ill_conditioned_equations_ends_with_the_best_that_was_found() {
     let folder = tempfile::tempdir().unwrap();
@@ -142,7 +143,7 @@ fn iterations_by_moments_go_before_a_stored_factor_while_they_are_faster() {
         dense(&a, &targets, weights, smoothness).meets(&fit, fit.report.optimality, "beside a factor");
         assert_eq!(fit.report.stop, Stop::Converged, "{:?}", fit.report);
         assert_eq!((fit.report.preconditioner, fit.report.products), (expected, "moments"), "{:?}", fit.report);
-        // The first three iterations show how many would be needed.
+        // The first three iterations suffice to predict the remaining number of iterations.
         assert!(fit.report.condition < 100.0, "{:?}", fit.report);
         assert!(if iterated { fit.report.iterations > 3 } else { fit.report.iterations == 3 }, "{:?}", fit.report);
         assert_eq!(fit.report.refinements > 0, !iterated, "{:?}", fit.report);

@@ -33,8 +33,8 @@ fn cross_validation_finds_a_smoothness_that_is_near_the_best() {
         let (chosen, without) = (error(found.smoothness), error(0.0));
         assert!(chosen < without && chosen < 1.5 * best, "{chosen:e} {without:e} {best:e} {found:?}");
         assert!(!found.at_the_end);
-        // The penalties tried are between 1e-6 of the highest degree's diagonal on an even sampling and the diagonal
-        // for degree 2.
+        // On an even sampling, the smallest lambda gives the highest degree a penalty of 1e-6 of the normal matrix's
+        // diagonal, and the largest lambda gives degree 2 a penalty equal to the diagonal.
         let even = weights.as_ref().map_or(n as f64, |weights| weights.iter().sum()) / (4.0 * std::f64::consts::PI);
         let lambdas = || found.tried.iter().map(|[lambda, ..]| *lambda);
         let (least, most) = (lambdas().fold(f64::INFINITY, f64::min), lambdas().fold(0.0, f64::max));

@@ -1,5 +1,5 @@
-//! The full least squares: every strategy gives the solution of the dense problem, and undetermined components stay
-//! small.
+//! Tests of the full least squares: every strategy gives the solution of the dense problem, and undetermined components
+//! stay small.
 
 mod denoise;
 mod factors;

@@ -1,4 +1,4 @@
-//! Fits from moments, compared with the dense solution and with the same fit from the samples.
+//! Tests fits from moments against the dense solution and against the same fit from the samples.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -110,7 +110,7 @@ fn a_lower_degree_needs_no_other_sums() {
     assert!(matches!(MomentProblem::new(&to_twelve, 13), Err(SolverError::Degree { found: 13, max_degree: 12 })));
 }
 
-/// Returns the actual gradient of a solution x relative to the right-hand sides, the largest of all columns.
+/// Returns the recomputed gradient of a solution x relative to the right-hand sides: the maximum over all columns.
 fn optimality_of(problem: &MomentProblem, right_sides: &Array2<f64>, x: ArrayView2<'_, f64>) -> f64 {
     let gradient = right_sides - &problem.operator().apply(x).unwrap();
     norms(&gradient).into_iter().zip(norms(right_sides)).map(|(g, b)| g / b).fold(0.0, f64::max)
@@ -146,7 +146,7 @@ fn the_optimality_of_each_group_is_that_of_its_solution() {
 #[test]
 fn columns_of_many_have_the_bits_that_they_have_with_their_own_few() {
     let (sampling, mut targets) = (irregular(900, 5), Random(11).normals(900, 8));
-    // This group needs fewer iterations than the others.
+    // The columns of the second group are zero, so this group needs fewer iterations than the others.
     targets.slice_mut(s![.., 3..6]).fill(0.0);
     let sums = sums(&sampling, None, &targets, 11);
     let problem = MomentProblem::new(&sums, 11).unwrap();
@@ -220,7 +220,8 @@ fn sums_that_are_none_are_refused() {
     assert!(matches!(MomentProblem::new(&short, 3), Err(SolverError::Sums { expected: 16, found: 9, .. })));
 }
 
-/// Fits with moments in addition to the samples, for weights that may differ from those of the fit.
+/// Fits two batches with moments in addition to the samples. The weights of the moments, `of_moments`, may differ from
+/// those of the fit. Returns the fits, and the number of times that moments were computed.
 fn fit_with_moments(
     sampling: &Sampling,
     targets: &Array2<f64>,

@@ -1,4 +1,5 @@
-//! Preconditioned iterations: their gain with moments, and the use of the preconditioner to the end.
+//! Tests that preconditioning reduces the number of iterations by moments, and that iterations keep their
+//! preconditioner to the end.
 
 use std::sync::Mutex;
 
@@ -137,7 +138,7 @@ fn groups_of_an_uneven_sampling_are_each_as_if_alone() {
     let groups: Vec<_> = (0..12).map(|c| c..c + 1).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(6).build().unwrap();
     for _ in 0..20 {
-        // The inverse of the density isn't computed yet.
+        // The new problem starts without an inverse of the density.
         let all = problem(&sampling, &targets);
         let fits = pool.install(|| solve_moments_of_groups(&all, &groups, &LsqParams::default(), &Silent)).unwrap();
         for (group, fit) in groups.iter().zip(fits) {
@@ -160,6 +161,6 @@ fn the_density_is_left_alone_where_it_gains_nothing() {
     assert_eq!(preconditioner(&irregular(1000, 4), 0.0), "density");
     assert_eq!(preconditioner(&irregular(1000, 4), 1e-3), "none");
     assert_eq!(preconditioner(&even(1000), 0.0), "none");
-    // Fewer than two samples per coefficient: there may be many solutions.
+    // With fewer than two samples per coefficient there may be many solutions.
     assert_ne!(preconditioner(&irregular(330, 4), 0.0), "density");
 }

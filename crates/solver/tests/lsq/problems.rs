@@ -1,4 +1,4 @@
-//! Samplings, random numbers, and the dense solution with which every strategy is compared.
+//! Provides samplings, random numbers, and the dense solution with which every strategy is compared.
 
 use std::f64::consts::{PI, TAU};
 
@@ -51,7 +51,7 @@ pub(crate) fn cap(n: usize, angle: f64) -> Sampling {
     spiral("cap", n, |u| 0.5 * (1.0 - angle.cos()) * u)
 }
 
-/// Random numbers from a counter.
+/// Generator of random numbers from a counter.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -76,7 +76,7 @@ pub(crate) fn uneven_weights(n: usize) -> Vec<f64> {
     (0..n).map(|i| 0.25 + ((i * 31) % 7) as f64).collect()
 }
 
-/// Returns A, (n, K), by direct sums.
+/// Returns the basis matrix A, (n, K), by direct sums.
 pub(crate) fn matrix(directions: &Directions, max_degree: usize) -> Array2<f64> {
     let operator = MemoryOperator::new(directions, max_degree, 64).unwrap();
     operator.apply(Array2::eye(basis_size(max_degree)).view()).unwrap()

@@ -1,4 +1,4 @@
-//! Bad input is refused, and interruptions end a fit.
+//! Tests that invalid input is refused, and that interruptions end a fit.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -39,7 +39,7 @@ fn bad_input_gets_typed_errors() {
         let found = error(&good, &|params| params.smoothness = smoothness);
         assert!(matches!(found, SolverError::Smoothness { .. }), "{found}");
     }
-    // This strategy needs a Gram matrix, and there is none.
+    // This strategy needs a Gram matrix, but the solver has none.
     let operator = transforms(&sampling.directions, 4);
     let mut solver = LsqSolver::new(&operator, None, params(Strategy::Cholesky)).unwrap();
     let found = solver.fit(&good, std::slice::from_ref(&(0..2)), &Silent).unwrap_err();

@@ -1,4 +1,4 @@
-//! Components that the samples don't determine stay small.
+//! Tests that components that the samples don't determine stay small.
 
 use ndarray::{Array2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -7,8 +7,8 @@ use spharm_solver::{IrfParams, MemoryOperator, Method, Strategy, irf};
 
 use crate::problems::{Random, Sampling, cap, dense, irregular, matrix, norms, params, solve, svd};
 
-/// Returns the mean squared residual of the least squares restricted to the singular vectors with values above `cut`
-/// times the largest.
+/// Returns the mean squared residual of the least-squares fit that is restricted to the singular vectors with values
+/// above `cut` times the largest.
 fn truncated(a: &Array2<f64>, targets: &Array2<f64>, cut: f64) -> f64 {
     let (u, singular, _) = svd(a);
     let count = singular.iter().filter(|value| **value > cut * singular[0]).count();
@@ -28,7 +28,7 @@ fn what_the_sampling_does_not_determine_stays_small_and_is_told() {
         let n = sampling.directions.len();
         assert!(n >= basis_size(max_degree));
         let operator = MemoryOperator::new(&sampling.directions, max_degree, 64).unwrap();
-        // A smooth function that isn't in the basis, and a little noise.
+        // The targets are smooth functions that aren't in the basis, with a little noise.
         let mut targets = Random(11).normals(n, 2) * 1e-3;
         for (mut row, v) in targets.rows_mut().into_iter().zip(sampling.directions.as_slice()) {
             row[0] += (3.0 * v[0]).sin() * v[2].exp();

@@ -1,4 +1,4 @@
-//! Standard errors of the coefficients.
+//! Tests standard errors of the coefficients.
 
 use ndarray::Array2;
 use spharm_harmonics::basis_size;
@@ -10,7 +10,8 @@ use crate::problems::{
     Random, Sampling, cap, clustered, diagonal, even, inverse, irregular, matrix, params, transforms, uneven_weights,
 };
 
-/// Standard errors squared are the diagonal of sigma^2 (A^T W A + P)^-1, and agree with the scatter of coefficients.
+/// The squares of standard errors are the diagonal of sigma^2 (A^T W A + P)^-1, and agree with the scatter of
+/// coefficients.
 #[test]
 fn standard_errors_are_those_of_the_dense_inverse() {
     for (sampling, max_degree, smoothness) in

@@ -1,4 +1,4 @@
-//! Every strategy gives the solution of the dense problem.
+//! Tests that every strategy gives the solution of the dense problem.
 
 use std::fmt;
 use std::sync::{Arc, Mutex};
@@ -74,7 +74,7 @@ fn a_batch_gives_what_each_column_gives_alone_and_a_zero_column_zero() {
     let sampling = clustered(500);
     let mut targets = Random(3).normals(500, 8);
     targets.column_mut(5).fill(0.0);
-    // A column of a very different size: each column has its own optimality.
+    // One column is far smaller than the others, to check that each column has its own optimality.
     targets.column_mut(6).mapv_inplace(|v| 1e-9 * v);
     let expected = dense(&matrix(&sampling.directions, 7), &targets, None, 0.0);
     for strategy in STRATEGIES {
@@ -120,7 +120,7 @@ fn too_few_iterations_end_with_the_best_solution_so_far() {
     }
 }
 
-/// Details that a solver logs.
+/// A monitor that records the details logged by a solver.
 #[derive(Default)]
 struct Details(Mutex<Vec<String>>);
 

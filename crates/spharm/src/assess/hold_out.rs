@@ -1,4 +1,4 @@
-//! Vertices that are held out of a fit, to assess the model between the fitted vertices.
+//! Holds vertices out of a fit, to assess the model between the fitted vertices.
 
 use ndarray::{Array2, ArrayView2};
 use serde::Serialize;
@@ -26,7 +26,7 @@ pub struct HeldOut {
 }
 
 impl HoldOut {
-    /// Holds out about this fraction of n vertices. The random numbers have a fixed seed, so the choice is
+    /// Holds out about the given fraction of n vertices. The random numbers have a fixed seed, so the choice is
     /// reproducible.
     ///
     /// # Errors
@@ -53,15 +53,15 @@ impl HoldOut {
         self.held.iter().filter(|held| **held).count()
     }
 
-    /// Returns the weights, or 1 for each vertex if there are none, with 0 at the held-out vertices.
+    /// Returns the weights with 0 at the held-out vertices. Without weights, all other vertices get weight 1.
     pub(crate) fn apply(&self, weights: Option<Vec<f64>>) -> Vec<f64> {
         let mut weights = weights.unwrap_or_else(|| vec![1.0; self.held.len()]);
         weights.iter_mut().zip(&self.held).filter(|(_, held)| **held).for_each(|(weight, _)| *weight = 0.0);
         weights
     }
 
-    /// Returns the distances between the model with these coefficients, (K, c), and the targets, (n, c). Vertices
-    /// marked in `unread`, (n), are left out.
+    /// Returns the distances between the model with the given coefficients, of shape (K, c), and the targets, of shape
+    /// (n, c). Vertices marked in `unread` are excluded.
     pub(crate) fn assess(
         &self,
         directions: &Directions,

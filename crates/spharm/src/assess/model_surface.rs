@@ -2,9 +2,9 @@
 //!
 //! The paper's msd and xsd compare each vertex with the model's value in the vertex's own direction. Finely meshed
 //! parts of a surface have more vertices and therefore more influence. For a shape, the relevant quantity is the
-//! distance between two surfaces, independent of which points correspond. Here the model is evaluated on an icosphere
-//! with about twice as many vertices as a fit of its degree has samples. Distances are measured both ways: from points
-//! spread over each surface to the nearest point of the other surface.
+//! distance between two surfaces, which doesn't depend on corresponding points. Here the model is evaluated on an
+//! icosphere with about twice as many vertices as a fit of its degree has samples. Distances are measured both ways:
+//! from points spread over each surface to the nearest point of the other surface.
 
 use ndarray::ArrayView2;
 use serde::Serialize;
@@ -40,7 +40,7 @@ pub struct SurfaceDistances {
     pub model_vertices: usize,
 }
 
-/// Triangles of a surface with which its model is compared.
+/// Triangles of a surface that are compared with the surface's model.
 pub(crate) struct ReadSurface {
     faces: Vec<[u32; 3]>,
     /// Whether `faces` contains all triangles of the surface.
@@ -48,7 +48,7 @@ pub(crate) struct ReadSurface {
 }
 
 impl ReadSurface {
-    /// Keeps the triangles of a sphere that have no corner marked in `unread`, (n).
+    /// Keeps the triangles of a sphere that have no corner marked in `unread`.
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>) -> Self {
         let is_read = |face: &&[u32; 3]| {
             unread.is_none_or(|unread| face.iter().all(|&v| !unread.get(v as usize).copied().unwrap_or(false)))
@@ -58,10 +58,11 @@ impl ReadSurface {
     }
 }
 
-/// Minimum number of icosphere vertices per basis function. Edges are then a sixth of the shortest wavelength.
+/// Minimum number of icosphere vertices per basis function. With this number, edges are a sixth of the shortest
+/// wavelength.
 const VERTICES_PER_FUNCTION: usize = 12;
 
-/// Number of points per basis function from which distances are measured on each surface; a fit has a quarter as many
+/// Number of points per basis function from which distances are measured on each surface. A fit has a quarter as many
 /// samples.
 const POINTS_PER_FUNCTION: usize = 24;
 
@@ -87,7 +88,8 @@ fn vertices(level: u32) -> usize {
 }
 
 impl ModelSurface {
-    /// Returns the level of the icosphere for models of a degree, within a memory of `bytes`; `None` if no level fits.
+    /// Returns the level of the icosphere for models of a degree, within a memory of `bytes` bytes; `None` if no level
+    /// fits.
     pub(crate) fn level(max_degree: usize, faces: usize, bytes: usize) -> Option<u32> {
         let wanted = VERTICES_PER_FUNCTION * basis_size(max_degree);
         let level = (LEVELS[0]..LEVELS[1]).find(|&level| vertices(level) >= wanted).unwrap_or(LEVELS[1]);
@@ -116,8 +118,9 @@ impl ModelSurface {
         Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
     }
 
-    /// Returns the distances between the model with these coefficients, (K, 3), and the surface with these vertices,
-    /// (n, 3), and the triangles of `read`. Returns `None` if the surface has no area or its bounding box no volume.
+    /// Returns the distances between two surfaces: the model with the given coefficients, of shape (K, 3), and the
+    /// surface with the given vertices, of shape (n, 3), and the triangles of `read`. Returns `None` if the surface
+    /// has no area or its bounding box has no volume.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -132,12 +135,13 @@ impl ModelSurface {
         let model = self.sphere.with_vertices(points(self.transform.synthesis(coefficients)?.view()));
         let params = SurfaceDistanceParams { samples: self.points };
         let found = match surface_distance(&surface, &model, &params, &OnlyCancel(monitor)) {
-            // The surface has no area, for example if one vertex lies 1e300 times further out than the others.
+            // The surface has no area in floating point, for example because one vertex is 1e300 times as far away as
+            // the others.
             Err(SurfaceError::Argument { .. }) => return Ok(None),
             found => found?,
         };
-        // If a part of the surface is excluded, the model has no counterpart there: distances from the model are left
-        // out.
+        // If a part of the surface is excluded, the model has no counterpart there, so distances from the model are
+        // excluded.
         let (rms, percentile95, hausdorff, points) = if read.whole {
             let points = found.forward.samples + found.backward.samples;
             (found.rms, found.percentile95, found.hausdorff, points)

@@ -1,5 +1,5 @@
-//! Measures a model's distance from its surface at centres of triangles: a model can match all vertices and oscillate
-//! between them.
+//! Measures a model's distance from its surface at the centres of triangles, since a model can match all vertices and
+//! oscillate between them.
 
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use spharm_harmonics::{Directions, synthesis};
@@ -8,14 +8,14 @@ use spharm_surface::Sphere;
 use crate::Error;
 use crate::assess::Distances;
 
-/// Maximum number of triangle centres times basis functions. Evaluating them takes some hundredths of a second up to
-/// degree 300.
+/// Largest product of the number of triangle centres and the number of basis functions. The evaluation takes some
+/// hundredths of a second up to degree 300.
 const WORK: usize = 20_000_000;
 /// Minimum and maximum number of triangle centres.
 const PLACES: [usize; 2] = [200, 2000];
-/// A warning is given that a model oscillates if its rms distance at the triangle centres is more than this many times
-/// its rms distance at the vertices, and also more than [`LEAST`] times the rms of the triangles' longest edges. A
-/// smooth model bulges over a flat triangle by less.
+/// A model is reported as oscillating if its rms distance at the triangle centres is more than `OSCILLATION` times its
+/// rms distance at the vertices, and also more than [`LEAST`] times the rms of the triangles' longest edges. A smooth
+/// model bulges over a flat triangle by less.
 const OSCILLATION: f64 = 10.0;
 const LEAST: f64 = 0.3;
 
@@ -27,7 +27,7 @@ pub(crate) struct OffVertex {
 
 impl OffVertex {
     /// Chooses the triangle centres at which models of `functions` basis functions are evaluated. Triangles with a
-    /// corner marked in `unread`, (n), are left out. Returns `None` if no triangle remains.
+    /// corner marked in `unread` are excluded. Returns `None` if no triangle remains.
     pub(crate) fn new(sphere: &Sphere, unread: Option<&[bool]>, functions: usize) -> Result<Option<Self>, Error> {
         let unit = sphere.directions.as_slice();
         let sum = |face: &[u32; 3]| {
@@ -48,19 +48,20 @@ impl OffVertex {
         Ok(Some(Self { faces, centres: Directions::from_vertices(&sums)? }))
     }
 
-    /// Returns the directions of the triangle centres, (p).
+    /// Returns the directions of the p triangle centres.
     pub(crate) fn centres(&self) -> &Directions {
         &self.centres
     }
 
-    /// Evaluates the model with these coefficients, (K, 3), at the triangle centres, (p, 3).
+    /// Evaluates the model with the given coefficients, of shape (K, 3), at the p triangle centres. The result has
+    /// shape (p, 3).
     pub(crate) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(synthesis(&self.centres, coefficients)?)
     }
 
-    /// Returns the distances of the model's values at the triangle centres, (p, 3), from the centres of the surface's
-    /// triangles. If the model oscillates, also returns the ratio of their rms to the rms of `at`, the distances at the
-    /// vertices.
+    /// Returns the distances of the model's values at the triangle centres, of shape (p, 3), from the centres of the
+    /// surface's triangles. If the model oscillates, also returns the rms of these distances divided by the rms of
+    /// `at`, the distances at the vertices.
     pub(crate) fn assess(
         &self,
         model: ArrayView2<'_, f64>,

@@ -12,16 +12,17 @@ use crate::Error;
 pub struct Carried {
     /// Position on the target, in the target's own frame.
     pub point: Vec3,
-    /// Distance of the original point from the source's surface.
+    /// Distance of the original point from the surface of the source.
     pub off: f64,
-    /// Whether source and target both have a counterpart of the template there; otherwise the position is a guess.
+    /// Whether both source and target have a counterpart of the template at this point. If not, the position is a
+    /// guess.
     pub reached: bool,
 }
 
 impl Group {
-    /// Carries points on member `source` to the corresponding positions on member `target`, each in its member's own
-    /// frame. The source's surface is approximated by the triangles between its corresponding points. A point's offset
-    /// from these triangles is kept on the target.
+    /// Carries points on member `source` to the corresponding positions on member `target`, each point in its member's
+    /// own frame. The source's surface is approximated by the triangles between its corresponding points. A point's
+    /// offset from these triangles is kept on the target.
     ///
     /// # Errors
     ///

@@ -1,4 +1,4 @@
-//! Files in the folder of a group of corresponding surfaces.
+//! Defines the files in the folder of a group of corresponding surfaces.
 //!
 //! | file | contents |
 //! |---|---|
@@ -9,9 +9,9 @@
 //! | `members/NAME.json` | the member's source file, its similarity to the group's frame, report on its registration |
 //!
 //! `group.json` is written after all other files of the group, and `members/NAME.json` after the member's other files.
-//! If either exists, the files written before it are complete. Members can also be added to a finished group one by
-//! one, possibly on several machines. The `group.json` of their folder lists no members: the group's members are then
-//! all those with a file in `members`.
+//! If one of these files exists, the files written before it are complete. Members can also be added to a finished
+//! group one by one, possibly on several machines. The `group.json` of the folder for added members lists no members:
+//! its members are all those with a file in `members`.
 
 mod read;
 #[cfg(test)]
@@ -39,7 +39,7 @@ struct Shared {
     members: Option<Vec<String>>,
     max_degree: usize,
     directions: usize,
-    /// Indices of directions without a counterpart on members.
+    /// Indices of directions that have no counterpart on members.
     masked: Vec<usize>,
     spread: f64,
     #[serde(default)]
@@ -58,7 +58,7 @@ struct Member {
     version: u32,
     name: String,
     input: Option<FileRecord>,
-    /// Whether the surface was mirrored first; `to_group` includes that.
+    /// Whether the surface was mirrored before it was aligned. `to_group` includes the reflection.
     #[serde(default)]
     mirrored: bool,
     to_group: Similarity,
@@ -88,9 +88,9 @@ pub struct MemberOrigin {
     pub name: String,
     /// File of the member's surface.
     pub input: Option<FileRecord>,
-    /// Whether the surface was mirrored first, x to -x.
+    /// Whether the surface was mirrored (x to -x) before it was aligned.
     pub mirrored: bool,
-    /// Warnings about the member to check.
+    /// Reasons to check the member.
     pub warnings: Vec<String>,
 }
 
@@ -114,8 +114,8 @@ fn member_path(folder: &Path, name: &str) -> PathBuf {
     folder.join("members").join(format!("{name}.json"))
 }
 
-/// Checks that there is a name for each member, and that names are valid as file names, unique and distinct from the
-/// group's other files.
+/// Checks that each member has a name, and that names are valid as file names, unique, and distinct from the names of
+/// the group's other files.
 fn check_names(names: &[&str], count: usize) -> Result<(), Error> {
     let refused = |expected, found: String| Err(Error::Setting { what: "a group's folder", expected, found });
     if names.len() != count {

@@ -50,9 +50,9 @@ impl Fitted {
         Ok(Self { places, coefficients, rms })
     }
 
-    /// Refines the correspondence by the group: each member's points move along its surface, are projected onto it and
-    /// are fitted again. Returns a report and the number of flipped triangles of each member. Updates `reached` for the
-    /// moved points; the corners of flipped triangles aren't reached.
+    /// Refines the correspondence by the group's statistics: each member's points move along its surface, are
+    /// projected onto it and are fitted again. Returns a report and the number of flipped triangles of each member.
+    /// Updates `reached` for the moved points. The corners of flipped triangles are marked as not reached.
     pub(super) fn refine(
         &mut self,
         subjects: &Subjects<'_>,
@@ -75,7 +75,7 @@ impl Fitted {
         };
         let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        // The template is only used for its triangles here, so its drift isn't prepared.
+        // The template is only used for its triangles, so its drift isn't prepared.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
@@ -121,7 +121,7 @@ impl Fitted {
 
     /// Returns a member's points at the directions to which a flow carries the sphere's directions, and whether each
     /// point is reached. A point is the model's value plus the model's residual, which is interpolated linearly within
-    /// triangles. Therefore points don't move where the flow is zero. Elsewhere they have no kinks, which linear
+    /// triangles. Therefore points don't move if the flow is zero. Elsewhere they have no kinks, which linear
     /// interpolation of the points themselves would cause.
     fn carried(
         &self,
@@ -134,7 +134,7 @@ impl Fitted {
         let model = self.coefficients[index].values().view();
         let carried = flow.apply(sphere.directions.as_slice())?;
         let before = at_sphere.synthesis(model)?;
-        // The model's residual in columns 0 to 2; 1 in column 3 if a point isn't reached.
+        // Columns 0 to 2 have the model's residual. Column 3 is 1 for points that aren't reached, and 0 for others.
         let left = Array2::from_shape_fn((before.nrows(), 4), |(v, k)| match k {
             3 => f64::from(u8::from(!reached[v])),
             _ => self.places[index][v][k] - before[[v, k]],
@@ -175,7 +175,7 @@ impl Fitted {
     }
 }
 
-/// Records in a member's model the similarity to the group's frame.
+/// Stores the similarity to the group's frame in a member's model.
 pub(super) fn record_motion(model: &mut Model, similarity: &Similarity) {
     model.provenance.other.insert("to_group".to_owned(), json!(similarity));
 }

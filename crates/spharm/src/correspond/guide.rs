@@ -1,4 +1,4 @@
-//! Landmarks that guide a group's registration, and each landmark's error when it is left out.
+//! Guides a group's registration by landmarks, and measures the error at landmarks that are left out.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -12,27 +12,27 @@ use spharm_surface::{Mesh, Place, Similarity};
 use super::together::motion;
 use crate::Error;
 
-/// Minimum number of landmarks to determine a surface's rotation.
+/// Minimum number of landmarks that determine a surface's rotation.
 const TURN: usize = 3;
-/// Number of parts into which landmarks are divided; each part is left out in turn.
+/// Number of parts into which landmarks are divided, so that each part can be left out once.
 const PARTS: usize = 5;
 
-/// Corresponding points of all members that are known before the registration.
+/// Corresponding points of all members, known before the registration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GuideLandmarks {
-    /// Landmarks of each member, in its own frame, (p).
+    /// The p landmarks of each member, in the member's own frame.
     pub members: Vec<Vec<Vec3>>,
-    /// Landmarks of the given template in its frame, (p); `None` without a given template.
+    /// The p landmarks of the given template, in the template's frame; `None` without a given template.
     pub template: Option<Vec<Vec3>>,
 }
 
-/// Mean distances over the members between guiding landmarks and their corresponding points, in the group's unit.
+/// Distances between guiding landmarks and their corresponding points, averaged over the members, in the group's unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GuideReport {
-    /// Distance of each landmark in the finished group, (p).
+    /// Distance of each of the p landmarks in the finished group.
     pub guided: Vec<f64>,
-    /// Distance of each landmark when it is left out of the last registration, (p): an estimate of the error away from
-    /// landmarks.
+    /// Distance of each of the p landmarks when it is left out of the last registration. It estimates the error away
+    /// from landmarks.
     pub left_out: Vec<f64>,
 }
 
@@ -72,9 +72,9 @@ impl GuideLandmarks {
         self.members[index].iter().map(|point| similarities[index].apply(*point)).collect()
     }
 
-    /// Computes a member's pose from its landmarks and improves it on its surface. Returns the pose if it differs from
-    /// `found`, the pose computed from the surface alone. `moving` and `fixed` are the surfaces of the member and the
-    /// template.
+    /// Computes a member's pose from its landmarks and improves it by the surfaces. Returns the pose if it differs
+    /// from `found`, the pose computed from the surfaces alone. `moving` and `fixed` are the surfaces of the member
+    /// and the template.
     pub(super) fn turned(
         &self,
         (moving, own): (&PoseSurface, &[Vec3]),
@@ -93,7 +93,7 @@ impl GuideLandmarks {
     }
 }
 
-/// Returns whether points are so close to a line that they don't determine the rotation about it.
+/// Returns whether points are so close to a line that they don't determine the rotation about the line.
 fn flat(points: &[Vec3]) -> bool {
     let share = 1.0 / points.len() as f64;
     let middle: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
@@ -115,7 +115,7 @@ pub(super) struct Guided<'a> {
 }
 
 impl<'a> Guided<'a> {
-    /// Finds the landmarks' positions on a mapped template; `None` without landmarks.
+    /// Finds the landmarks' positions on a mapped template. Returns `None` without landmarks.
     pub(super) fn new(
         landmarks: Option<&'a GuideLandmarks>,
         mapped: &Mesh,
@@ -139,8 +139,8 @@ impl<'a> Guided<'a> {
         pairs.map(|(place, point)| Guide { place: *place, point: similarity.apply(*point) }).collect()
     }
 
-    /// Divides a member's landmarks into parts and leaves out one part at a time. Returns the distance of each landmark
-    /// when its part is left out, (p).
+    /// Divides a member's p landmarks into parts, and registers the template again without each part. Returns the
+    /// distance of each landmark when its part is left out.
     pub(super) fn left_out(
         &self,
         guides: &[Guide],

@@ -24,9 +24,9 @@ pub struct NewMember {
     pub model: Model,
     /// Similarity from the surface's own frame to the group's frame.
     pub similarity: Similarity,
-    /// Points on the surface that correspond to the sphere's directions, (n), in the group's frame.
+    /// Points on the surface that correspond to the sphere's n directions, in the group's frame.
     pub places: Vec<Vec3>,
-    /// Whether each direction has a counterpart on the surface, (n).
+    /// Whether each of the n directions has a counterpart on the surface.
     pub reached: Vec<bool>,
     /// Report on the registration of the surface.
     pub report: MemberReport,
@@ -38,18 +38,18 @@ pub struct Joining {
     template: Template,
     pose: PoseSurface,
     params: CorrespondParams,
-    /// Statistics of a refined group, by which the points of new members are refined.
+    /// Statistics of a refined group, used to refine the points of new members.
     finished: Option<FinishedGroup>,
 }
 
 impl Joining {
     /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
-    /// hundred. If the group was refined and there are at least three, new members' points are refined by the mean and
-    /// the modes of `members`.
+    /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by
+    /// their mean and modes.
     ///
     /// # Errors
     ///
-    /// Those of [`Template::new`] in [`Error::Register`]; [`Error::Shape`]; [`Error::Interrupted`].
+    /// The errors of [`Template::new`] in [`Error::Register`]; [`Error::Shape`]; [`Error::Interrupted`].
     pub fn new(
         group: GroupTemplate,
         members: &[Coefficients],
@@ -74,12 +74,12 @@ impl Joining {
         Ok(Self { group, template, pose: surface, params, finished })
     }
 
-    /// Adds the mirror image of a surface, x to -x, as [`add`](Self::add) adds the surface; the similarity includes the
-    /// reflection.
+    /// Adds the mirror image (x to -x) of a surface, as [`add`](Self::add) adds the surface itself. The similarity
+    /// includes the reflection.
     ///
     /// # Errors
     ///
-    /// Those of [`add`](Self::add).
+    /// The errors of [`add`](Self::add).
     pub fn add_mirrored(&self, surface: &Mesh, monitor: &dyn Monitor) -> Result<NewMember, Error> {
         let reflection = Similarity::reflection();
         let mut member = self.add(&reflection.apply_mesh(surface), monitor)?;

@@ -1,9 +1,9 @@
 //! Establishes correspondence within a group: all subjects are fitted over one template's sphere with one basis.
 //!
-//! If surfaces are mapped to the sphere one by one, the same direction belongs to different parts of each surface, and
-//! most of a group's variance is caused by the maps. Here only one template is mapped. It is then moved in space onto
-//! every subject's surface, whatever the surface's topology. All subjects are fitted over the template's sphere. The
-//! group's own statistics correct the correspondence where the registration leaves it undetermined.
+//! If each surface is mapped to the sphere separately, the same direction belongs to different parts of the surfaces,
+//! and most of a group's variance is caused by the maps. Here only one template is mapped. It is then moved in space
+//! onto every subject's surface, whatever the surface's topology. All subjects are fitted over the template's sphere.
+//! The group's own statistics correct the correspondence in places that the registration leaves undetermined.
 //!
 //! 1. Poses are found from the surfaces alone ([`spharm_surface::pose`]).
 //! 2. The most typical subject, or a given surface, is the template. It is repaired, mapped and fitted ([`template`]).
@@ -64,12 +64,12 @@ pub struct Group {
     pub models: Vec<Model>,
     /// Similarity from each member's own frame to the group's frame.
     pub similarities: Vec<Similarity>,
-    /// Corresponding points of each member, (n) each: one for each of the sphere's directions, on the member's surface,
-    /// in the group's frame.
+    /// Corresponding points of each member, one for each of the sphere's n directions. They are on the member's
+    /// surface and in the group's frame.
     pub places: Vec<Vec<Vec3>>,
-    /// Whether the member has a counterpart at each direction, (n) for each member; otherwise the point is a guess.
+    /// Whether each member has a counterpart at each of the n directions. If not, the point is a guess.
     pub reached: Vec<Vec<bool>>,
-    /// Data of the group that are needed to add new members.
+    /// The group's data that are needed to add new members.
     pub template: GroupTemplate,
     /// Report on the correspondence.
     pub report: CorrespondReport,
@@ -82,7 +82,7 @@ pub struct GroupTemplate {
     pub sphere: Sphere,
     /// The group's mean, in the group's frame.
     pub mean: Coefficients,
-    /// Directions without a counterpart on members, such as the filled holes of the first template, (n).
+    /// Whether each of the n directions has no counterpart on members, as in the filled holes of the first template.
     pub masked: Vec<bool>,
     /// Root mean square distance of the members from the mean, weighted by area.
     pub spread: f64,
@@ -91,8 +91,8 @@ pub struct GroupTemplate {
 }
 
 impl GroupTemplate {
-    /// Returns for each of these unit vectors, (n, 3), whether the nearest of the group's directions has a counterpart
-    /// on members.
+    /// Returns, for each of the given unit vectors, whether the nearest of the group's directions has a counterpart on
+    /// members.
     #[must_use]
     pub fn kept_at(&self, directions: &[Vec3]) -> Vec<bool> {
         if !self.masked.contains(&true) {
@@ -109,13 +109,14 @@ impl GroupTemplate {
     }
 }
 
-/// Establishes correspondence between surfaces. `read` returns the surface of an index in `0..count`, in its own frame.
-/// It is called several times for each surface, from several threads.
+/// Establishes correspondence between surfaces. `read` returns the surface with an index in `0..count`, in the
+/// surface's own frame. It is called several times for each surface, from several threads.
 ///
 /// # Errors
 ///
-/// [`Error::Setting`] for fewer than two surfaces; [`Error::Member`] for an error of one surface; those of mapping the
-/// template ([`Error::Parametrize`]) and of [`fit_many`](crate::fit_many); [`Error::Interrupted`].
+/// [`Error::Setting`] for fewer than two surfaces; [`Error::Member`] for an error of one surface;
+/// [`Error::Parametrize`] if the template can't be mapped; the errors of [`fit_many`](crate::fit_many);
+/// [`Error::Interrupted`].
 pub fn correspond(
     count: usize,
     read: &(dyn Fn(usize) -> Result<Mesh, Error> + Sync),

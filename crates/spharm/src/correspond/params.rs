@@ -11,33 +11,33 @@ use super::resume::Resume;
 use super::signals::Signals;
 use crate::Error;
 
-/// Settings of [`correspond`](super::correspond()), from [`up_to`](Self::up_to); each setter returns the settings with
-/// another value of its field.
+/// Settings of [`correspond`](super::correspond()), created by [`up_to`](Self::up_to). Each setter returns the
+/// settings with another value of one field.
 #[derive(Debug, Clone, Setters)]
 #[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct CorrespondParams {
     /// Highest degree of the models, L.
     pub max_degree: usize,
-    /// The first template; by default the most typical subject.
+    /// The first template. By default it is the most typical subject.
     #[setters(into)]
     pub template: Option<Mesh>,
     /// Landmarks that guide the registration; none by default.
     #[setters(into)]
     pub guide: Option<GuideLandmarks>,
-    /// Whether each surface is mirrored first, x to -x, such as right hemispheres in a group of left ones; empty for
-    /// none. The similarities to the group's frame include the reflection.
+    /// Whether each surface is mirrored (x to -x) first, such as right hemispheres in a group of left ones. Empty if
+    /// no surface is mirrored. The similarities to the group's frame include the reflection.
     pub mirrored: Vec<bool>,
     /// Signals on the surfaces that the refinement matches in addition to positions; none by default.
     #[setters(into)]
     pub signals: Option<Signals>,
-    /// Number of subdivisions of the icosphere whose directions are registered; by default 4 (2,562 directions) for
+    /// Number of subdivisions of the icosphere whose directions are registered. By default 4 (2,562 directions) for
     /// degrees up to 15, 5 (10,242) up to 40, and 6 (40,962) above.
     #[setters(into)]
     pub subdivisions: Option<u32>,
     /// Number of rounds of registration; 2 by default. In each round after the first, the group's mean is the template.
     pub rounds: usize,
-    /// Settings of the refinement by the group; `None` skips the refinement.
+    /// Settings of the refinement by the group's statistics; `None` skips the refinement.
     #[setters(into)]
     pub refinement: Option<GroupwiseParams>,
     /// Settings for computing poses.
@@ -56,7 +56,7 @@ pub struct CorrespondParams {
 const LEAST: usize = 2;
 
 impl CorrespondParams {
-    /// Returns the defaults for models of a degree.
+    /// Returns the default settings for models of degree `max_degree`.
     #[must_use]
     pub fn up_to(max_degree: usize) -> Self {
         Self {
@@ -75,7 +75,7 @@ impl CorrespondParams {
         }
     }
 
-    /// Returns the subdivisions of the icosphere whose directions are registered.
+    /// Returns the number of subdivisions of the icosphere whose directions are registered.
     #[must_use]
     pub fn subdivisions(&self) -> u32 {
         self.subdivisions.unwrap_or(match self.max_degree {
@@ -85,7 +85,7 @@ impl CorrespondParams {
         })
     }
 
-    /// Returns the reflection that is applied first to a surface, if there is one.
+    /// Returns the reflection that is applied to a surface first, if the surface is mirrored.
     pub(super) fn reflection(&self, index: usize) -> Option<Similarity> {
         (self.mirrored.get(index) == Some(&true)).then(Similarity::reflection)
     }

@@ -9,15 +9,15 @@ use spharm_surface::pose::GroupPoseWarning;
 
 use super::guide::GuideReport;
 
-/// Largest share of a member's area without a counterpart on the template for which no warning is given.
+/// Largest share of a member's area that may lack a counterpart on the template without a warning.
 pub(super) const UNREACHED: f64 = 0.02;
 
 /// Report on a group's correspondence.
 #[derive(Debug, Clone)]
 pub struct CorrespondReport {
-    /// The subject that was the first template, counted from 0; none for a given template.
+    /// Index of the subject that was the first template, counted from 0; `None` for a given template.
     pub template: Option<usize>,
-    /// Repairs of the first template that were needed to map it to the sphere.
+    /// Repairs of the first template that were necessary to map it to the sphere.
     pub changes: Vec<String>,
     /// Report on each member.
     pub members: Vec<MemberReport>,
@@ -34,8 +34,8 @@ pub struct CorrespondReport {
 /// Report on the registration of one member; lengths are in the group's unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct MemberReport {
-    /// Median distance of the member's surface from the other surfaces, or its distance from a given template, after
-    /// poses were computed.
+    /// Median distance of the member's surface from the other surfaces after their poses were computed, or its
+    /// distance from a given template.
     pub pose_distance: f64,
     /// Root mean square distance of the member's surface from the registered template.
     pub cover_rms: f64,
@@ -73,11 +73,11 @@ impl MemberReport {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum CorrespondWarning {
-    /// The member's pose is doubtful, or its surface differs much from the other surfaces.
+    /// The member's pose is doubtful, or its surface differs greatly from the other surfaces.
     Pose(GroupPoseWarning),
     /// The template reaches less than 98 % of the member's surface.
     Unreached {
-        /// The member, counted from 0.
+        /// Index of the member, counted from 0.
         member: usize,
         /// Share of the member's area that the template doesn't reach.
         share: f64,
@@ -86,25 +86,25 @@ pub enum CorrespondWarning {
     },
     /// More than 5 % of the template's directions have no counterpart on the member.
     Lacks {
-        /// The member, counted from 0.
+        /// Index of the member, counted from 0.
         member: usize,
         /// Share of the template's directions that have no counterpart.
         share: f64,
     },
     /// Two members are the same surface.
     Same {
-        /// The member, counted from 0.
+        /// Index of the member, counted from 0.
         member: usize,
-        /// The earlier member with the same surface, counted from 0.
+        /// Index of the earlier member with the same surface, counted from 0.
         as_member: usize,
     },
 }
 
-/// First words of the message about a member that has the same surface as another; the other's name follows.
+/// First words of the message about a member whose surface equals another member's. The other member's name follows.
 pub const IDENTICAL_TO: &str = "the surface is identical to ";
 
 impl CorrespondWarning {
-    /// Returns the member, counted from 0.
+    /// Returns the index of the member, counted from 0.
     #[must_use]
     pub fn member(&self) -> usize {
         match self {

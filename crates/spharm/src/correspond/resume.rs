@@ -28,7 +28,7 @@ pub struct Resume {
 }
 
 impl Resume {
-    /// Opens or creates a folder. `key` identifies the group's surfaces, by their hashes, and its settings.
+    /// Opens or creates a folder. `key` identifies the group's surfaces by their hashes, and its settings.
     ///
     /// # Errors
     ///
@@ -75,8 +75,8 @@ impl Resume {
         self.folder.join(format!("{round}-{index}.npz"))
     }
 
-    /// Reads a stored registration to a template of n vertices, with the distances of left-out landmarks; `None` if its
-    /// file is missing or unreadable. `landmarks` is the number of these distances.
+    /// Reads a stored registration to a template of n vertices, with the distances of left-out landmarks. `landmarks`
+    /// is the number of these distances. Returns `None` if the file of the registration is missing or unreadable.
     pub(super) fn read(
         &self,
         round: usize,

@@ -109,7 +109,7 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     })
 }
 
-/// Returns the poses of the surfaces after their reflections.
+/// Returns the poses of the surfaces. Mirrored surfaces are reflected first.
 fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monitor) -> Result<Posed, Error> {
     let surface = |index: usize, mesh: Mesh| {
         monitor.check()?;
@@ -153,7 +153,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     })
 }
 
-/// Returns landmarks after the reflections of their surfaces.
+/// Returns the landmarks, reflected if their surface is mirrored.
 fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLandmarks {
     let mut landmarks = landmarks.clone();
     for (index, points) in landmarks.members.iter_mut().enumerate() {
@@ -164,7 +164,8 @@ fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLand
     landmarks
 }
 
-/// Replaces the poses of members whose landmarks give a different rotation than their surfaces; returns their indices.
+/// Replaces the poses of members whose landmarks give a different rotation than their surfaces. Returns the indices of
+/// these members.
 fn turned(
     landmarks: &GuideLandmarks,
     params: &CorrespondParams,
@@ -185,8 +186,8 @@ fn turned(
     turned
 }
 
-/// Registers a template to all members. In the last round each registration is repeated with guiding landmarks left out
-/// in turn; the distances of left-out landmarks are returned, too.
+/// Registers a template to all members. In the last round, each registration is repeated with parts of the guiding
+/// landmarks left out. The distances of the left-out landmarks are returned, too.
 fn register_all(
     subjects: &Subjects<'_>,
     similarities: &[Similarity],
@@ -225,7 +226,7 @@ fn without_counterpart(found: &Registered, masked: &[bool]) -> usize {
     found.reached.iter().zip(masked).filter(|(reached, masked)| !**reached && !**masked).count()
 }
 
-/// Returns warnings for members that the template doesn't cover, or that lack parts of the template.
+/// Returns warnings for members that the template doesn't cover completely, or that lack parts of the template.
 fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning> {
     let all = masked.iter().filter(|masked| !**masked).count().max(1) as f64;
     let mut warnings = Vec::new();

@@ -1,4 +1,5 @@
-//! Signals on the surfaces, such as thickness, as channels of the refinement in addition to positions and normals.
+//! Adds signals on the surfaces, such as thickness, to the channels of the refinement, which are positions and
+//! normals.
 //!
 //! A signal is interpolated at the nearest point of its surface to each corresponding point, and fitted over the
 //! group's sphere. It is scaled so that its standard deviation over all members and their area is `weight` times the
@@ -20,7 +21,7 @@ use super::subjects::Subjects;
 use super::together::{mesh_of, weights};
 use crate::{Error, Fit, FitParams, fit_many};
 
-/// Reads the signals of the surface with the given index: for each signal, a value per vertex.
+/// A function that reads the signals of the surface with the given index: for each signal, one value per vertex.
 type Read = dyn Fn(usize) -> Result<Vec<Vec<f64>>, Error> + Send + Sync;
 
 /// Signals that determine the correspondence together with positions.
@@ -29,7 +30,7 @@ pub struct Signals {
     /// Weight of each signal: its standard deviation after scaling, relative to the square root of the area. Normals
     /// have weight 0.12.
     pub weights: Vec<f64>,
-    /// Reads the signals of a surface.
+    /// The function that reads the signals of a surface.
     pub read: Arc<Read>,
 }
 
@@ -49,8 +50,8 @@ impl Signals {
         }
     }
 
-    /// Returns the coefficients of the signals of all members, (K, signals) each, in units of length. Masked directions
-    /// don't contribute to the standard deviations.
+    /// Returns the coefficients of the signals of each member, of shape (K, signals), in units of length. Masked
+    /// directions don't contribute to the standard deviations.
     pub(super) fn fitted(
         &self,
         subjects: &Subjects<'_>,
@@ -106,7 +107,7 @@ impl Signals {
     }
 
     /// Subtracts from each signal its mean over all members, and scales it to the standard deviation that its weight
-    /// demands. A signal is one column of each member's values, (n, channels).
+    /// demands. A signal is one column of each member's values, of shape (n, channels).
     fn scale(
         &self,
         values: &mut [Vec<f64>],
@@ -138,7 +139,7 @@ impl Signals {
     }
 }
 
-/// Appends the coefficients of signals to those of positions: (K, 3 + signals).
+/// Appends the coefficients of signals to those of positions. The result has shape (K, 3 + signals).
 pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {

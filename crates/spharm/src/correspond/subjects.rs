@@ -15,8 +15,8 @@ pub(super) struct Subjects<'a> {
 
 impl Subjects<'_> {
     /// Applies a function to each surface, several at a time. If several surfaces fail, the error of the first one in
-    /// order is returned, whatever the number of threads: surfaces after a failed one may be skipped, surfaces before
-    /// it never are.
+    /// order is returned, regardless of the number of threads: surfaces after a failed one may be skipped, but
+    /// surfaces before it are always processed.
     pub(super) fn each<T: Send>(
         &self,
         work: impl Fn(usize, Mesh) -> Result<T, Error> + Sync + Send,

@@ -10,7 +10,7 @@ use spharm_surface::topology::area;
 use crate::Error;
 use crate::parametrize::parametrize_with;
 
-/// Minimum degree for which the map is made, also for models of lower degrees, so that enough directions lie on thin
+/// Minimum degree for which the map is made, even for models of lower degrees, so that enough directions lie on thin
 /// parts.
 const DEGREE: usize = 40;
 /// A point at this distance or more from the original surface lies on a cut or a filled hole. The distance is relative
@@ -22,7 +22,7 @@ const FILLED: f64 = 0.005;
 pub struct MappedTemplate {
     /// Mesh whose vertices are the surface's points at the icosphere's directions.
     pub mesh: Mesh,
-    /// Whether each direction is on a cut or a filled hole, (n).
+    /// Whether each of the n directions is on a cut or a filled hole.
     pub masked: Vec<bool>,
     /// Repairs that were made to the surface.
     pub changes: Vec<String>,

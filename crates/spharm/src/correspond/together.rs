@@ -13,11 +13,11 @@ const ROUNDS: usize = 5;
 /// hardly vary.
 const ADDED_VARIANCE: f64 = 1.0;
 
-/// Aligns members, (n) corresponding points each, rigidly. Each point is weighted by its area and by the inverse of its
-/// variance (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood
+/// Aligns members rigidly by their n corresponding points. Each point is weighted by its area and by the inverse of
+/// its variance (D. Theobald and D. Wuttke, "Empirical Bayes hierarchical models for regularizing maximum likelihood
 /// estimation in the matrix Gaussian Procrustes problem", PNAS 103, 2006). Least squares weighted by area alone would
-/// rotate members with a bump relative to members without it, and they would then differ away from the bump. Returns
-/// the motion of each member, and the members' mean, whose pose is unchanged.
+/// rotate members with a bump relative to members without it, and the members would then differ away from the bump.
+/// Returns the motion of each member and the members' mean, whose pose is unchanged.
 pub(super) fn together(members: &mut [Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> (Vec<Similarity>, Vec<Vec3>) {
     let mut motions = vec![Similarity::default(); members.len()];
     let areas = weights(members, faces, masked);
@@ -53,7 +53,8 @@ fn step_to(mean: &[Vec3], members: &mut [Vec<Vec3>], motions: &mut [Similarity],
     }
 }
 
-/// Returns each point's area divided by the members' variance about the mean there, normalised to sum 1.
+/// Returns each point's area divided by the members' variance about the mean at the point. The results are normalised
+/// to sum 1.
 fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> {
     let square = |member: &Vec<Vec3>, v: usize| {
         let off = sub(member[v], mean[v]);
@@ -84,8 +85,8 @@ fn rigid(from: &[Vec3], to: &[Vec3], weights: &[f64]) -> Similarity {
     motion(from, to, Some(weights), false, false)
 }
 
-/// Returns the motion that best aligns the points `from` with the points `to`. `weights` have sum 1; all are equal if
-/// `None`.
+/// Returns the motion that best aligns the points `from` with the points `to`. `weights` have sum 1; `None` gives all
+/// points equal weights.
 pub(super) fn motion(from: &[Vec3], to: &[Vec3], weights: Option<&[f64]>, scaled: bool, mirror: bool) -> Similarity {
     let equal = || vec![1.0 / from.len().max(1) as f64; from.len()];
     let weights = weights.map_or_else(|| Cow::Owned(equal()), Cow::Borrowed);
@@ -113,7 +114,8 @@ pub(super) fn mean(members: &[Vec<Vec3>]) -> Vec<Vec3> {
     (0..members.first().map_or(0, Vec::len)).map(at).collect()
 }
 
-/// Returns each point's share of the area, averaged over the members. The shares have sum 1; masked points have 0.
+/// Returns each point's share of the area, averaged over the members. The shares have sum 1, and are 0 for masked
+/// points.
 pub(super) fn weights(members: &[Vec<Vec3>], faces: &[[u32; 3]], masked: &[bool]) -> Vec<f64> {
     let mut weights = vec![0.0; masked.len()];
     for member in members {
@@ -142,7 +144,7 @@ pub(super) fn spread(members: &[Vec<Vec3>], mean: &[Vec3], weights: &[f64]) -> f
     (members.iter().map(square).sum::<f64>() / members.len().max(1) as f64).sqrt()
 }
 
-/// Returns a mesh with these points as vertices and the triangles of a sphere.
+/// Returns a mesh with the given points as vertices and the triangles of a sphere.
 pub(super) fn mesh_of(places: Vec<Vec3>, faces: &[[u32; 3]]) -> Mesh {
     Mesh::new(places, faces.to_vec())
 }
@@ -166,7 +168,7 @@ mod tests {
         };
         let mut members: Vec<_> = [0.0, 0.3, 0.0, 0.3].map(body).into();
         let (motions, mean) = together(&mut members, &ball.faces, &masked);
-        // Displacement of the members with bumps relative to the others, divided by the longest axis.
+        // Distance between the images of the point (0, 7, 0) under two motions.
         let apart = |a: &Similarity, b: &Similarity| {
             let off = sub(a.apply([0.0, 7.0, 0.0]), b.apply([0.0, 7.0, 0.0]));
             dot(off, off).sqrt()

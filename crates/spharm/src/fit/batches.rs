@@ -1,4 +1,4 @@
-//! Reads targets a few at a time, fits them in batches, assesses the fits and passes them on.
+//! Reads targets a few at a time, fits them in batches, assesses the fits and passes the fits on.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -22,16 +22,16 @@ use crate::{Error, Fit, FitWarning, Objective};
 type Read<'a, E> = &'a (dyn Fn(usize) -> Result<Target, E> + Sync);
 type Done<'a, T, E> = &'a (dyn Fn(usize, Result<Fit, E>) -> Result<T, E> + Sync);
 
-/// State of a running call: targets that were read ahead, and the results so far.
+/// State of a running call: targets that were read ahead, and the results obtained so far.
 pub(crate) struct Run<'a, T, E> {
     pub(crate) job: Job<'a>,
     pub(crate) monitor: &'a dyn Monitor,
     pub(crate) count: usize,
-    /// The index of each finished target, and the result of `done` for it.
+    /// Index of each finished target, and the result that `done` returned for it.
     pub(crate) results: Vec<(usize, T)>,
     pub(crate) batches: Vec<BatchReport>,
     pub(crate) seconds: Seconds,
-    /// Number of targets read at the same time: given by the method's memory plan, and 1 before a plan exists.
+    /// Number of targets read at the same time. It is set by the method's memory plan, and 1 before a plan exists.
     pub(crate) readers: usize,
     read: Read<'a, E>,
     done: Done<'a, T, E>,
@@ -58,11 +58,11 @@ pub(crate) struct Batch {
 
 /// The solution of a batch by a method.
 pub(crate) struct Solved {
-    /// Canonical coefficients, (K, columns of the batch).
+    /// Canonical coefficients of all columns of the batch, of shape (K, columns).
     pub(crate) coefficients: Array2<f64>,
     /// For each sweep: whether it was a refinement, and the norms of each target's residual.
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
-    /// Standard errors in the layout of the coefficients, if requested.
+    /// Standard errors of the coefficients, in the same layout, if requested.
     pub(crate) standard_errors: Option<Array2<f64>>,
     /// For each target, the noise removed from it or from each of its channels. Empty without denoising.
     pub(crate) denoised: Vec<Vec<Denoised>>,
@@ -70,10 +70,10 @@ pub(crate) struct Solved {
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     /// Warnings that apply to all targets of the batch.
     pub(crate) warnings: Vec<FitWarning>,
-    /// Results of each target if targets were solved one after another; empty if they were solved together.
+    /// Results of each target, if targets were solved one after another. Empty if targets were solved together.
     pub(crate) per_target: Vec<PerTarget>,
-    /// Values of each target's model at the centres of some triangles, (p, c). Empty if the method doesn't compute
-    /// them.
+    /// Values of each target's model at the centres of p triangles, of shape (p, c). Empty if the method doesn't
+    /// compute them.
     pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
@@ -106,7 +106,7 @@ impl Batch {
         self.groups.last().map_or(0, |group| group.end)
     }
 
-    /// Iterates over the targets, each with its columns, (n, c).
+    /// Iterates over the targets and their columns. The values of a target have shape (n, c).
     pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
         self.groups.iter().cloned().zip(self.targets.iter().map(values))
     }
@@ -116,8 +116,8 @@ impl Batch {
         self.groups.iter().zip(&self.targets).map(|(group, target)| parts(group, target.kind))
     }
 
-    /// Measures the distances of the models with these coefficients, (K, columns), from their surfaces, one after
-    /// another, since each measurement uses all threads.
+    /// Measures the distances of models from their surfaces. `coefficients` has shape (K, columns). Models are
+    /// measured one after another, since each measurement uses all threads.
     pub(crate) fn surface_distances(
         &self,
         model_surface: &ModelSurface,
@@ -132,7 +132,7 @@ impl Batch {
         self.groups.iter().zip(&self.targets).map(of).collect()
     }
 
-    /// Returns all columns side by side, (n, c).
+    /// Returns the columns of all targets side by side, as an array of shape (n, columns).
     pub(crate) fn side_by_side(&self) -> Array2<f64> {
         let rows = self.targets.first().map_or(0, |target| target.values.len() / target.channels.max(1));
         let mut all = Array2::zeros((rows, self.columns()));
@@ -143,8 +143,8 @@ impl Batch {
     }
 }
 
-/// Replaces the values at unread vertices by the values at the first vertex that is read, so that they don't affect
-/// units and sizes. Returns an error if a value at another vertex isn't finite.
+/// Replaces the values at unread vertices by the values at the first vertex that is read, so that unread values don't
+/// affect units and sizes. Returns an error if a value at another vertex isn't finite.
 fn hide(target: &mut Target, unread: Option<&[bool]>) -> Result<(), Error> {
     target.check_finite(unread)?;
     let Some(unread) = unread else { return Ok(()) };
@@ -166,7 +166,7 @@ fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
     Err(SurfaceError::VertexCount { path, sphere: sphere.path.clone(), expected, found }.into())
 }
 
-/// Returns a target's values, (n, c).
+/// Returns a target's values as an array of shape (n, c).
 fn values(target: &Target) -> ArrayView2<'_, f64> {
     let shape = (target.values.len() / target.channels.max(1), target.channels);
     ArrayView2::from_shape(shape, &target.values[..])
@@ -174,7 +174,7 @@ fn values(target: &Target) -> ArrayView2<'_, f64> {
 }
 
 impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
-    /// Creates the state of a call, and reads targets until one can be read.
+    /// Creates the state of a call, and reads targets until one of them is valid.
     pub(crate) fn new(
         job: Job<'a>,
         count: usize,
@@ -191,7 +191,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(run)
     }
 
-    /// Returns the number of channels of the next target; in most studies all targets have the same number.
+    /// Returns the number of channels of the next target. In most studies all targets have the same number.
     pub(crate) fn channels(&self) -> usize {
         self.ready.front().map_or(1, |(_, target, _)| target.channels)
     }
@@ -205,7 +205,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
     }
 
     /// Fits batches of at most `columns` columns, or of a single target with more, and passes the fits on. Stops when
-    /// all targets are done, or when the next target differs in its objective: a surface after fits of vertices, or
+    /// all targets are finished, or when the next target has another objective: a surface after fits of vertices, or
     /// vice versa.
     pub(crate) fn each_batch(
         &mut self,
@@ -223,8 +223,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Fits a batch and passes its fits on. If the batch misses the tolerance, each target is fitted alone, to find the
-    /// targets that reach it.
+    /// Fits a batch and passes its fits on. If the batch misses the tolerance, each target is fitted separately, to
+    /// find the targets that reach it.
     fn solve(
         &mut self,
         batch: Batch,
@@ -255,7 +255,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Reads the next few targets. If none of them can be read, reads further targets until one can.
+    /// Reads the next few targets. If none of them is valid, reads further targets until one is.
     fn fill(&mut self) -> Result<(), E> {
         let (read, job) = (self.read, &self.job);
         let (sphere, unread) = (job.sphere, job.unread.as_deref());
@@ -283,8 +283,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Takes as many targets as have at most `columns` columns together, but at least one. All have the same exponents
-    /// of scaling, and either all or none of them are fitted as surfaces.
+    /// Takes as many targets as possible with at most `columns` columns in total, but at least one target. All of them
+    /// have the same exponents of scaling, and either all or none are fitted as surfaces.
     fn next_batch(&mut self, columns: usize) -> Result<Batch, E> {
         let (mut taken, mut width): (Vec<Ready>, usize) = (Vec::new(), 0);
         let surface = self.next_is_surface()?;

@@ -1,4 +1,4 @@
-//! Checks, before any work, that memory suffices for mapping and fitting a surface.
+//! Checks that memory suffices for mapping and fitting a surface, before any work starts.
 
 use spharm_surface::{Kind, Mesh};
 
@@ -8,7 +8,7 @@ use super::surface_plan::SurfacePlan;
 use crate::parametrize::Method as MapMethod;
 use crate::{Error, FitParams, Method};
 
-/// Checks that memory suffices to fit a surface over a sphere with its vertices, before that sphere exists.
+/// Checks that memory suffices to fit a surface over a sphere with the same vertices, before that sphere exists.
 ///
 /// The memory plan of a method over a store depends on the store. Such methods are only checked when the fit starts.
 ///
@@ -19,7 +19,7 @@ pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
     check_sizes(surface.vertices.len(), surface.faces.len(), params)
 }
 
-/// Checks the memory as [`check_memory`] does, for a surface of these numbers of vertices and triangles.
+/// Checks the memory like [`check_memory`], for a surface of `vertices` vertices and `faces` triangles.
 pub(crate) fn check_sizes(vertices: usize, faces: usize, params: &FitParams) -> Result<(), Error> {
     let sizes = Sizes { vertices, faces, max_degree: params.max_degree, channels: 3, denoise: params.denoise };
     match params.method {

@@ -1,4 +1,4 @@
-//! Estimates the noise of targets, from the response to noise of fits over one sphere.
+//! Estimates the noise of targets from the response of fits to noise over the same sphere.
 
 use std::ops::Range;
 
@@ -14,16 +14,16 @@ use super::job::Job;
 use crate::report::Denoised;
 use crate::{Error, FitParams, Method, Smoothness, Weights};
 
-/// Response to noise of plain fits, which are fits without a penalty, over one sphere.
+/// Response to noise of plain fits (fits without a penalty) over one sphere.
 pub(crate) struct Denoiser {
     power: NoisePower,
-    /// Precision of each vertex, (n), if precisions differ.
+    /// Precisions of the n vertices, if they differ.
     precision: Option<Vec<f64>>,
 }
 
 impl Denoiser {
-    /// Measures the response by fits of noise, `at_a_time` columns at a time. `fit` returns the coefficients, (K, c),
-    /// and the residual at the vertices, (n, c), of a plain fit.
+    /// Measures the response by fits of noise, `at_a_time` columns at a time. `fit` returns the coefficients of a
+    /// plain fit, of shape (K, c), and its residual at the vertices, of shape (n, c).
     pub(crate) fn new(
         job: &Job<'_>,
         at_a_time: usize,
@@ -42,7 +42,7 @@ impl Denoiser {
             monitor.note(Level::Status, format_args!("noise, column {} of {NOISE_COLUMNS}", columns.start + 1));
             let noise = white_noise(vertices, columns, precision.as_deref());
             let (coefficients, residual) = fit(&noise)?;
-            // Add column by column: the sums then don't depend on the number of columns fitted together.
+            // Add column by column, so that the sums don't depend on the number of columns fitted together.
             for (coefficients, residual) in coefficients.axis_iter(Axis(1)).zip(residual.axis_iter(Axis(1))) {
                 let [coefficients, residual] = [coefficients, residual].map(|column| column.insert_axis(Axis(1)));
                 power.add(coefficients, residual_square(residual, precision.as_deref()));
@@ -51,13 +51,13 @@ impl Denoiser {
         Ok(Self { power, precision })
     }
 
-    /// Estimates the noise of a target, or of one of its channels, from its plain fit: coefficients, (K, c), and
-    /// residual at the vertices, (n, c).
+    /// Estimates the noise of a target, or of one of its channels, from the coefficients of its plain fit, of shape
+    /// (K, c), and the residual at the vertices, of shape (n, c).
     pub(crate) fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: ArrayView2<'_, f64>) -> Denoise {
         self.power.denoise(coefficients, residual_square(residual, self.precision.as_deref()))
     }
 
-    /// Estimates how much of the noise estimated for a target, (n, c), is detail beyond the degree.
+    /// Estimates the share of detail beyond the degree in the noise estimated for a target of shape (n, c).
     pub(crate) fn assess(
         &self,
         job: &Job<'_>,
@@ -70,8 +70,8 @@ impl Denoiser {
     }
 }
 
-/// Returns the precision of each vertex, if precisions differ: the given weights, and 0 at held-out vertices. Area
-/// weights aren't used, since a vertex's share of the sphere is unrelated to its noise.
+/// Returns the precision of each vertex, if precisions differ. These are the given weights, and 0 at held-out
+/// vertices. Area weights aren't used, since a vertex's share of the sphere is unrelated to its noise.
 fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
     let weights = job.weights.as_ref()?;
     match (&job.params.weights, &job.hold_out) {
@@ -81,8 +81,8 @@ fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
     }
 }
 
-/// Returns groups of a target's columns that share their noise: all columns of a surface, but each channel of a signal
-/// alone, since each channel has a unit of its own.
+/// Returns groups of a target's columns that share their noise: all columns of a surface together, but each channel of
+/// a signal separately, since channels may have different units.
 pub(crate) fn parts(group: &Range<usize>, kind: Kind) -> Vec<Range<usize>> {
     match kind {
         Kind::Surface => vec![group.clone()],

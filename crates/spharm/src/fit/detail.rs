@@ -1,16 +1,16 @@
-//! Estimates the detail beyond the degree of a denoised fit, at vertices that are held out.
+//! Estimates the detail beyond the degree of a denoised fit, at held-out vertices.
 //!
 //! The part of a target beyond the degree of the fit is in the residual, and is treated as noise. If it is larger than
-//! the noise, denoising removes detail. Held-out vertices show this: a second fit to 1.5 times the degree, with the
-//! penalties extrapolated by a power of the degree, has a smaller error there,
+//! the noise, denoising removes detail. Held-out vertices show whether it is: a second fit to 1.5 times the degree,
+//! with the penalties extrapolated by a power of the degree, has a smaller error at the held-out vertices,
 //!
 //! ```text
 //! detail^2 = e_L^2 - e_L'^2,    L' = 3 L / 2, with at most 4/5 as many functions as vertices
 //! ```
 //!
-//! with e_L and e_L' the rms errors of the two fits at a held-out tenth of the vertices. This is only the part of the
-//! detail that the vertices reveal; there may be more. If noise dominates the highest degree almost entirely, higher
-//! degrees reveal nothing, and no fits are made.
+//! with e_L and e_L' the rms errors of the two fits at a held-out tenth of the vertices. The estimate is only the part
+//! of the detail that the vertices reveal, and the true detail may be larger. If the highest degree is almost entirely
+//! noise, higher degrees reveal nothing, and no fits are made.
 //!
 //! Cost: two fits by conjugate gradients to a tolerance of 1e-4.
 
@@ -26,9 +26,9 @@ use super::lsq_plan::transform;
 use crate::Error;
 use crate::assess::HoldOut;
 
-/// Gain of the highest degree below which noise is assumed to dominate all higher degrees, too.
+/// Gain of the highest degree below which noise is assumed to dominate all higher degrees as well.
 const COVERED: f64 = 0.05;
-/// Fraction of the vertices that is held out.
+/// Fraction of the vertices that are held out.
 const HELD_OUT: f64 = 0.1;
 
 /// Returns the rms of the detail beyond the fit's degree that the vertices reveal, per channel, in the target's unit.
@@ -58,7 +58,7 @@ pub(crate) fn left_out(
         return Ok(None);
     }
     monitor.note(Level::Status, format_args!("vertices held out, degree {higher}"));
-    // If the vertices are weighted by areas, the penalties were chosen for weights with a different sum.
+    // With area weights, the penalties were chosen for weights with a different sum.
     let all = precision.map_or(n as f64, |precision| precision.iter().sum());
     let scale = all / job.weights.as_ref().map_or(n as f64, |weights| weights.iter().sum());
     let error = |max_degree: usize, penalty: &[f64]| -> Result<f64, Error> {
@@ -80,7 +80,7 @@ pub(crate) fn left_out(
     Ok(Some((lower - higher).max(0.0).sqrt()))
 }
 
-/// Returns the mean square per channel of the residual, (n, c), at the held-out vertices.
+/// Returns the mean square per channel of the residual, of shape (n, c), at the held-out vertices.
 fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]>) -> f64 {
     let held_out = |i: usize| weights[i] == 0.0 && precision.is_none_or(|precision| precision[i] > 0.0);
     let rows = residual.rows().into_iter().enumerate().filter(|(i, _)| held_out(*i));
@@ -88,8 +88,9 @@ fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]
     sum / count.max(1) as f64
 }
 
-/// Extrapolates penalties to higher degrees by a power of the degree. The power is fitted to the penalties of the upper
-/// half of the degrees, by least squares of the logarithms. `None` if fewer than three of these penalties are positive.
+/// Extrapolates penalties to higher degrees by a power of the degree. The power is fitted to the penalties of the
+/// upper half of the degrees, by least squares of the logarithms. Returns `None` if fewer than three of these
+/// penalties are positive.
 fn continued(penalty: &[f64], degree: usize) -> Option<Vec<f64>> {
     let last = penalty.len() - 1;
     let upper = penalty.iter().enumerate().skip((last / 2).max(1));

@@ -25,9 +25,9 @@ use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 /// A fit from moments.
 #[derive(Debug, Clone)]
 pub struct MomentsFit {
-    /// Canonical coefficients, (K, c).
+    /// Canonical coefficients of shape (K, c).
     pub coefficients: Coefficients,
-    /// Standard error of each coefficient, (K, c), if requested.
+    /// Standard errors of the coefficients, of shape (K, c), if requested.
     pub standard_errors: Option<Array2<f64>>,
     /// Report on the fit.
     pub report: MomentsReport,
@@ -39,25 +39,25 @@ pub struct MomentsFit {
 #[derive(Debug, Clone, Serialize)]
 #[non_exhaustive]
 pub struct MomentsReport {
-    /// Key of the sampling scheme if the samples are at its vertices; none for samples elsewhere.
+    /// Key of the sampling scheme if the samples are at its vertices; `None` for samples elsewhere.
     #[serde(skip)]
     pub scheme: Option<SchemeKey>,
-    /// Names of the channels, (c).
+    /// Names of the c channels.
     pub channels: Vec<String>,
     /// Number of samples with nonzero weight.
     pub samples: u64,
     /// Sum of the weights.
     pub weight: f64,
-    /// Root of the weighted mean of each channel's squared residual, (c), in the channel's unit.
+    /// Root of the weighted mean squared residual of each channel, in the channel's unit.
     pub rms: Vec<f64>,
-    /// Share of each channel's `sum w f^2` that the model explains, (c).
+    /// Share of the sum `sum w f^2` of each channel that the model explains.
     pub explained: Vec<f64>,
-    /// Diameter of the largest cap without samples, in degrees; its accuracy is limited by the resolution of the
+    /// Diameter of the largest cap without samples, in degrees. Its accuracy is limited by the resolution of the
     /// moments.
     pub largest_gap: f64,
-    /// Resolution at the highest degree, `pi / L`, in degrees; none at degree 0.
+    /// Resolution at the highest degree, `pi / L`, in degrees; `None` at degree 0.
     pub resolved: Option<f64>,
-    /// The noise that was estimated and removed: once for a surface, else for each channel. Empty without denoising.
+    /// The noise that was estimated and removed: one entry for a surface, or one per channel. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoise>,
     /// The solver's report.
@@ -69,7 +69,8 @@ pub struct MomentsReport {
     pub warnings: Vec<FitWarning>,
 }
 
-/// Condition number of the basis at the samples above which they don't determine some functions of the degree.
+/// Condition number of the basis at the samples above which the samples leave some functions of the degree
+/// undetermined.
 const UNDETERMINED: f64 = 1e6;
 
 /// Fits samples, given by their moments, to any degree up to that of the moments. The settings used from `params` are
@@ -110,7 +111,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let functions = basis_size(max_degree);
     let budget = params.memory_budget();
     let threads = rayon::current_num_threads();
-    // Memory of the sums, of their copies in the problem, and of the vectors of conjugate gradients.
+    // Memory of the sums, of the copies of the sums in the problem, and of the vectors of conjugate gradients.
     let sums = 8 * (moments.sums.moments.len() + moments.sums.right_sides.len());
     let held = 2 * sums + 64 * functions * channels + MomentNormal::bytes(max_degree, channels, threads);
     if held > budget {
@@ -195,7 +196,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
 }
 
-/// Returns an error if sums of squares overflowed, or lost digits by underflow.
+/// Returns an error if sums of squares have overflowed, or have lost digits by underflow.
 fn check_range(moments: &Moments) -> Result<(), Error> {
     moments.out_of_range().map_or(Ok(()), |channel| {
         Err(Error::Setting {
@@ -206,12 +207,12 @@ fn check_range(moments: &Moments) -> Result<(), Error> {
     })
 }
 
-/// Returns whether the channels are those of a surface.
+/// Returns whether the channels are the coordinates x, y and z of a surface.
 fn is_surface(channels: &[String]) -> bool {
     matches!(channels, [x, y, z] if [x, y, z] == ["x", "y", "z"])
 }
 
-/// Replaces the plain fit by penalised fits, one for a surface or one for each channel; returns the removed noise.
+/// Replaces the plain fit by penalised fits: one for a surface, or one for each channel. Returns the removed noise.
 fn denoise(
     problem: &MomentProblem,
     solver: &LsqParams,
@@ -272,8 +273,8 @@ fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Proven
 }
 
 impl MomentsFit {
-    /// Returns the model: a surface if the channels are x, y and z, else a signal. The model holds no sphere. If the
-    /// samples are at the vertices of a sampling scheme, the model holds the scheme's key.
+    /// Returns the model: a surface if the channels are x, y and z, else a signal. The model has no sphere. If the
+    /// samples are at the vertices of a sampling scheme, the model has the scheme's key.
     #[must_use]
     pub fn model(&self) -> Model {
         let surface = is_surface(&self.report.channels);

@@ -16,7 +16,7 @@ use crate::machine::check_limits;
 use crate::report::BatchReport;
 use crate::{Error, FitWarning, defaults};
 
-/// Fits all targets.
+/// Fits all targets in batches.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let mark = Instant::now();
     let (count, monitor) = (run.count, run.monitor);
@@ -62,7 +62,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
-/// Chooses settings of iterative residual fitting that fit the memory budget.
+/// Chooses the largest settings of iterative residual fitting that stay within the memory budget.
 struct Planner<'o> {
     operator: &'o DiskOperator,
     method: Blocks,
@@ -119,10 +119,11 @@ impl<'o> Planner<'o> {
     }
 
     /// Returns the source of Gram matrices from moments, for a basis in f64. Returns `None` if memory doesn't suffice
-    /// to compute it, or if blocks would be read more often or factors recomputed to make room for it.
+    /// to compute the source, or if the memory it takes would force blocks to be read more often or factors to be
+    /// recomputed.
     fn moments(&self, job: &Job<'_>, channels: usize, reuse: bool) -> Result<Option<MomentGram>, Error> {
         let max_degree = job.params.max_degree;
-        // The moments need transforms of twice the degree, which may exceed the transforms' highest degree.
+        // The moments need transforms of twice the degree, which may be above the highest degree of transforms.
         let Ok(making) = moment_gram_bytes(self.operator.rows(), max_degree) else { return Ok(None) };
         if job.scalar != Scalar::F64 || job.held(1, channels) + making > job.memory {
             return Ok(None);
@@ -148,7 +149,7 @@ impl<'o> Planner<'o> {
     }
 
     /// Returns the number of surfaces that fit the budget together if every block is held entirely in memory. If that
-    /// is zero, returns the number that fit with blocks read in parts.
+    /// number is zero, returns the number that fit with blocks read in parts.
     fn surfaces_together(
         &self,
         job: &Job<'_>,
@@ -168,13 +169,13 @@ impl<'o> Planner<'o> {
         }
         match (1..=most).rev().find(|&together| plan(together).is_ok()) {
             Some(together) => Ok(together),
-            // The error states the memory that suffices for one surface.
+            // The error of the plan states the memory that suffices for one surface.
             None => Ok(plan(1).map(|_| 1)?),
         }
     }
 
     /// Returns the largest number of threads that fits the budget, at least one. Each thread accumulates its own sums;
-    /// on a node with many cores these alone may exceed the budget.
+    /// on a node with many cores, these sums alone may exceed the budget.
     fn fitting_threads(&self, job: &Job<'_>, channels: usize, monitor: &dyn Monitor) -> usize {
         let asked = job.threads;
         let fits = |&threads: &usize| {

@@ -10,17 +10,17 @@ use super::range::{smoothness_into_range, weights_into_range};
 use crate::assess::{HoldOut, OffVertex};
 use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
 
-/// Settings of a call, resolved for its sphere.
+/// Settings of a call, resolved for the call's sphere.
 pub(crate) struct Job<'a> {
     pub(crate) sphere: &'a Sphere,
-    /// The sphere with its transforms, if they are planned and serve this fit.
+    /// The sphere with its transforms, if they were planned and this fit can use them.
     pub(crate) planned: Option<&'a PlannedSphere>,
     pub(crate) params: &'a FitParams,
-    /// Weights of the vertices, divided by 2^`weight_exponent`, (n); 0 at held-out vertices.
+    /// Weights of the n vertices, divided by 2^`weight_exponent`. They are 0 at held-out vertices.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) weight_exponent: i32,
-    /// Marks vertices of weight 0, whose values are never read, (n); none if there are no such vertices. Held-out
-    /// vertices aren't marked.
+    /// Marks the vertices of weight 0, whose values are never read; `None` if all vertices are read. Held-out vertices
+    /// aren't marked.
     pub(crate) unread: Option<Vec<bool>>,
     pub(crate) hold_out: Option<HoldOut>,
     pub(crate) off_vertex: Option<OffVertex>,
@@ -87,7 +87,7 @@ impl<'a> Job<'a> {
         self.weights.as_ref().map_or(self.sphere.directions.len(), count)
     }
 
-    /// Returns whether targets of this kind are fitted as surfaces.
+    /// Returns whether targets of the given kind are fitted as surfaces.
     pub(crate) fn fits_surface(&self, kind: Kind) -> bool {
         self.params.fits_surface(kind, !self.sphere.faces.is_empty())
     }
@@ -104,8 +104,8 @@ impl<'a> Job<'a> {
         smoothness_into_range(lambda, self.weight_exponent)
     }
 
-    /// Returns the smoothness penalty of targets that are fitted at their vertices; 0 if a penalty is chosen for each
-    /// target.
+    /// Returns the smoothness penalty of targets that are fitted at their vertices, or 0 if a penalty is chosen for
+    /// each target.
     pub(crate) fn smoothness(&self) -> f64 {
         let Self { params, sphere, weights, .. } = self;
         match params.smoothness {
@@ -118,15 +118,15 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Returns the memory in bytes held outside the solver while `together` targets are fitted together. Meanwhile
-    /// targets are read: at most `together` at a time, and at most one per thread.
+    /// Returns the memory in bytes held outside the solver while `together` targets are fitted together and others are
+    /// read. At most `together` targets are read at a time, and at most one per thread.
     pub(crate) fn held(&self, together: usize, channels: usize) -> usize {
         held(self.sphere.directions.len(), self.sphere.faces.len(), together, channels, self.threads.min(together))
     }
 }
 
-/// Returns the memory in bytes held outside the solver: the program, the sphere, the targets as read, and the buffers
-/// of targets that are being read or written.
+/// Returns the memory in bytes held outside the solver: the program, the sphere, the targets in memory, and the
+/// buffers of targets that are being read or written.
 pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usize, readers: usize) -> usize {
     /// Bytes of the program, its stacks and its allocator, measured on a fit of a small mesh.
     const BASE: usize = 12 << 20;
@@ -134,8 +134,8 @@ pub(crate) fn held(vertices: usize, faces: usize, together: usize, channels: usi
     BASE + sphere + 8 * vertices * channels * together + readers * reading(vertices, faces, channels)
 }
 
-/// Returns the memory in bytes for reading or writing a surface: its file as text, decoded, and as a mesh with its
-/// topology.
+/// Returns the memory in bytes for reading or writing a surface. Its file is held as text and in decoded form, and the
+/// surface as a mesh with its topology.
 pub(crate) fn reading(vertices: usize, faces: usize, channels: usize) -> usize {
     5 * (24 * vertices + 12 * faces) + 16 * vertices * channels
 }

@@ -1,4 +1,4 @@
-//! Fits targets at their vertices by the full least squares, by fast transforms instead of a basis.
+//! Fits targets at their vertices by the full least squares, using fast transforms instead of a basis.
 
 use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -22,7 +22,7 @@ use super::shared::{NestedMonitor, allowed, check_auto, converged, note_solution
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
-/// Fits targets at their vertices, until the next target is to be fitted as a surface.
+/// Fits targets at their vertices, until the next target is one to be fitted as a surface.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -33,13 +33,13 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     if automatic {
         check_auto(job.vertices_with_weight(), params.max_degree)?;
     }
-    // A batch has one target if each target has its own smoothness.
+    // A batch has a single target if each target has its own smoothness.
     let most = if automatic { 1 } else { (defaults::MOST_COLUMNS / channels).clamp(1, count.max(1)) };
     let (plan, together) = plan(job, channels, most)?;
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // If their size can't be computed, moments can't be either.
+    // If the size of the moments can't be computed, the moments can't be either.
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
@@ -93,7 +93,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         monitor,
     };
     let readers = plan.readers(together, of_moments, job.threads);
-    // One solver, with its factor, serves all batches, unless each target has its own smoothness.
+    // One solver, with its factor, is used for all batches, unless each target has its own smoothness.
     let mut shared = equations.solver(equations.solver.clone())?;
     let fit_noise = |noise: &Array2<f64>| {
         let columns = 0..noise.ncols();
@@ -125,16 +125,16 @@ struct Equations<'a> {
     solver: LsqParams,
     /// Warnings that apply to every fit.
     warnings: Vec<FitWarning>,
-    /// Number of vertices with nonzero weight, if the smoothness is the default of a parametrised sphere; else `None`.
+    /// Number of vertices with nonzero weight if the smoothness is the default of a parametrised sphere, else `None`.
     smooth_by_default: Option<usize>,
     monitor: &'a dyn Monitor,
 }
 
-/// Standard errors, (K, c), if requested, and the noise removed from each part of each target.
+/// Standard errors of shape (K, c), if requested, and the noise removed from each part of each target.
 type Removed = (Option<Array2<f64>>, Vec<Vec<Denoised>>);
 
 impl<'a> Equations<'a> {
-    /// Returns a solver that doesn't use a factor in the store, for any penalty.
+    /// Returns a solver for any penalty, which doesn't use a factor in the store.
     fn unfactored(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
         let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
         Ok(solver.with_limits(&allowed).with_moments(self.make_moments))
@@ -195,8 +195,8 @@ impl<'a> Equations<'a> {
         })
     }
 
-    /// Replaces the plain fits of a batch by penalised fits. Returns standard errors, if requested, and the removed
-    /// noise.
+    /// Replaces the plain fits of a batch by penalised fits. Returns the standard errors, if requested, and the
+    /// removed noise.
     fn denoise(
         &self,
         (denoiser, job): (&Denoiser, &Job<'_>),
@@ -234,14 +234,14 @@ impl<'a> Equations<'a> {
     }
 }
 
-/// Targets, (n, c), and their residuals after the plain fit.
+/// Targets of shape (n, c), and their residuals after the plain fit.
 struct Plain<'b> {
     batch: &'b Batch,
     targets: &'b Array2<f64>,
     residual: Array2<f64>,
 }
 
-/// Returns the memory plan, and the number of targets that are fitted together, at most `most`.
+/// Returns the memory plan and the number of targets that are fitted together, which is at most `most`.
 fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize), Error> {
     let sizes = Sizes {
         vertices: job.sphere.directions.len(),
@@ -278,14 +278,14 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
-        // If the size of the matrix can't be computed, neither can the matrix.
+        // If the size of the matrix can't be computed, the matrix can't be either.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,
     }
 }
 
-/// Returns the smoothness penalty of all targets; 0 if a penalty is chosen for each target.
+/// Returns the smoothness penalty of all targets, or 0 if a penalty is chosen for each target.
 fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     let smoothness = job.smoothness();
     if smoothness > 0.0 && job.smooth_by_default() {
@@ -295,7 +295,7 @@ fn smoothness(job: &Job<'_>, monitor: &dyn Monitor) -> f64 {
     smoothness
 }
 
-/// Returns the factor in the store that matches this fit; `None` if there is none.
+/// Returns the factor in the store that matches this fit, or `None` if the store has none.
 fn stored_factor(
     job: &Job<'_>,
     smoothness: f64,
@@ -303,10 +303,11 @@ fn stored_factor(
     warnings: &mut Vec<FitWarning>,
     monitor: &dyn Monitor,
 ) -> Result<Option<StoredFactor>, Error> {
-    // Factors in the store are computed with unscaled weights and smoothness: a fit with scaled weights can't use them.
+    // Factors in the store are computed with unscaled weights and smoothness, so a fit with scaled weights can't use
+    // them.
     let Some(store) = job.params.store.as_ref().filter(|_| job.weight_exponent == 0) else { return Ok(None) };
     let mut refused = None;
-    // Look for the scheme with either scalar type of its basis.
+    // Look for the scheme with either scalar type of the basis.
     for scalar in [Scalar::F64, Scalar::F32] {
         let spec = FactorSpec {
             key: SchemeKey::of(&job.sphere.directions, scalar),
@@ -315,7 +316,7 @@ fn stored_factor(
             weights: WeightsHash::of(job.weights.as_deref()),
             smoothness,
         };
-        // Most schemes have a folder for only one scalar type of the basis, or for none.
+        // For most schemes, the store has a folder for only one scalar type of the basis, or for none.
         if !store.join(spec.key.to_string()).exists() || factors(store, spec.key)?.is_empty() {
             continue;
         }

@@ -1,4 +1,4 @@
-//! Memory plans of fits by transforms: the full least squares, possibly with a factor, and quadrature.
+//! Plans the memory of fits by transforms: the full least squares, possibly with a factor, and quadrature.
 
 use spharm_harmonics::basis_size;
 use spharm_transform::{FINEST, Transform, TransformParams};
@@ -6,8 +6,8 @@ use spharm_transform::{FINEST, Transform, TransformParams};
 use super::job::{held, reading};
 use crate::{Error, defaults};
 
-/// Number of channels that a transform processes at a time. A larger number is slower, since the data exceed the
-/// caches.
+/// Number of channels that a transform processes at a time. A larger number is slower, because the data no longer fit
+/// in the caches.
 const CHANNELS_AT_A_TIME: usize = 3;
 
 /// Memory of a fit, in bytes.
@@ -16,9 +16,9 @@ pub(crate) struct LsqPlan {
     pub(crate) budget: usize,
     /// Number of channels that a transform processes at a time.
     pub(crate) channels_at_a_time: usize,
-    /// Memory independent of the number of targets.
+    /// Memory that doesn't depend on the number of targets.
     fixed: usize,
-    /// Memory of the columns of one target in all arrays.
+    /// Memory of one target's columns in all arrays.
     each: usize,
     /// Memory for reading one target while others are fitted.
     reading: usize,
@@ -36,15 +36,15 @@ pub(crate) struct Sizes {
 }
 
 impl LsqPlan {
-    /// Plans the memory of fits, with as many of a target's channels in one transform as the budget allows.
+    /// Plans the memory of fits, with as many of a target's channels per transform as the budget allows.
     ///
     /// # Errors
     ///
     /// [`Error::Memory`] if one target doesn't fit the budget.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
         let Sizes { vertices, faces, max_degree, channels, denoise } = sizes;
-        // For each target: the target, its residual and intermediate samples; the samples of the plain fit if a
-        // penalised fit follows; the vectors of conjugate gradients.
+        // Each target needs memory for itself, its residual and intermediate samples, for the samples of the plain fit
+        // if a penalised fit follows, and for the vectors of conjugate gradients.
         let samples = if denoise { 6 } else { 4 };
         let each = 8 * channels * (samples * vertices + 8 * basis_size(max_degree));
         let held = held(vertices, faces, 1, channels, 1);
@@ -64,39 +64,39 @@ impl LsqPlan {
         Ok(plan)
     }
 
-    /// Returns the memory in bytes for `together` targets fitted together and read one at a time.
+    /// Returns the memory in bytes for `together` targets that are fitted together and read one at a time.
     pub(crate) fn needed(&self, together: usize) -> usize {
         self.fixed + together * self.each
     }
 
-    /// Returns the bytes of the budget that `together` targets leave free.
+    /// Returns the number of bytes of the budget that remain free with `together` targets.
     pub(crate) fn spare(&self, together: usize) -> usize {
         self.budget.saturating_sub(self.needed(together))
     }
 
-    /// Returns the number of threads that may read targets at the same time. Meanwhile `together` targets are fitted
-    /// together, and `taken` bytes are reserved for moments.
+    /// Returns the number of threads that may read targets at the same time, while `together` targets are fitted
+    /// together and `taken` bytes are reserved for moments.
     pub(crate) fn readers(&self, together: usize, taken: usize, threads: usize) -> usize {
         let more = self.spare(together).saturating_sub(taken) / self.reading.max(1);
         (1 + more).min(threads)
     }
 }
 
-/// Checks that memory suffices for quadrature, one target after another; returns the number of threads that may read
-/// targets at a time.
+/// Checks that memory suffices for quadrature of one target after another. Returns the number of threads that may read
+/// targets at the same time.
 ///
 /// # Errors
 ///
 /// [`Error::Memory`] with the smallest sufficient budget.
 pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) -> Result<usize, Error> {
-    /// Bytes per triangle: its node in the search tree for the grid's directions, its corners, and the tree's
-    /// construction.
+    /// Bytes per triangle: for its node in the search tree for the grid's directions, for its corners, and for the
+    /// tree's construction.
     const BYTES_PER_TRIANGLE: usize = 250;
     let Sizes { vertices, faces, max_degree, channels, .. } = sizes;
     let grid = 2 * (max_degree + 1) * (max_degree + 1);
     let transform = |n: usize| Transform::bytes(&quadrature_transform(max_degree), n, channels);
-    // The grid's directions, weights and samples; samples are counted twice, since they are reordered for the
-    // transform. Targets, synthesis and residual.
+    // The arrays are the grid's directions, weights and samples (twice, since samples are reordered for the
+    // transform), and the targets, syntheses and residuals.
     let arrays = grid * (32 + 16 * channels) + 24 * channels * vertices + 16 * channels * basis_size(max_degree);
     let held = held(vertices, faces, 1, channels, 1) + BYTES_PER_TRIANGLE * faces;
     let needed = held + arrays + transform(grid)? + transform(vertices)?;

@@ -1,4 +1,4 @@
-//! A sphere whose transforms are planned once, for fits of signals one after another.
+//! Defines a sphere whose transforms are planned once, for fits of signals one after another.
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -9,8 +9,8 @@ use spharm_transform::{Transform, TransformParams};
 
 use crate::{Error, defaults};
 
-/// A sphere with transforms up to a degree. Fits at its vertices up to that degree use them in place of their own, if
-/// they are accurate enough.
+/// A sphere with transforms of a degree. Fits of this degree at the sphere's vertices use these transforms instead of
+/// planning their own, if the transforms are accurate enough.
 ///
 /// ```
 /// use spharm::harmonics::Directions;
@@ -32,7 +32,8 @@ pub struct PlannedSphere {
     sphere: Sphere,
     params: TransformParams,
     plain: Arc<MatrixFreeOperator>,
-    /// The transforms that share their sorting with those of moments, made by the first fit that computes moments.
+    /// Transforms that share the sorting of their directions with the transforms of moments. They are made by the
+    /// first fit that computes moments.
     with_moments: Mutex<Option<Arc<MatrixFreeOperator>>>,
     key: OnceLock<SchemeKey>,
 }
@@ -58,7 +59,7 @@ impl PlannedSphere {
         self.plain.transform()
     }
 
-    /// Returns whether fits to a degree use these transforms.
+    /// Returns whether fits of a degree use these transforms.
     pub fn serves(&self, max_degree: usize) -> bool {
         max_degree == self.params.max_degree && self.params.accuracy <= defaults::TRANSFORM_ACCURACY
     }
@@ -68,7 +69,8 @@ impl PlannedSphere {
         *self.key.get_or_init(|| SchemeKey::of(&self.sphere.directions, Scalar::F64))
     }
 
-    /// Returns the transforms, shared with those of moments if `moments` is set.
+    /// Returns the transforms. If `moments` is set, returns those that share their sorting with the transforms of
+    /// moments.
     pub(super) fn operator(&self, moments: bool) -> Result<Arc<MatrixFreeOperator>, Error> {
         if !moments {
             return Ok(Arc::clone(&self.plain));

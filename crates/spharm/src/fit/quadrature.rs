@@ -1,10 +1,11 @@
-//! Computes coefficients by quadrature: the surface is resampled to a Gauss-Legendre grid and analysed there exactly.
+//! Computes coefficients by quadrature: the surface is resampled on a Gauss-Legendre grid, where the analysis is
+//! exact.
 //!
 //! On a grid of L + 1 Gauss-Legendre rings with 2 L + 2 azimuths each, the coefficients of a function of degree L are
-//! sums over the grid of its values times S_{l,m} times weights. No equations are solved. The method fits the surface,
+//! weighted sums over the grid of its values times S_{l,m}. No equations are solved. The method fits the surface,
 //! which is linear on the sphere's triangles, rather than the vertices alone. It doesn't minimise the distances at the
-//! vertices, and the surface's part above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P. J.
-//! Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J. Fourier Anal. Appl. 9 (2003).
+//! vertices, and the surface's part above degree L is aliased into the coefficients. D. M. Healy, D. N. Rockmore, P.
+//! J. Kostelec and S. Moore, "FFTs for the 2-sphere: improvements and variations", J. Fourier Anal. Appl. 9 (2003).
 
 use std::ops::Range;
 use std::time::Instant;
@@ -74,7 +75,7 @@ impl Quadrature {
     ///
     /// # Errors
     ///
-    /// Those of [`SphereLocator::new`]; [`Error::Degree`] above [`MAX_DEGREE`].
+    /// The errors of [`SphereLocator::new`]; [`Error::Degree`] above [`MAX_DEGREE`].
     pub fn new(sphere: &Mesh, max_degree: usize) -> Result<Self, Error> {
         if max_degree > MAX_DEGREE {
             return Err(Error::Degree { found: max_degree, most: MAX_DEGREE });
@@ -91,7 +92,7 @@ impl Quadrature {
         [rings, 2 * rings]
     }
 
-    /// Returns the canonical coefficients, (K, c), of values on the sphere's vertices, (n, c).
+    /// Returns the canonical coefficients, of shape (K, c), of values on the sphere's vertices, of shape (n, c).
     ///
     /// # Errors
     ///
@@ -127,7 +128,7 @@ mod tests {
     use spharm_surface::generate::icosphere;
     use spharm_transform::{FINEST, TransformParams};
 
-    /// Quadrature itself is exact: from a model's values on the grid it computes the model's coefficients.
+    /// Quadrature itself is exact: it recovers a model's coefficients from the model's values on the grid.
     #[test]
     fn analysis_is_exact_on_the_grid() {
         let max_degree = 17;
@@ -142,7 +143,7 @@ mod tests {
         assert!((found - known).iter().all(|d| d.abs() < 1e-11));
     }
 
-    /// Interpolation over triangles is of second order: with sixteen times as many vertices the error is a sixteenth.
+    /// Interpolation over triangles is of second order: with sixteen times as many vertices, the error is a sixteenth.
     #[test]
     fn the_error_is_that_of_linear_interpolation() {
         let known = Array2::from_shape_fn((16, 1), |(k, _)| (k as f64).cos());

@@ -22,10 +22,10 @@ use crate::{Error, Fit, FitWarning};
 /// f64.
 const MOST: i32 = 900;
 
-/// Exponents of the powers of two by which a target's channels were divided; empty if the target wasn't scaled.
+/// Exponents of the powers of two by which a target's channels were divided. Empty if the target wasn't scaled.
 pub(crate) type Exponents = Vec<i32>;
 
-/// Divides a target by powers of two, and returns their exponents.
+/// Divides the channels of a target by powers of two. Returns the exponents of these powers.
 pub(crate) fn into_range(target: &mut Target) -> Exponents {
     let channels = target.channels;
     let of = |channel: usize, step: usize| exponent(target.values.iter().skip(channel).step_by(step).copied());
@@ -42,7 +42,7 @@ pub(crate) fn into_range(target: &mut Target) -> Exponents {
     exponents
 }
 
-/// Divides weights by a power of two, and returns its exponent.
+/// Divides weights by a power of two. Returns the exponent of this power.
 pub(crate) fn weights_into_range(weights: Option<&mut Vec<f64>>) -> i32 {
     let Some(weights) = weights else { return 0 };
     let exponent = exponent(weights.iter().copied());
@@ -102,8 +102,8 @@ fn scale_columns(mut values: ArrayViewMut2<'_, f64>, exponents: &[i32]) {
     values.columns_mut().into_iter().zip(exponents).for_each(scale);
 }
 
-/// Converts noise back to the target's unit. If weights are the vertices' precisions, it is the noise of a vertex of
-/// weight 1.
+/// Converts noise back to the target's unit. If the weights are precisions of the vertices, it is the noise of a
+/// vertex with weight 1.
 fn restore_denoised((denoised, exponent): (&mut Denoised, i32), weights: i32) {
     denoised.noise.sigma = times_within(denoised.noise.sigma, exponent + weights / 2);
     denoised.left_out = denoised.left_out.map(|left_out| times_within(left_out, exponent));
@@ -122,8 +122,8 @@ fn restore_warning(warning: &mut FitWarning, exponent: i32) {
     }
 }
 
-/// Returns the distances at the vertices of a signal whose channels were divided by different powers of two; `None` for
-/// all other targets. For such a signal, the solver's sums over channels are meaningless.
+/// Returns the distances at the vertices of a signal whose channels were divided by different powers of two, since the
+/// solver's sums over channels are meaningless for such a signal. Returns `None` for all other targets.
 pub(crate) fn distances_of_mixed(
     directions: &Directions,
     unread: Option<&[bool]>,
@@ -142,7 +142,7 @@ pub(crate) fn distances_of_mixed(
     Ok(Some(Distances::new(mean_square, max_square, false, None)))
 }
 
-/// Converts a batch's report back to the unit of its targets, all of which have the same exponents.
+/// Converts a batch's report back to the unit of the targets, which all have the same exponents.
 pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], weights: i32) {
     let exponent = exponents.iter().map(|of_target| largest(of_target)).max().unwrap_or(0);
     if exponent == 0 && weights == 0 {
@@ -171,7 +171,7 @@ pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], w
     }
 }
 
-/// Converts a solver's report on all of its targets back to their unit.
+/// Converts a solver's report on several targets back to the targets' unit.
 pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i32) {
     report.norm = times_within(report.norm, exponent);
     report.smoothness = times_within(report.smoothness, weights);
@@ -203,7 +203,7 @@ pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(Samp
     Some((scaled, exponents, weights))
 }
 
-/// Converts a fit from sums back to the unit of the sums, except for the fit's squares.
+/// Converts a fit from sums back to the unit of the sums, except for the squared residuals of the fit.
 pub(crate) fn restore_moments(fit: &mut MomentFit, exponents: &[i32], weights: i32) {
     restore_columns(&mut fit.coefficients, &mut fit.standard_errors, exponents);
     restore_solution(&mut fit.report, largest(exponents), weights);

@@ -1,19 +1,20 @@
-//! Adds the seams of a surface whose handles were cut to the fit of the surface.
+//! Includes the seams in the fit of a surface whose handles were cut.
 //!
 //! A vertex of a seam occurs twice on the cut surface, at unrelated positions on the sphere. The fit has a different
-//! error at each, and the difference is a gap between the two sides. A line has no area, so the integral over the
-//! sphere ignores the seam. Therefore the vertices of the seams are added to that integral,
+//! error at each of these positions, and the difference is a gap between the two sides of the seam. A line has no
+//! area, so the integral over the sphere ignores the seam. Therefore a sum over the vertices of the seams is added to
+//! that integral,
 //!
 //! ```text
 //! integral over the surface  +  density (L / 6)^2 (pi / L)  sum over the seams' vertices  s |f(u) - x|^2
 //! ```
 //!
-//! with s a vertex's share of the seam's length on the sphere, and the density that of the surface. This corresponds to
-//! a strip along the seam, as wide as the resolution of a model of degree L, with weight (L / 6)^2. At low degrees a
-//! seam takes a larger part of a model's freedom, so its weight is smaller there. At L = 60 there are enough functions
-//! that are large only at the seam: for a double torus, the gap between the sides is 4.4e-3 of the box without the
-//! added vertices and 6.0e-4 with them. The root mean square error at all vertices is 1.24e-3 without and 1.26e-3 with
-//! them.
+//! with s a vertex's share of the seam's length on the sphere, and the density equal to that of the surface. This
+//! corresponds to a strip along the seam, as wide as the resolution of a model of degree L, with weight (L / 6)^2. At
+//! low degrees, a seam takes up a larger part of a model's freedom, so it gets a smaller weight. At L = 60 there are
+//! enough functions that are large only at the seam: for a double torus, the gap between the sides is 4.4e-3 of the
+//! box's size without the added vertices and 6.0e-4 with them. The root mean square error at all vertices is 1.24e-3
+//! without and 1.26e-3 with them.
 //!
 //! Points between the vertices aren't added: triangles are chords of the surface, and a loop of edges has a corner at
 //! each vertex, which no model can follow. If such points are added, the gap is 2.9e-3.
@@ -37,7 +38,7 @@ pub(crate) struct SeamVertices {
 }
 
 impl SeamVertices {
-    /// Returns the seams' vertices for models of a degree; `None` without a seam.
+    /// Returns the seams' vertices for models of a degree, or `None` for a sphere without a seam.
     pub(crate) fn of(sphere: &Sphere, max_degree: usize) -> Option<Self> {
         let (at, degree) = (sphere.directions.as_slice(), max_degree as f64);
         let mut lengths: BTreeMap<usize, f64> = BTreeMap::new();
@@ -53,8 +54,8 @@ impl SeamVertices {
         (!vertices.is_empty()).then_some(Self { vertices, lengths })
     }
 
-    /// Returns the weight of each vertex of the seams, for a surface of weight `density` per steradian. It is
-    /// multiplied by the weight of the sphere's vertex, if there are such weights.
+    /// Returns the weight of each vertex of the seams, for a surface of weight `density` per steradian. If the
+    /// sphere's vertices have weights, each seam vertex is also multiplied by its weight.
     pub(crate) fn weights(&self, density: f64, of_vertices: Option<&[f64]>) -> Vec<f64> {
         let times = |&vertex: &usize| of_vertices.map_or(1.0, |weights| weights[vertex]);
         self.lengths.iter().zip(&self.vertices).map(|(length, vertex)| density * length * times(vertex)).collect()
@@ -70,7 +71,7 @@ impl SeamVertices {
         self.vertices.iter().map(|&vertex| sphere.directions.as_slice()[vertex]).collect()
     }
 
-    /// Returns the rows of `values`, (n, c), at the seams' vertices.
+    /// Returns the rows of `values`, of shape (n, c), at the seams' vertices.
     pub(crate) fn rows_of(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
         values.select(Axis(0), &self.vertices)
     }
@@ -88,7 +89,8 @@ fn edges(seam: &Seam, faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
 mod tests {
     use super::*;
 
-    /// An icosahedron whose last triangle is treated as a filling: its three edges are the seam.
+    /// The sphere is an icosahedron whose last triangle is treated as a filling, so the triangle's three edges are the
+    /// seam.
     #[test]
     fn a_vertex_counts_by_its_share_of_the_seam() {
         let mut sphere = Sphere::icosphere(0);
@@ -102,7 +104,8 @@ mod tests {
         for degree in [6, 60] {
             let seam = SeamVertices::of(&sphere, degree).unwrap();
             assert_eq!(seam.vertices, corners);
-            // (L / 6)^2 pi / L times half of each of the two edges that meet in the vertex.
+            // The expected weight is (L / 6)^2 pi / L times half the length of each of the two edges that meet in the
+            // vertex.
             let expected = (degree as f64 / 6.0).powi(2) * PI / degree as f64 * edge;
             assert!(seam.weights(1.0, None).iter().all(|weight| (weight / expected - 1.0).abs() < 1e-12));
             let of_vertices: Vec<f64> = (0..12).map(f64::from).collect();

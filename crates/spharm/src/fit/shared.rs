@@ -1,4 +1,4 @@
-//! Functions shared by the three kinds of full least squares: at vertices, over surfaces and from moments.
+//! Functions shared by the three variants of the full least squares: at vertices, over surfaces and from moments.
 
 use std::fmt;
 
@@ -9,7 +9,8 @@ use spharm_solver::{SolverError, Strategy};
 use crate::machine::{Exceeded, exceeded};
 use crate::{Error, FitParams, FitWarning, Preconditioner};
 
-/// A monitor for one of several targets: its stages are shown as the status of the stage that counts targets.
+/// A monitor for the fit of one of several targets. Its stages are shown as the status of the stage that counts
+/// targets.
 pub(crate) struct NestedMonitor<'a>(pub(crate) &'a dyn Monitor);
 
 impl Monitor for NestedMonitor<'_> {
@@ -44,7 +45,7 @@ pub(crate) fn strategy(preconditioner: Preconditioner) -> Strategy {
 const MOST_FOR_AUTO: usize = 100;
 
 /// Returns an error if there are far more coefficients than vertices or samples. Choosing a smoothness would take some
-/// 25 fits of a high degree, based on a few residuals.
+/// 25 fits of a high degree, and the choice would be based on only a few residuals.
 pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     let functions = spharm_harmonics::basis_size(max_degree);
     if functions <= MOST_FOR_AUTO * rows {
@@ -57,8 +58,8 @@ pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     })
 }
 
-/// Returns whether the tolerance was met, according to a fit's warnings. With strict settings, not meeting it is an
-/// error.
+/// Returns whether the tolerance was met, according to a fit's warnings. With strict settings, returns an error if it
+/// wasn't.
 pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<bool, Error> {
     let missed = warnings.iter().find(|warning| matches!(warning, FitWarning::NotConverged { .. }));
     match missed.filter(|_| params.strict) {
@@ -67,7 +68,7 @@ pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<b
     }
 }
 
-/// Merges the report `other` on one target into `some`, the report on the targets that were solved before it.
+/// Merges two reports: `some` is on the targets solved so far, and `other` on the next target.
 pub(crate) fn merge_reports(some: LsqReport, other: LsqReport) -> LsqReport {
     let mut warnings = some.warnings;
     for warning in &other.warnings {

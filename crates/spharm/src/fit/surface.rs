@@ -1,10 +1,10 @@
 //! Fits entire surfaces by the full least squares, which minimises the integral over the sphere of the squared
 //! distance.
 //!
-//! A mesh over a sphere is linear on each triangle, and each triangle is sampled as densely as the degree requires. The
-//! fit uses only sums over these samples ([`SurfaceSums`]). With solid angles as weights, the normal matrix is nearly a
-//! multiple of the identity, and a handful of iterations on a grid of the degree's own size suffices. With a seam more
-//! iterations are needed, some 60 at L = 60.
+//! A mesh over a sphere is linear on each triangle, and each triangle is sampled as densely as the degree requires.
+//! The fit uses only sums over these samples ([`SurfaceSums`]). With solid angles as weights, the normal matrix is
+//! nearly a multiple of the identity, so a handful of iterations suffice, on a grid of the size that the degree
+//! requires. With a seam, more iterations are needed, some 60 at L = 60.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -28,7 +28,7 @@ use crate::assess::{ModelSurface, ReadSurface};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
-/// Fits surfaces until the next target is to be fitted at its vertices.
+/// Fits surfaces, until the next target is one to be fitted at its vertices.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -40,7 +40,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         channels,
         denoise: job.params.denoise,
     };
-    // Surfaces are fitted one at a time if a smoothness is chosen for each surface.
+    // If a smoothness is chosen for each surface, surfaces are fitted one at a time.
     let most = if job.params.smoothness == Smoothness::Auto { channels } else { defaults::MOST_COLUMNS };
     let most = (most / channels).clamp(1, count.max(1));
     let plan = SurfacePlan::new(sizes, job.memory, most)?;
@@ -71,7 +71,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
-/// Notes a degree whose models have more coefficients than their surfaces have vertices.
+/// Reports a degree for which models have more coefficients than their surfaces have vertices.
 fn note_fine_degree(vertices: usize, max_degree: usize, monitor: &dyn Monitor) {
     let functions = (max_degree + 1).pow(2);
     if functions > vertices {
@@ -84,7 +84,7 @@ fn note_fine_degree(vertices: usize, max_degree: usize, monitor: &dyn Monitor) {
     }
 }
 
-/// Returns the vertices, followed by the centres of triangles at which models are assessed.
+/// Returns the vertices, followed by the triangle centres at which models are assessed.
 fn places(job: &Job<'_>) -> Result<Directions, Error> {
     let mut places = job.sphere.directions.as_slice().to_vec();
     if let Some(off_vertex) = &job.off_vertex {
@@ -93,18 +93,18 @@ fn places(job: &Job<'_>) -> Result<Directions, Error> {
     Ok(Directions::from_unit_vectors(places)?)
 }
 
-/// Data shared by fits of surfaces over one sphere.
+/// Data shared by the fits of all surfaces over one sphere.
 pub(super) struct Fitter<'a> {
     pub(super) params: &'a FitParams,
     sums: SurfaceSums<'a>,
-    /// Evaluates models at the vertices, for msd and xsd, and then at the centres of some triangles.
+    /// Evaluates models at the vertices, for msd and xsd, followed by the centres of some triangles.
     evaluation: Transform,
     /// Number of columns of coefficients that are evaluated together.
     evaluated: usize,
     model_surface: Option<ModelSurface>,
-    /// Triangles of each surface with which its model is compared.
+    /// Triangles of each surface that are compared with its model.
     surface: ReadSurface,
-    /// Marks vertices whose values aren't read, (n).
+    /// Marks vertices whose values aren't read.
     unread: Option<Vec<bool>>,
     /// Number of vertices with nonzero weight.
     pub(super) vertices_with_weight: usize,
@@ -165,7 +165,8 @@ impl<'a> Fitter<'a> {
             solver.smoothness = found.smoothness;
             gcv = Some(found);
         }
-        // Each surface is solved to its own optimality, so that its model doesn't depend on the rest of the batch.
+        // Each surface is solved to its own optimality, so that its model doesn't depend on the other surfaces in the
+        // batch.
         let fits = solve_moments_of_groups(&problem, &batch.groups, &solver, &within)?;
         let mut coefficients = Array2::zeros((basis_size(self.params.max_degree), batch.columns()));
         let mut reports = Vec::new();
@@ -214,8 +215,8 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    /// Returns the norms of the residuals of targets, given with their columns in the batch, and each model's values at
-    /// the centres of some triangles, (p, c).
+    /// Returns the norms of the targets' residuals, and the values of each model at the centres of p triangles, of
+    /// shape (p, c). Each target is given with its columns in the batch.
     fn assess(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -240,8 +241,8 @@ impl<'a> Fitter<'a> {
         Ok(assessed.into_iter().unzip())
     }
 
-    /// Returns a target minus its model at the vertices, (n, c), and the model at the centres of some triangles, (p,
-    /// c).
+    /// Returns a target minus its model at the vertices, of shape (n, c), and the model at the centres of p triangles,
+    /// of shape (p, c).
     fn residual(
         &self,
         target: ArrayView2<'_, f64>,
@@ -252,7 +253,7 @@ impl<'a> Fitter<'a> {
         Ok((&target - &vertices, centres.to_owned()))
     }
 
-    /// Fits noise at the vertices, (n, c), which is interpolated linearly on each triangle, as targets are.
+    /// Fits noise at the vertices, of shape (n, c). It is interpolated linearly on each triangle, as targets are.
     fn fit_noise(&self, noise: &Array2<f64>, monitor: &dyn Monitor) -> Result<(Array2<f64>, Array2<f64>), Error> {
         let problem = self.problem(&[(0..noise.ncols(), noise.view())], monitor)?;
         let columns: Vec<Range<usize>> = (0..noise.ncols()).map(|column| column..column + 1).collect();
@@ -265,8 +266,8 @@ impl<'a> Fitter<'a> {
         Ok((coefficients, residual))
     }
 
-    /// Replaces the plain fits of a batch by penalised fits, and their standard errors, if there are any. Returns the
-    /// noise that was removed.
+    /// Replaces the plain fits of a batch by penalised fits, and the standard errors by those of the penalised fits,
+    /// if requested. Returns the removed noise.
     fn denoise(
         &self,
         (denoiser, job): (&Denoiser, &Job<'_>),
@@ -305,7 +306,7 @@ impl<'a> Fitter<'a> {
         self.sums.vertices()
     }
 
-    /// Returns the weights of the vertices, (n), if there are any.
+    /// Returns the weights of the vertices, if there are any.
     pub(super) fn weights(&self) -> Option<&[f64]> {
         self.sums.weights()
     }
@@ -315,12 +316,12 @@ impl<'a> Fitter<'a> {
         self.evaluated
     }
 
-    /// Evaluates models with these coefficients, (K, c), at the vertices, followed by the centres of some triangles.
+    /// Evaluates models with coefficients of shape (K, c) at the vertices, followed by the centres of some triangles.
     pub(super) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(self.evaluation.synthesis(coefficients)?)
     }
 
-    /// Returns the normal equations of targets, given with their columns.
+    /// Returns the normal equations of targets. Each target is given with its columns in the batch.
     pub(super) fn problem(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],

@@ -15,7 +15,7 @@ pub(crate) const RUN: usize = 1 << 18;
 pub(crate) const NODAL_RUN: usize = 1 << 15;
 
 /// Largest number of columns of coefficients that are evaluated at the vertices together. Kernels and Legendre
-/// functions are then computed once for several surfaces.
+/// functions are computed once for all of these columns.
 const EVALUATED: usize = 12;
 
 /// Largest number of coefficients that are evaluated together, so that their grid fits a cache: 12 columns up to degree
@@ -47,7 +47,7 @@ impl SurfacePlan {
         Ok(plan)
     }
 
-    /// Returns the plan with `samples` samples sorted by vertices; `None` if it doesn't fit the budget.
+    /// Returns the plan with `samples` samples sorted by vertices, or `None` if this plan doesn't fit the budget.
     pub(crate) fn by_nodes(&self, samples: usize, most: usize) -> Option<Self> {
         let mut plan = Self { sorted: Some(samples), together: 1, ..*self };
         if plan.needed(1) > plan.budget {
@@ -61,12 +61,12 @@ impl SurfacePlan {
         (1..=most).rev().find(|&together| self.needed(together) <= self.budget).unwrap_or(1)
     }
 
-    /// Returns the memory in bytes for `together` surfaces fitted together and read one at a time.
+    /// Returns the memory in bytes for `together` surfaces that are fitted together and read one at a time.
     pub(crate) fn needed(&self, together: usize) -> usize {
         let Sizes { vertices, faces, max_degree, channels, denoise } = self.sizes;
         let columns = together * channels;
-        // The subdivision of each triangle; positions, directions, weights and values of a run's samples, or of all
-        // samples if sorted by vertices.
+        // The sampling consists of the subdivision of each triangle, and of positions, directions, weights and values
+        // of the samples of a run, or of all samples if they are sorted by vertices.
         let (sampling, sums) = match self.sorted {
             None => (40 * faces + RUN * (64 + 8 * columns), Accumulator::bytes(max_degree, columns)),
             Some(samples) => (
@@ -74,14 +74,14 @@ impl SurfacePlan {
                 NodalSums::bytes(max_degree, vertices, faces, samples, columns),
             ),
         };
-        // Moments, their copy, and the operator made from them; right-hand sides, twice; the vectors of conjugate
-        // gradients.
+        // Solving needs the moments, their copy and the operator made from them, two copies of the right-hand sides,
+        // and the vectors of conjugate gradients.
         let solving = 8 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
         let operator = MomentNormal::bytes(max_degree, columns, rayon::current_num_threads());
         let evaluated = self.evaluated(together);
         let at_vertices =
             Transform::bytes(&transform(max_degree, evaluated), vertices, evaluated).unwrap_or(usize::MAX / 4);
-        // Models and residuals; also noise and its residual when denoising.
+        // The residual needs memory for models and residuals and, if noise is removed, for noise and its residual.
         let residual = 16 * evaluated * vertices + if denoise { 16 * columns * vertices } else { 0 };
         let held = held(vertices, faces, together, channels, 1);
         held + sampling + sums.max(operator) + solving + at_vertices + residual

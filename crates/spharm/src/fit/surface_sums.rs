@@ -1,4 +1,4 @@
-//! Computes the data of surface fits: sums over samples of all triangles, and over the vertices of seams.
+//! Computes the data of surface fits: sums over samples of all triangles and over the vertices of seams.
 //!
 //! If memory allows, samples are sorted by the vertices from which they are interpolated, once for all surfaces over a
 //! sphere ([`NodalSums`]). Otherwise triangles are sampled run by run, again for each batch of surfaces, and the
@@ -27,9 +27,9 @@ const ROWS: usize = 1024;
 pub(crate) struct SurfaceSums<'a> {
     sphere: &'a Sphere,
     params: &'a FitParams,
-    /// Weights of the vertices, (n).
+    /// Weights of the n vertices.
     weights: Option<Vec<f64>>,
-    /// Reciprocals of the weights, (n); infinite for weights of 0.
+    /// Reciprocals of the weights of the n vertices; infinite for weights of 0.
     reciprocals: Option<Vec<f64>>,
     sampling: SphereSampling,
     /// The surface's seams; `None` when denoising, so that noise at the seams' vertices isn't fitted closely.
@@ -75,7 +75,7 @@ impl<'a> SurfaceSums<'a> {
         self.sphere.directions.len()
     }
 
-    /// Returns the weights of the vertices, (n), if there are any.
+    /// Returns the weights of the vertices, if there are any.
     pub(crate) fn weights(&self) -> Option<&[f64]> {
         self.weights.as_deref()
     }
@@ -85,13 +85,13 @@ impl<'a> SurfaceSums<'a> {
         self.sampling.samples(0..self.sphere.faces.len())
     }
 
-    /// Returns the bytes that are held in addition to the memory plan's bytes.
+    /// Returns the number of bytes held in addition to those of the memory plan.
     pub(crate) fn kept_bytes(&self) -> usize {
         self.nodal.as_ref().map_or(0, |nodal| nodal.kept)
     }
 
-    /// Sorts the samples by vertices if this fits the plan's budget, and stores their patches if `several` surfaces use
-    /// them. Returns the plan for at most `most` surfaces together.
+    /// Sorts the samples by vertices if this fits the plan's budget, and stores the patches of the sorted samples if
+    /// `several` surfaces use them. Returns the plan for at most `most` surfaces together.
     pub(crate) fn use_nodal_sums(
         &mut self,
         plan: SurfacePlan,
@@ -137,8 +137,9 @@ impl<'a> SurfaceSums<'a> {
 
     /// Returns the samples of some triangles. A sample's weight is its solid angle times the harmonic mean of the
     /// corners' weights, averaged with the corners' shares in the sample. A sample is a mean of its corners' values,
-    /// and no more certain than the least certain corner: if one corner's weight is near 0, the sample's weight is
-    /// small. If one corner's weight is 0, the sample's weight is 0, and the corner's value has no influence.
+    /// and no more certain than the least certain corner. Therefore, if one corner's weight is near 0, the sample's
+    /// weight is small. If one corner's weight is 0, the sample's weight is 0, and the corner's value has no
+    /// influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;
         if self.params.denoise {
@@ -157,8 +158,8 @@ impl<'a> SurfaceSums<'a> {
         seam.weights(of_surface / (4.0 * PI), self.weights.as_deref())
     }
 
-    /// Scales the weights of the samples of some triangles so that each triangle has total weight 1. Noise is at the
-    /// vertices: many small triangles contain more information about a region than one large triangle does.
+    /// Scales the weights of the samples of some triangles so that each triangle has total weight 1. This suits noise
+    /// at the vertices: many small triangles contain more information about a region than one large triangle does.
     fn count_alike(&self, triangles: Range<usize>, weights: &mut [f64]) {
         let mut rest = weights;
         for triangle in triangles {
@@ -190,7 +191,7 @@ impl<'a> SurfaceSums<'a> {
         Ok(sums)
     }
 
-    /// Samples the triangles run by run. Returns the sums, and the total weight of the seams' vertices in them.
+    /// Samples the triangles run by run. Returns the sums, and the seams' part of the total weight.
     fn run_by_run(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -226,7 +227,7 @@ fn columns(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> usize {
     targets.last().map_or(0, |(group, _)| group.end)
 }
 
-/// Returns the columns of all targets side by side, (n, columns).
+/// Returns the columns of all targets side by side, as an array of shape (n, columns).
 fn side_by_side(targets: &[(Range<usize>, ArrayView2<'_, f64>)]) -> Array2<f64> {
     let rows = targets.first().map_or(0, |(_, target)| target.nrows());
     let mut all = Array2::zeros((rows, columns(targets)));

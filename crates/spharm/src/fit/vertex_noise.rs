@@ -36,7 +36,7 @@ const PROBES_AT_A_TIME: usize = 16;
 const TOLERANCE_OF_GCV: f64 = 1e-7;
 
 impl Fitter<'_> {
-    /// Chooses the smoothness of a target, (n, c), by generalised cross-validation at the vertices.
+    /// Chooses the smoothness of a target of shape (n, c) by generalised cross-validation at the vertices.
     pub(super) fn choose_smoothness(&self, target: ArrayView2<'_, f64>, monitor: &dyn Monitor) -> Result<Gcv, Error> {
         let (vertices, columns) = (self.vertices_with_weight, target.ncols());
         check_auto(vertices, self.params.max_degree)?;
@@ -57,8 +57,8 @@ impl Fitter<'_> {
         choose_smoothness_by(self.params.max_degree, problem.weight(), terms, monitor)
     }
 
-    /// Returns the standard errors of coefficients, (K, c), from the residual at the vertices, (n, c), of a fit with
-    /// the settings `solver`.
+    /// Returns the standard errors of coefficients, of shape (K, c). `residual` is the residual at the vertices, of
+    /// shape (n, c), of a fit with the settings `solver`.
     pub(super) fn standard_errors(
         &self,
         solver: &LsqParams,
@@ -88,7 +88,8 @@ impl Fitter<'_> {
         Ok(Array2::from_shape_fn((functions, sigma.len()), |(k, c)| sigma[c] * variances[k].sqrt()))
     }
 
-    /// Returns independent random signs at the vertices, (n, columns); 0 at vertices that aren't fitted.
+    /// Returns independent random signs at the vertices, of shape (n, columns). They are 0 at vertices that aren't
+    /// fitted.
     fn signs(&self, columns: usize, random: &mut SplitMix64) -> Array2<f64> {
         let mut signs =
             Array2::from_shape_simple_fn((self.vertices(), columns), || (random.between(-1.0, 1.0)).signum());
@@ -102,7 +103,7 @@ impl Fitter<'_> {
         signs
     }
 
-    /// Returns the sum of squares of each column of a residual, (n, c), at the fitted vertices.
+    /// Returns the sum of squares of each column of a residual, of shape (n, c), over the fitted vertices.
     fn squares(&self, residual: &Array2<f64>) -> Array1<f64> {
         let mut squares = Array1::zeros(residual.ncols());
         for (vertex, row) in residual.rows().into_iter().enumerate() {
@@ -113,7 +114,8 @@ impl Fitter<'_> {
         squares
     }
 
-    /// Evaluates models at the vertices, the first `rows` evaluation points, with as many columns at a time as planned.
+    /// Evaluates models at the vertices, which are the first `rows` evaluation points, with as many columns at a time
+    /// as planned.
     fn at_vertices(&self, coefficients: ArrayView2<'_, f64>, rows: usize) -> Result<Array2<f64>, Error> {
         let mut all = Array2::zeros((rows, coefficients.ncols()));
         for (mut values, columns) in all

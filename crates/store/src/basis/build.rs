@@ -54,8 +54,8 @@ pub struct BuildReport {
 /// Published files stay valid, and the next build skips them. The bytes of a file don't depend on the number of threads
 /// or on earlier interruptions.
 ///
-/// The monitor gets one stage, `basis`, counted in bytes, and a note if the build waits for another process that builds
-/// the same scheme.
+/// Reports one stage, `basis`, counted in bytes, to the monitor, and a note if the build waits for another process that
+/// builds the same scheme.
 ///
 /// # Errors
 ///

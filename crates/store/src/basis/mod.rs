@@ -1,7 +1,7 @@
 //! Builds and reads basis files. The immutable file `A_<l>` holds the harmonics of degree l at n directions, (n, 2 l +
 //! 1), in chunks of rows.
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
 //! | `header` | the contents of a file |
 //! | `reader` | an open file and windows on its chunks |

@@ -264,7 +264,7 @@ mod tests {
         // single-precision values.
         assert!(header(100, 255, Scalar::F64, 1 << 20) && !header(100, 256, Scalar::F64, 1 << 20));
         assert!(header(100, 511, Scalar::F32, 1 << 20) && !header(100, 512, Scalar::F32, 1 << 20));
-        // At the limits: 2^22 chunks and 2^40 rows.
+        // The limits of the format are 2^22 chunks and 2^40 rows.
         assert!(header(8 << 22, 1, Scalar::F64, 8) && !header((8 << 22) + 1, 1, Scalar::F64, 8));
         assert!(header(1 << 40, 1, Scalar::F64, 1 << 20) && !header((1 << 40) + 1, 1, Scalar::F64, 1 << 20));
     }

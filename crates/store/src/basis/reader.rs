@@ -99,7 +99,7 @@ pub struct ChunkWindow<'f> {
 }
 
 impl ChunkWindow<'_> {
-    /// Returns the numbers of the chunks in the window.
+    /// Returns the indices of the chunks in the window.
     pub fn chunks(&self) -> Range<usize> {
         self.mapped.parts()
     }

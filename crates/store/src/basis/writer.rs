@@ -60,8 +60,8 @@ impl DegreeWriter {
         self.file.write_part(chunk, offset, stored, raw.len(), codec)
     }
 
-    /// Waits until all chunks before this one have been placed, and returns this chunk's offset. The wait ends: threads
-    /// take chunks in ascending order, so some thread is always working on the lowest chunk that isn't placed.
+    /// Waits until all chunks before this one have been placed, and returns this chunk's offset. The wait always ends:
+    /// threads take chunks in ascending order, so some thread is working on the lowest chunk that isn't placed.
     fn take_place(&self, chunk: usize, len: usize, monitor: &dyn Monitor) -> Result<u64, StoreError> {
         let mut next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
         while next.chunk != chunk {

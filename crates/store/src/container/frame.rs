@@ -15,7 +15,7 @@ use crate::error::StoreError;
 
 /// Length of the header in bytes: one page, so that the first part starts at a page.
 pub(crate) const HEADER_LEN: usize = 4096;
-/// Every part starts at a multiple of this many bytes.
+/// Alignment of parts in bytes: every part starts at a multiple of it.
 pub(crate) const ALIGNMENT: u64 = 64;
 
 const MAGIC_AT: usize = 0;
@@ -65,7 +65,7 @@ pub(crate) trait Contents: Sized {
     fn damaged(&self, path: &Path, part: usize, what: &'static str) -> StoreError;
 }
 
-/// Encodes the header of these contents.
+/// Encodes the header that describes these contents.
 pub(crate) fn encode<C: Contents>(contents: &C) -> Box<HeaderBytes> {
     let mut header = Box::new([0; HEADER_LEN]);
     put(&mut header[..], MAGIC_AT, &C::KIND.magic);

@@ -7,7 +7,7 @@
 //! A part is a chunk of a basis file or a tile of a factor. Each kind of file defines the meaning of its header fields
 //! and the lengths of its parts by implementing [`frame::Contents`]. Everything else is implemented once, here.
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
 //! | [`codec`] | raw, and zstd over shuffled bytes |
 //! | [`frame`] | the header's frame, and the trait that each kind of file implements |

@@ -79,8 +79,7 @@ impl<C: Contents> Container<C> {
         let stored = &mapped.window.bytes()[self.place(mapped, part)];
         if !self.checked[part].load(Ordering::Relaxed) {
             if crc32c::crc32c(stored) != self.entries[part].crc {
-                // If a page of the file was missing, the checksum is wrong for that reason: report the missing page
-                // instead.
+                // A missing page of the file also makes the checksum wrong: report the missing page in that case.
                 self.check(mapped)?;
                 return Err(self.contents.damaged(self.source.path(), part, "its CRC-32C"));
             }
@@ -119,7 +118,7 @@ impl<C: Contents> Container<C> {
 }
 
 impl MappedParts {
-    /// Returns the numbers of the mapped parts.
+    /// Returns the indices of the mapped parts.
     pub(crate) fn parts(&self) -> Range<usize> {
         self.parts.clone()
     }

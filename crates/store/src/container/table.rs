@@ -31,7 +31,7 @@ const CODEC_AT: usize = CRC_AT + 4;
 const PART_HASH_AT: usize = CODEC_AT + 4;
 
 impl Entry {
-    /// Returns the entry of a part with these stored bytes at an offset in the file.
+    /// Creates the table entry of a part from the part's stored bytes and their offset in the file.
     pub(crate) fn of(offset: u64, stored: &[u8], raw_len: usize, codec: Codec) -> Self {
         Self {
             offset,
@@ -131,7 +131,7 @@ pub(crate) struct Footer {
     pub(crate) table_offset: u64,
     /// Number of entries in the table.
     pub(crate) entries: u64,
-    /// Length of the file.
+    /// Length of the file in bytes.
     pub(crate) file_len: u64,
     /// BLAKE3 hash of header and table. The table holds the hashes of the parts, so this hash covers the entire
     /// contents.

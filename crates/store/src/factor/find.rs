@@ -107,8 +107,8 @@ pub enum StartedFactor {
 /// is written again.
 ///
 /// With `read_back`, f32 tiles are also kept in double precision until the factor is published, so that
-/// [`FactorWriter::get`] can return them. The monitor gets a note if the call waits for another process that builds the
-/// same scheme.
+/// [`FactorWriter::get`] can return them. Sends a note to the monitor if the call waits for another process that builds
+/// the same scheme.
 ///
 /// # Errors
 ///
@@ -175,11 +175,11 @@ fn file_bytes(grid: TileGrid, scalar: Scalar) -> u64 {
 }
 
 /// Checks that the disk has enough space for a factor. Returns the disk space in bytes that is needed while the factor
-/// is computed. `read_back` has the meaning that it has in [`start_factor`].
+/// is computed. `read_back` has the same meaning as in [`start_factor`].
 ///
 /// # Errors
 ///
-/// [`StoreError::Space`] for a factor larger than 64 GiB or than the free space, unless `allow_large`.
+/// [`StoreError::Space`] for a factor larger than 64 GiB or than the free space, unless `allow_large` is set.
 pub fn check_factor_space(
     store: &Path,
     grid: TileGrid,

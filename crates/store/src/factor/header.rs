@@ -38,16 +38,16 @@ pub struct Condition {
     pub reciprocal: f64,
 }
 
-/// Contents of a factor's file.
+/// Header of a factor's file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FactorHeader {
-    /// The normal equations that were factored.
+    /// Identity of the normal equations that were factorised.
     pub spec: FactorSpec,
     /// Scalar type of the values.
     pub scalar: Scalar,
     /// Layout of the tiles.
     pub grid: TileGrid,
-    /// The condition of G.
+    /// Norm and condition of the normal matrix G.
     pub condition: Condition,
 }
 

@@ -8,7 +8,7 @@
 //! The file is a container like a basis file. Its parts are the tiles of C's lower triangle by tile column, so that
 //! each of the two triangular solves reads the file sequentially.
 //!
-//! | module | what |
+//! | module | contents |
 //! |---|---|
 //! | `spec` | identity of a factor: scheme, degree, weights, smoothness; its name |
 //! | `grid` | the tiles of a triangle |

@@ -49,7 +49,7 @@ fn double_precision_is_opened_before_single() {
     std::fs::remove_dir_all(folder.path().join(double.to_string())).expect("a removal");
     assert_eq!(open(None).expect("a scheme").key(), single);
     std::fs::remove_dir_all(folder.path().join(single.to_string())).expect("a removal");
-    // The error names the double-precision key of the directions, the first one looked for.
+    // The error names the double-precision key of the directions, which is looked up first.
     assert!(matches!(open(None), Err(StoreError::NoSuchScheme { key, .. }) if key == double));
 }
 
@@ -66,7 +66,7 @@ fn a_damaged_file_is_replaced_with_a_warning() {
     assert!(std::fs::read(&path).expect("a file") == sound);
 }
 
-/// Adds up the announced totals and the steps of all stages.
+/// A monitor that records the announced total and adds up the steps.
 #[derive(Default)]
 struct Count {
     total: AtomicU64,

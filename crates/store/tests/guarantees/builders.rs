@@ -151,7 +151,7 @@ fn a_build_waits_for_another_and_says_so_once() {
         while listening.notes.lock().expect("a lock").is_empty() {
             std::thread::yield_now();
         }
-        // Long enough for two of the lock's polling intervals of 100 ms.
+        // Wait long enough for two of the lock's polling intervals of 100 ms.
         std::thread::sleep(std::time::Duration::from_millis(250));
         assert!(!build.is_finished());
         other.unlock().expect("an unlocking");

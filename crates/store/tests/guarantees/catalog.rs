@@ -1,4 +1,5 @@
-//! Schemes are found by the first digits of their keys, summarised and verified, including damaged files.
+//! Tests that schemes are found by the first digits of their keys, and that summaries and verification include damaged
+//! files.
 
 use spharm_monitor::Silent;
 use spharm_store::catalog::{find_schemes, summarize, verify};

@@ -12,7 +12,7 @@ use tempfile::TempDir;
 use crate::forge::{BASIS_ROOT, FACTOR_ROOT, Forged, put64};
 use crate::{params, path_of, store, write_factor};
 
-/// The kind of file as which a test opens a path.
+/// Kind of file that a test expects at a path.
 #[derive(Clone, Copy)]
 enum As {
     Basis,
@@ -175,7 +175,8 @@ fn verification_checks_crc_hash_and_padding_each_for_itself() {
     }
 }
 
-/// The stored bytes aren't a valid zstd frame, but match their checksum and hash.
+/// Reading and verification reject stored bytes that aren't a valid zstd frame, even if they match their checksum and
+/// hash.
 #[test]
 fn a_compressed_part_that_does_not_decode_is_neither_read_nor_verified() {
     let (folder, key) = store(&BuildParams { codec: Codec::Zstd, ..params() });

@@ -43,7 +43,8 @@ fn a_degree_that_is_missing_is_named() {
     assert!(matches!(&error, StoreError::NoSuchScheme { available, .. } if *available == [key]), "{error}");
 }
 
-/// An intact file is replaced by an intact file of another length, scalar type, degree, scheme or chunk size.
+/// A scheme isn't opened if one of its files is replaced by an intact file of another length, scalar type, degree,
+/// scheme or chunk size.
 #[test]
 fn files_that_do_not_fit_together_are_not_opened() {
     let (folder, key) = store(&params());
@@ -152,7 +153,7 @@ fn a_factor_is_found_by_what_it_is_of() {
     assert_eq!(found(None), Scalar::F32);
     let double = write_factor(folder.path(), key, Scalar::F64);
     assert_eq!((found(None), found(Some(Scalar::F32))), (Scalar::F64, Scalar::F32));
-    // The f32 factor is copied to the file name of the f64 factor.
+    // Copy the f32 factor to the file name of the f64 factor.
     std::fs::copy(single.path(), double.path()).expect("a copy");
     let error = open_factor(folder.path(), &spec(key), None).expect_err("another scalar type");
     assert!(error.to_string().contains("scalar type"), "{error}");

@@ -13,9 +13,10 @@
 //!
 //! Finally the surface is scaled along each axis to the extents of an adult's cerebrum.
 //!
-//! The constants were chosen such that pictures resemble gyri and sulci, and by measurements over the icosphere of
-//! 40,962 vertices. 1.4 % of the triangles of variant 0 face its middle. Least-squares fits to variant 0 (NumPy) have
-//! msd 7.7e-4 at degree 10 (errors of about 3 mm), 1.2e-5 at degree 60 and 7.4e-7 at degree 100 (0.1 mm).
+//! The constants were chosen by measurements over the icosphere of 40,962 vertices, and so that pictures resemble gyri
+//! and sulci. 1.4 % of the triangles of variant 0 face its centre. Least-squares fits to variant 0 (NumPy) have a mean
+//! squared distance (msd) of 7.7e-4 at degree 10 (errors of about 3 mm), 1.2e-5 at degree 60 and 7.4e-7 at degree 100
+//! (0.1 mm).
 
 use super::icosphere;
 use super::random::SplitMix64;
@@ -27,8 +28,8 @@ use crate::mesh::{Mesh, Meta};
 pub struct Cortex {
     /// Number of subdivisions of the icosahedron, see [`icosphere`]; 6 gives 40,962 vertices.
     pub subdivisions: u32,
-    /// Index of the subject. All subjects have the same course of the main folds and differ in detail; corresponding
-    /// vertices are some mm apart.
+    /// Index of the subject. All subjects share the course of the main folds and differ in detail. Corresponding
+    /// vertices of two subjects are a few mm apart.
     pub variant: u64,
 }
 
@@ -78,7 +79,7 @@ const SHEARS: [(f64, f64, usize); 2] = [(2.0, 0.06, 4), (9.0, 0.026, 10)];
 
 impl Folding {
     fn new(variant: u64) -> Self {
-        // `study` gives the numbers that all subjects have in common, `subject` the subject's deviations from them.
+        // `study` generates the numbers that all subjects share, `subject` the subject's deviations from them.
         let mut study = SplitMix64::new(0x5350_4841_524d);
         let mut subject = SplitMix64::new(variant.wrapping_mul(0x2545_f491_4f6c_dd1d));
         let mut deviation = |size: f64| {
@@ -108,7 +109,7 @@ impl Folding {
 
     fn apply(&self, direction: Vec3) -> Vec3 {
         let sum: f64 = self.waves.iter().map(|wave| wave.argument(direction).cos()).sum();
-        // w has variance 1 for any number of waves.
+        // Scale w to variance 1 for any number of waves.
         let w = sum * (2.0 / WAVES as f64).sqrt();
         let furrow = 1.0 / (1.0 + (w / WIDTH).powi(2));
         let radius = 1.0 - DEPTH * furrow;
@@ -118,12 +119,12 @@ impl Folding {
     }
 }
 
-/// Returns the number of bytes that [`cortex`] needs, including both meshes: those of [`icosphere`](super::icosphere),
-/// and 48 per vertex for the surface.
+/// Returns the number of bytes that [`cortex`] needs, including both meshes. This is the number for
+/// [`icosphere`](super::icosphere), plus 48 per vertex for the surface.
 ///
 /// # Panics
 ///
-/// As [`icosphere_counts`](super::icosphere_counts).
+/// In the same cases as [`icosphere_counts`](super::icosphere_counts).
 #[must_use]
 pub fn cortex_bytes(subdivisions: u32) -> u64 {
     super::icosphere_bytes(subdivisions) + 48 * super::icosphere_counts(subdivisions)[0]
@@ -136,7 +137,7 @@ pub fn cortex_bytes(subdivisions: u32) -> u64 {
 ///
 /// # Panics
 ///
-/// As [`icosphere`].
+/// In the same cases as [`icosphere`].
 #[must_use]
 pub fn cortex(parameters: &Cortex) -> (Mesh, Mesh) {
     let sphere = icosphere(parameters.subdivisions);

@@ -13,7 +13,7 @@ use super::subdivide::split;
 ///
 /// # Panics
 ///
-/// Above 14 subdivisions, where the number of half-edges exceeds 32 bits.
+/// For more than 14 subdivisions, because the number of half-edges would exceed 32 bits.
 #[must_use]
 pub fn icosphere(subdivisions: u32) -> Mesh {
     assert!(subdivisions <= 14, "{subdivisions} subdivisions of an icosahedron, at most 14");
@@ -28,7 +28,7 @@ pub fn icosphere(subdivisions: u32) -> Mesh {
 ///
 /// # Panics
 ///
-/// Above 29 subdivisions, where the number of vertices exceeds 64 bits.
+/// For more than 29 subdivisions, because the number of vertices would exceed 64 bits.
 #[must_use]
 pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
     assert!(subdivisions <= 29, "{subdivisions} subdivisions of an icosahedron");
@@ -36,12 +36,12 @@ pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
     [10 * quarter + 2, 20 * quarter]
 }
 
-/// Returns the number of bytes that [`icosphere`] needs. Per vertex these are 48 for the mesh, 12 for the mesh with one
-/// subdivision less, and up to 26 for the table of that mesh's edges.
+/// Returns the number of bytes that [`icosphere`] needs: per vertex, 48 for the mesh, 12 for the mesh with one
+/// subdivision less, and up to 26 for the table of that smaller mesh's edges.
 ///
 /// # Panics
 ///
-/// As [`icosphere_counts`].
+/// In the same cases as [`icosphere_counts`].
 #[must_use]
 pub fn icosphere_bytes(subdivisions: u32) -> u64 {
     86 * icosphere_counts(subdivisions)[0]

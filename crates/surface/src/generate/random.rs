@@ -2,8 +2,8 @@
 
 use crate::geometry::{Vec3, cross, unit};
 
-/// The generator SplitMix64 of Steele, Lea and Flood (OOPSLA 2014), which is good enough for shapes and takes three
-/// lines.
+/// The generator SplitMix64 of Steele, Lea and Flood (OOPSLA 2014). It is good enough for shapes and takes three lines
+/// of code.
 #[derive(Debug, Clone)]
 pub struct SplitMix64(u64);
 
@@ -52,7 +52,7 @@ mod tests {
     use super::*;
     use crate::geometry::dot;
 
-    /// Values of the paper's generator for seed 0.
+    /// The expected values are those of the paper's generator for seed 0.
     #[test]
     fn numbers_are_those_of_splitmix64() {
         let mut random = SplitMix64::new(0);

@@ -43,8 +43,8 @@ const PLACE: Vec3 = [0.48, 0.64, 0.6];
 const SHIFT: f64 = 50.0;
 
 impl Study {
-    /// Returns subject `index` of the first group, or of the second group if `second` is true, wound outwards. The
-    /// result has the same bits for the same arguments.
+    /// Returns subject `index` of the first group, or of the second group if `second` is true, wound outwards. Results
+    /// are reproducible bit by bit.
     pub fn subject(&self, index: u64, second: bool) -> Mesh {
         let sphere = icosphere(self.subdivisions);
         // Each subject has its own seed, so that the random sequences of different subjects don't overlap.
@@ -100,7 +100,7 @@ mod tests {
         assert_eq!(first.vertices, study.subject(0, false).vertices);
         assert_ne!(first.vertices, study.subject(1, false).vertices);
         assert_ne!(first.vertices, second.vertices);
-        // Volumes are positive, so the winding is outward, and near the ellipsoid's 4/3 pi a b c.
+        // The volume is positive, so the winding is outward. It is close to the ellipsoid's volume of 4/3 pi a b c.
         let body = 4.0 / 3.0 * std::f64::consts::PI * AXES.iter().product::<f64>();
         assert!((volume(&first) / body - 1.0).abs() < 0.2, "{}", volume(&first) / body);
         let mean = |second: bool| (0..20).map(|i| volume(&study.subject(i, second))).sum::<f64>() / 20.0;

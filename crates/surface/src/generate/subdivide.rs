@@ -25,7 +25,7 @@ pub fn subdivide(mesh: &Mesh) -> Mesh {
 ///
 /// # Panics
 ///
-/// As [`subdivide`].
+/// In the same cases as [`subdivide`].
 #[must_use]
 pub fn subdivide_sphere(sphere: &Mesh) -> Mesh {
     let unit_sphere = sphere.with_vertices(sphere.vertices.iter().map(|&v| unit(v)).collect());

@@ -8,21 +8,21 @@ use crate::mesh::Mesh;
 /// Cubic voxels inside a surface.
 #[derive(Debug, Clone)]
 pub struct Voxels {
-    /// 1 for voxels whose centre is inside the surface, 0 for others, by x, y and z.
+    /// Values indexed by x, y and z: 1 for voxels whose centre is inside the surface, 0 for others.
     pub values: Array3<u8>,
     /// Centre of voxel (0, 0, 0).
     pub origin: Vec3,
 }
 
-/// Voxels of background on each side.
+/// Number of background voxels on each side.
 const MARGIN: usize = 2;
-/// Displacement of the tested points from the voxels' centres, relative to the voxels, so that lines along z meet no
-/// edge of a mesh whose vertices have simple coordinates.
+/// Displacement of the tested points from the voxels' centres, relative to the voxel size. It ensures that lines along
+/// z meet no edge of a mesh whose vertices have simple coordinates.
 const NUDGE: [f64; 2] = [1.7e-7, 2.9e-7];
 
 impl Voxels {
-    /// Returns the voxels of edge length `size` whose centres are inside a closed mesh, by the number of triangles
-    /// that the line along z through each centre crosses.
+    /// Returns the voxels of edge length `size` whose centres are inside a closed mesh. The line along z through a
+    /// centre is inside the mesh between its first and second crossing, its third and fourth, and so on.
     ///
     /// # Panics
     ///
@@ -38,7 +38,7 @@ impl Voxels {
         for (column, mut crossings) in crossings.into_iter().enumerate() {
             crossings.sort_by(f64::total_cmp);
             for inside in crossings.chunks_exact(2) {
-                // Crossings are in voxels from the origin.
+                // Crossings are z coordinates in voxels, measured from the origin.
                 for z in inside[0].ceil() as usize..=inside[1].floor() as usize {
                     values[[column / counts[1], column % counts[1], z]] = 1;
                 }
@@ -48,7 +48,8 @@ impl Voxels {
     }
 }
 
-/// Returns where the line along z through each column of voxels crosses the triangles, in voxels from the origin.
+/// Returns, for each column of voxels, the z coordinates at which the line along z through the column crosses the
+/// triangles. Coordinates are in voxels, measured from the origin.
 fn crossings(mesh: &Mesh, size: f64, origin: Vec3, counts: [usize; 3]) -> Vec<Vec<f64>> {
     let mut found = vec![Vec::new(); counts[0] * counts[1]];
     for face in &mesh.faces {
@@ -61,7 +62,7 @@ fn crossings(mesh: &Mesh, size: f64, origin: Vec3, counts: [usize; 3]) -> Vec<Ve
         for i in low[0].floor() as usize..=high[0].ceil() as usize {
             for j in low[1].floor() as usize..=high[1].ceil() as usize {
                 let at = [i as f64 + NUDGE[0], j as f64 + NUDGE[1]];
-                // Twice the signed areas of the triangles that the point makes with each edge.
+                // Twice the signed areas of the triangles formed by the point and each edge.
                 let area = |a: usize, b: usize| {
                     let (a, b) = (corners[a], corners[b]);
                     (a[0] - at[0]) * (b[1] - at[1]) - (a[1] - at[1]) * (b[0] - at[0])
@@ -92,7 +93,7 @@ mod tests {
         for ((i, j, k), inside) in found.values.indexed_iter() {
             let x: Vec3 = [(i, 0), (j, 1), (k, 2)].map(|(at, axis)| found.origin[axis] + 0.5 * at as f64);
             let radius = dot(x, x).sqrt();
-            // Between the triangles and the sphere either is right.
+            // Points between the triangles and the sphere may be either inside or outside.
             assert!((6.18..6.21).contains(&radius) || (*inside == 1) == (radius < 6.2), "{radius}");
         }
     }
@@ -100,7 +101,7 @@ mod tests {
     #[test]
     fn a_box_away_from_the_origin_has_its_voxels() {
         let mut body = icosphere(0);
-        // The corners of a box, as two triangles a side.
+        // A box with two triangles per side, made from its eight corners.
         body.vertices = (0..8)
             .map(|corner| [0, 1, 2].map(|k| [10.5, -7.5, 3.5][k] + [4.0, 5.0, 6.0][k] * f64::from(corner >> k & 1)))
             .collect();

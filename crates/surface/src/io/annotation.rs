@@ -12,8 +12,8 @@ use super::flaw::{Flaw, bounded};
 use super::{gifti, load};
 use crate::error::SurfaceError;
 
-/// Parts of names, in lower case and with _ for other separators, of regions that aren't part of the cortex: those of
-/// aparc, of a2009s, and of atlases such as Yeo's and Schaefer's (`Background+FreeSurfer_Defined_Medial_Wall`).
+/// Parts of names that mark regions outside the cortex, in lower case and with _ for other separators. They cover
+/// aparc, a2009s, and atlases such as Yeo's and Schaefer's (`Background+FreeSurfer_Defined_Medial_Wall`).
 const OUTSIDE: [&str; 5] = ["unknown", "medial_wall", "medialwall", "corpuscallosum", "background"];
 
 /// The region of each vertex of a surface.
@@ -21,7 +21,7 @@ const OUTSIDE: [&str; 5] = ["unknown", "medial_wall", "medialwall", "corpuscallo
 pub struct Annotation {
     /// Names of the regions.
     pub names: Vec<String>,
-    /// Index of each vertex's region in the names; `None` for a vertex without a region.
+    /// Index into `names` of each vertex's region, or `None` for a vertex without a region.
     pub regions: Vec<Option<usize>>,
 }
 
@@ -32,7 +32,8 @@ impl Annotation {
         self.regions.get(vertex).copied().flatten().and_then(|region| self.names.get(region)).map(String::as_str)
     }
 
-    /// Returns whether each vertex is in a region, other than one that is called unknown or medial wall.
+    /// Returns, for each vertex, whether it belongs to a region of the cortex. Regions called unknown or medial wall
+    /// don't count as cortex.
     #[must_use]
     pub fn is_cortex(&self) -> Vec<bool> {
         let inside: Vec<bool> = self.names.iter().map(|name| is_region(name)).collect();
@@ -40,23 +41,23 @@ impl Annotation {
     }
 }
 
-/// Returns whether a name is that of a region of the cortex.
+/// Returns whether a name denotes a region of the cortex.
 pub(super) fn is_region(name: &str) -> bool {
     let name = name.trim().to_lowercase().replace([' ', '-', '.'], "_");
     !name.is_empty() && name != "???" && !OUTSIDE.iter().any(|part| name.contains(part))
 }
 
-/// Returns whether a file is an annotation of FreeSurfer by its name, which ends in .annot.
+/// Returns whether a file's name marks it as a FreeSurfer annotation, by the ending .annot.
 pub(super) fn is_annotation(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("annot"))
 }
 
-/// Reads an annotation of `vertices` vertices: an `.annot` file, or else a GIfTI file of labels.
+/// Reads an annotation of a surface with `vertices` vertices, from an `.annot` file or a GIfTI file of labels.
 ///
 /// # Errors
 ///
-/// [`Io`](SurfaceError::Io); [`Malformed`](SurfaceError::Malformed) for a file of neither format, or without a table of
-/// names; [`VertexCount`](SurfaceError::VertexCount) for an annotation of another number of vertices.
+/// [`Io`](SurfaceError::Io); [`Malformed`](SurfaceError::Malformed) for a file of neither format, or without a table
+/// of names; [`VertexCount`](SurfaceError::VertexCount) for an annotation with another number of vertices.
 pub fn read_annotation(path: impl AsRef<Path>, vertices: usize) -> Result<Annotation, SurfaceError> {
     let path = path.as_ref();
     let bytes = load::load(path)?;
@@ -74,7 +75,7 @@ pub fn read_annotation(path: impl AsRef<Path>, vertices: usize) -> Result<Annota
     Ok(found)
 }
 
-/// Returns the annotation of vertices with these keys. The first of several regions of one key counts.
+/// Returns the annotation for vertices with the given keys. If several regions have the same key, the first is used.
 fn named(keys: impl Iterator<Item = Option<i64>>, table: Vec<(i64, String)>) -> Annotation {
     let mut places: HashMap<i64, usize> = HashMap::new();
     let mut names = Vec::with_capacity(table.len());
@@ -104,14 +105,15 @@ fn parse(bytes: &[u8]) -> Result<Annotation, Flaw> {
     Ok(named(colours.into_iter(), table(&mut cursor)?))
 }
 
-/// Reads the table of colours: each with its name.
+/// Reads the table of colours and the names of their regions.
 fn table(cursor: &mut Cursor<'_>) -> Result<Vec<(i64, String)>, Flaw> {
     let first = cursor.i32(Endian::Big)?;
     let numbered = first < 0;
     if numbered && first != -2 {
         return Err(Flaw::new("a table of version 2", format!("version {}", -i64::from(first))));
     }
-    // The newer version begins with the largest number of a region, and has its own count after the file's name.
+    // The newer version begins with the largest region number. The number of regions follows the name of the table's
+    // file.
     let mut count = if numbered { whole(cursor, "a number of regions")? } else { u64::from(first.unsigned_abs()) };
     text(cursor)?;
     if numbered {
@@ -139,7 +141,7 @@ fn whole(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
     u64::try_from(found).map_err(|_| Flaw::new(what, found.to_string()))
 }
 
-/// Reads a text with its length before it, which ends with zero.
+/// Reads a text that is preceded by its length and terminated by a zero byte.
 fn text(cursor: &mut Cursor<'_>) -> Result<String, Flaw> {
     let length = whole(cursor, "the length of a name")?;
     let length = bounded(length, 1, cursor.remaining(), "bytes of a name")?;
@@ -161,7 +163,7 @@ mod tests {
         bytes.extend(name.bytes().chain([0]));
     }
 
-    /// Four vertices in three regions and none.
+    /// Returns an annotation file of four vertices: three in one region each, and one in no region.
     fn annotation(numbered: bool) -> Vec<u8> {
         let mut bytes = Vec::new();
         let colour = |[r, g, b]: [i32; 3]| r + (g << 8) + (b << 16);

@@ -81,7 +81,7 @@ pub fn write_new(
     sync_directory(&directory).map_err(io("synchronise the directory of"))
 }
 
-/// Synchronises a directory, so that a new name in it survives a crash. Does nothing where this isn't supported: some
+/// Synchronises a directory, so that a new name in it survives a crash. Does nothing if this isn't supported: some
 /// network file systems refuse it, and Windows can't open a directory.
 fn sync_directory(directory: &Path) -> io::Result<()> {
     if cfg!(not(unix)) {

@@ -1,4 +1,4 @@
-//! Reads binary data by a cursor that never passes the end.
+//! Reads binary data with a cursor that never moves past the end.
 
 use super::flaw::Flaw;
 

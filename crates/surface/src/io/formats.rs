@@ -1,6 +1,6 @@
-//! Lists the formats, and determines a file's format from its name or, failing that, from its first bytes.
+//! Lists the supported formats. Determines a file's format from its name or, failing that, from its first bytes.
 //!
-//! To add a format, add a file to this folder and a row to this table.
+//! To add a format, add a file to this folder and an entry to `FORMATS`.
 
 use std::path::Path;
 
@@ -184,7 +184,7 @@ pub static FORMATS: &[FormatSpec] = &[
     },
 ];
 
-/// What an output file is to contain.
+/// The intended contents of an output file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output<'a> {
     /// A surface.
@@ -193,7 +193,7 @@ pub enum Output<'a> {
     OrderedMesh,
     /// Values on vertices.
     Signal,
-    /// A surface or values on vertices; it isn't known yet which.
+    /// A surface or values on vertices, if the choice isn't known yet.
     Either,
     /// An output of one fixed format; its name must end in one of these lower-case endings.
     Ending(&'a [&'a str]),
@@ -224,7 +224,7 @@ pub fn check_output(path: impl AsRef<Path>, output: Output<'_>) -> Result<(), Su
     }
 }
 
-/// Returns the format implied by the name of an output file for a surface.
+/// Returns the surface format implied by an output file's name.
 ///
 /// # Errors
 ///
@@ -233,7 +233,7 @@ pub fn to_write_mesh(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
     to_write(path, |format| format.write_mesh.is_some())
 }
 
-/// Returns the format implied by the name of an output file for a signal.
+/// Returns the signal format implied by an output file's name.
 ///
 /// # Errors
 ///
@@ -248,7 +248,7 @@ pub fn is_named_signal(path: &Path) -> bool {
     let name = name_without_gz(path);
     let is_of =
         |holds: fn(&FormatSpec) -> bool| FORMATS.iter().any(|format| holds(format) && has_ending(format, &name));
-    // The ending `.gii` alone is used for both, and counts as values on vertices.
+    // The ending `.gii` alone is used for both surfaces and values. It is taken to mean values on vertices.
     is_of(|format| format.write_signal.is_some())
         && (name.ends_with(".gii") || !is_of(|format| format.write_mesh.is_some()))
         && !name.ends_with(".surf.gii")
@@ -258,7 +258,8 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     let name = name_without_gz(path);
     let holding = || FORMATS.iter().filter(|format| holds(format));
     let by_ending = || holding().find(|format| has_ending(format, &name));
-    // The prefix counts only if no ending determines the format: `lh.pial.csv` is a table, which can't hold a surface.
+    // The prefix matters only if no ending determines the format: `lh.pial.csv` is a table, which can't hold a
+    // surface.
     let prefixed = ["lh.", "rh."].iter().any(|prefix| name.starts_with(prefix)) && by_proper_ending(&name).is_none();
     let by_prefix = || holding().find(|format| prefixed && format.hemisphere_prefix);
     by_ending().or_else(by_prefix).ok_or_else(|| {
@@ -269,8 +270,8 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     })
 }
 
-/// Returns the format of an existing file. The ending determines it, unless it is one of FreeSurfer's endings, which
-/// aren't unique; then the first bytes do.
+/// Returns the format of an existing file. The ending determines the format, except for FreeSurfer's endings, which
+/// aren't unique. The first bytes then determine it.
 pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
     let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
     let format = by_proper_ending(&name_without_gz(path)).or_else(by_magic);
@@ -317,7 +318,7 @@ pub(crate) fn name_without_gz(path: &Path) -> String {
     name.strip_suffix(".gz").unwrap_or(&name).to_owned()
 }
 
-/// Whether a file with this name is gzipped as a whole.
+/// Returns whether a file with this name is gzipped as a whole.
 pub(super) fn is_gzipped(path: &Path) -> bool {
     let name = lower_name(path);
     [".gz", ".mgz"].iter().any(|ending| name.ends_with(ending))

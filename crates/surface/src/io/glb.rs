@@ -25,7 +25,7 @@ pub(super) fn read(_: &[u8]) -> Result<Mesh, Flaw> {
     Err(Flaw::unsupported("a scene for viewers", "save its mesh as .ply or .obj"))
 }
 
-/// The bytes of all arrays, and the JSON that describes them.
+/// The bytes of all arrays and the JSON that describes the arrays.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,
@@ -109,7 +109,8 @@ fn to_linear(component: u8) -> u16 {
     (linear * 65535.0).round() as u16
 }
 
-/// Returns unit normals at the vertices: means of the normals of the triangles around each, weighted by area.
+/// Returns unit normals at the vertices. Each is the mean of the normals of the triangles around the vertex, weighted
+/// by area.
 fn normals(mesh: &Mesh) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0; 3]; mesh.vertices.len()];
     for face in &mesh.faces {
@@ -149,7 +150,7 @@ mod tests {
         for (normal, vertex) in normals(&mesh).iter().zip(&mesh.vertices) {
             assert!((0..3).all(|k| (f64::from(normal[k]) - vertex[k]).abs() < 0.03), "{normal:?} {vertex:?}");
         }
-        // Adds a vertex that no triangle uses.
+        // This vertex belongs to no triangle.
         mesh.vertices.push([5.0; 3]);
         assert_eq!(normals(&mesh).last(), Some(&[0.0, 0.0, 1.0]));
     }

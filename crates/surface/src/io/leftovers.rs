@@ -21,7 +21,8 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
     builder.prefix(PREFIX).suffix(SUFFIX);
     #[cfg(unix)]
     {
-        // The default permissions of new files. Temporary files would otherwise be private, and so would the results.
+        // These are the default permissions of new files. Temporary files, and hence the results, would otherwise be
+        // private.
         use std::os::unix::fs::PermissionsExt;
         builder.permissions(fs::Permissions::from_mode(0o666));
     }

@@ -22,7 +22,7 @@ pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     Ok(bytes)
 }
 
-/// Returns the metadata of a regular file without opening it; an error for anything else.
+/// Returns the metadata of a regular file without opening it. Anything else is an error.
 fn regular(path: &Path) -> Result<fs::Metadata, SurfaceError> {
     let found = fs::metadata(path);
     let found = found.map_err(|cause| SurfaceError::Io { path: path.to_owned(), action: "open", cause })?;
@@ -44,10 +44,11 @@ pub(super) fn head(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     Ok(bytes)
 }
 
-/// Largest number of bytes that one byte of Deflate's output (gzip, zip) can expand to; a bound inherent in the method.
+/// Largest number of bytes to which one byte of Deflate's output (gzip, zip) can expand. The bound is inherent in the
+/// method.
 pub const MOST_EXPANSION: u64 = 1032;
 
-/// Whether a file begins like a gzip file.
+/// Returns whether the bytes begin like a gzip file.
 pub(super) fn is_gzip(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x1f, 0x8b])
 }

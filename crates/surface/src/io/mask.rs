@@ -1,8 +1,8 @@
 //! Reads masks, which select the vertices to use.
 //!
-//! A mask is a file of values on vertices, which are 0 for excluded vertices; a FreeSurfer label (`lh.cortex.label`);
-//! or an annotation (`lh.aparc.annot`), which selects its regions except unknown and the medial wall. A label is text:
-//! a comment line, the number of vertices, and a line for each selected vertex with its index, position and value.
+//! A mask is a file of values on vertices, with 0 for excluded vertices; a FreeSurfer label (`lh.cortex.label`); or an
+//! annotation (`lh.aparc.annot`), which selects all its regions except unknown and the medial wall. A label is text: a
+//! comment line, the number of vertices, and one line per selected vertex with its index, position and value.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ const LABEL: &[u8] = b"#!ascii label";
 ///
 /// # Errors
 ///
-/// As [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values on another number of vertices;
+/// The errors of [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values on another number of vertices;
 /// [`Malformed`](SurfaceError::Malformed) for more than one value per vertex, or a label with an index out of range;
 /// [`NothingKept`](SurfaceError::NothingKept) if no vertex is selected.
 pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, SurfaceError> {
@@ -38,7 +38,7 @@ pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, S
             let flaw = Flaw::new("a value for each vertex", format!("{} for each", signal.channels));
             return Err(flaw.at(path, "a mask"));
         }
-        // Labels of GIfTI may call a region unknown, or the medial wall.
+        // In GIfTI labels, a nonzero value may stand for a region called unknown or medial wall.
         let labels = if is_gifti_label(path) { read_annotation(path, vertices).ok() } else { None };
         let is_outside = |vertex: usize| {
             let name = labels.as_ref().and_then(|labels| labels.name_at(vertex));
@@ -49,7 +49,7 @@ pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, S
     if mask.contains(&true) { Ok(mask) } else { Err(SurfaceError::NothingKept { path: path.to_owned() }) }
 }
 
-/// Returns whether a file has labels of GIfTI by its name.
+/// Returns whether a file's name marks it as GIfTI labels.
 fn is_gifti_label(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
     [".label.gii", ".label.gii.gz"].iter().any(|ending| name.ends_with(ending))

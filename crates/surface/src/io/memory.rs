@@ -1,4 +1,4 @@
-//! Estimates the memory that reading a file needs, from its size alone.
+//! Estimates the memory needed to read a file, from the file's size alone.
 
 use std::fs::{File, metadata};
 use std::io::{Read, Seek, SeekFrom};
@@ -6,15 +6,16 @@ use std::path::Path;
 
 use super::load::is_gzip;
 
-/// Returns an estimate of the bytes needed to read a mesh, a signal or a model, including the result. 0 if the path
-/// isn't a regular file.
+/// Returns an estimate of the number of bytes needed to read a mesh, a signal or a model, including the result.
+/// Returns 0 if the path isn't a regular file.
 ///
 /// A file of F bytes is read completely. Its mesh takes less than 2 F bytes in memory: 24 per vertex and 12 per
 /// triangle. GIfTI files contain compressed data in base64, which are a few times smaller than the decoded data. The
 /// size of a gzipped file's contents is in its last four bytes. Contents far larger than a file's size suggests are
 /// detected when they are decoded.
 ///
-/// Measured on an icosphere of 655,362 vertices, in bytes per F: PLY 2.3, OBJ, OFF and VTK 1.4, STL 2.1, GIfTI 6.5.
+/// Memory measured on an icosphere of 655,362 vertices, as a multiple of F: PLY 2.3, OBJ, OFF and VTK 1.4, STL 2.1,
+/// GIfTI 6.5.
 #[must_use]
 pub fn bytes_to_read(path: &Path) -> u64 {
     const PLAIN: u64 = 3;
@@ -28,7 +29,7 @@ pub fn bytes_to_read(path: &Path) -> u64 {
     }
 }
 
-/// Returns the uncompressed size recorded in a gzip file, which is modulo 2^32; `None` for other files.
+/// Returns the uncompressed size recorded in a gzip file, modulo 2^32, or `None` for other files.
 fn inflated(path: &Path, size: u64) -> Option<u64> {
     let mut file = File::open(path).ok()?;
     let (mut magic, mut last) = ([0; 2], [0; 4]);

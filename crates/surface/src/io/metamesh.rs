@@ -13,7 +13,7 @@ use super::polygon::fan;
 use super::text::{lines, next_number, next_position, number, words};
 use crate::mesh::Mesh;
 
-/// Whether a file begins like a MetaMesh file.
+/// Returns whether the bytes begin like a MetaMesh file.
 pub(super) fn is_metamesh(bytes: &[u8]) -> bool {
     bytes.starts_with(b"ObjectType")
 }
@@ -47,7 +47,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             }
             b"NPoints" => points = count("the count of points")?,
             b"Points" => {
-                // The shortest line of a point has 8 bytes: "0 0 0 0" and a newline.
+                // The shortest line of a point, "0 0 0 0" and a newline, has 8 bytes.
                 let points = bounded(points, 8, bytes.len(), "points")?;
                 mesh.vertices.reserve(points);
                 for place in 0..points {
@@ -75,14 +75,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(mesh)
 }
 
-/// Returns key and value of a line `Key = value`.
+/// Returns the key and the value of a line `Key = value`.
 fn key_and_value(line: &[u8]) -> Option<(&[u8], &[u8])> {
     let at = line.iter().position(|&byte| byte == b'=')?;
     let (key, value) = line.split_at_checked(at)?;
     Some((key.trim_ascii(), value.get(1..)?.trim_ascii()))
 }
 
-/// Whether the value of a transform's key means no change.
+/// Returns whether the value of a transform's key is the identity.
 fn is_identity(key: &[u8], value: &[u8]) -> bool {
     let numbers: Vec<f64> = words(value).filter_map(number).collect();
     match key {

@@ -67,12 +67,12 @@ fn header(bytes: &[u8]) -> Result<Header, Flaw> {
     Ok(Header { size, frames, kind })
 }
 
-/// Whether a file begins like an MGH file.
+/// Returns whether the bytes begin like an MGH file.
 pub(super) fn is_mgh(bytes: &[u8]) -> bool {
     bytes.len() >= HEADER && header(bytes).is_ok()
 }
 
-/// Whether a file begins like an MGH file of a volume.
+/// Returns whether the bytes begin like an MGH file of a volume.
 pub(super) fn is_volume(bytes: &[u8]) -> bool {
     bytes.len() >= HEADER && header(bytes).is_ok_and(|header| header.size.iter().filter(|&&n| n > 1).count() > 1)
 }
@@ -103,7 +103,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices, channels })
 }
 
-/// Writes values on vertices as 32-bit floats of size n x 1 x 1, with a frame per channel.
+/// Writes values on vertices as 32-bit floats of size n x 1 x 1, with one frame per channel.
 pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     const FLOAT: i32 = 3;
     let count = |n: usize| {
@@ -112,7 +112,7 @@ pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io
     for n in [1, count(signal.vertices)?, 1, 1, count(signal.channels)?, FLOAT, 0] {
         out.write_all(&n.to_be_bytes())?;
     }
-    // The geometry is all zero, including the flag that says whether it is valid.
+    // The geometry is all zero, including the flag for its validity.
     out.write_all(&[0; HEADER - 28])?;
     for channel in 0..signal.channels {
         for &x in signal.values.iter().skip(channel).step_by(signal.channels) {

@@ -4,7 +4,7 @@
 //! |---|---|---|---|
 //! | FreeSurfer | `lh.pial`, `rh.curv`, ... | triangle surfaces, new-format curv | as read |
 //! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | as read |
-//! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | the same |
+//! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings except external files | GZipBase64Binary |
 //! | Wavefront | `.obj` | polygons, negative indices | ASCII |
 //! | Stanford | `.ply` | ASCII, both binaries, polygons | little-endian binary |
 //! | Geomview | `.off` | ASCII, polygons, with colours or normals | ASCII |
@@ -79,9 +79,9 @@ pub use spec::{FormatSpec, Precision};
 /// Options for writing a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// Replace an existing file. If false, an existing file is an error.
+    /// Whether to replace an existing file. If false, an existing file is an error.
     pub overwrite: bool,
-    /// Write 64-bit numbers in formats that support both (GIfTI, PLY), which otherwise use 32 bits. Text formats always
+    /// Whether to write 64-bit numbers in formats that support both 32 and 64 bits (GIfTI, PLY). Text formats always
     /// write all digits; FreeSurfer and STL only support 32 bits.
     pub double: bool,
 }
@@ -110,7 +110,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
 ///
 /// # Errors
 ///
-/// As [`read_mesh`], and [`NotASignal`](SurfaceError::NotASignal) if the file holds a surface.
+/// The errors of [`read_mesh`], and [`NotASignal`](SurfaceError::NotASignal) if the file holds a surface.
 pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {
@@ -127,7 +127,7 @@ pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
 ///
 /// # Errors
 ///
-/// As [`read_mesh`].
+/// The errors of [`read_mesh`].
 pub fn read_input(path: impl AsRef<Path>) -> Result<Input, SurfaceError> {
     let path = path.as_ref();
     let input = parse(path)?;
@@ -145,11 +145,11 @@ pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
     Ok(input)
 }
 
-/// Reads values on vertices. Missing values are allowed; they are NaN.
+/// Reads values on vertices. Missing values are allowed and are stored as NaN.
 ///
 /// # Errors
 ///
-/// As [`read_signal`], except that NaN is allowed.
+/// The errors of [`read_signal`], except that NaN is allowed.
 pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
     let Input::Signal(signal) = parse(path)? else { return read_signal(path) };
@@ -158,12 +158,12 @@ pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceEr
     Ok(signal)
 }
 
-/// Returns the number of vertices of a FreeSurfer surface or curv file, from the file's first bytes. `None` for other
-/// formats, which must be read completely to know it.
+/// Returns the number of vertices of a FreeSurfer surface or curv file, from the file's first bytes. Returns `None`
+/// for other formats, whose files must be read completely to get this number.
 ///
 /// # Errors
 ///
-/// Those of [`read_input`] for a file that is empty or can't be opened.
+/// The errors of [`read_input`], if the file is empty or can't be opened.
 pub fn declared_vertices(path: impl AsRef<Path>) -> Result<Option<u64>, SurfaceError> {
     let path = path.as_ref();
     let head = load::head(path)?;
@@ -179,7 +179,7 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
     if load::is_gzip(&bytes) {
         bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
     }
-    // In every format the contents need at least as much memory as the file, while the file's bytes are in memory, too.
+    // While the file's bytes are in memory, the contents need at least as much memory again, in every format.
     check_room(bytes.len() as u64).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     if let Some(format) = volume::kind(&bytes) {
         return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
@@ -189,10 +189,10 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
     Ok(input)
 }
 
-/// Writes a surface in the format implied by its name, completely or not at all.
+/// Writes a surface in the format implied by the output's name, completely or not at all.
 ///
-/// Names that begin with `lh.` or `rh.`, or end like FreeSurfer's (`.pial`, `.white`, `.sphere`, ...), give FreeSurfer
-/// files.
+/// Names that begin with `lh.` or `rh.`, or end like FreeSurfer's (`.pial`, `.white`, `.sphere`, ...), imply
+/// FreeSurfer's format.
 ///
 /// # Errors
 ///
@@ -213,7 +213,7 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -
 ///
 /// # Errors
 ///
-/// As [`write_mesh`].
+/// The errors of [`write_mesh`].
 pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOptions) -> Result<(), SurfaceError> {
     write_signal_of(path, signal, None, options)
 }
@@ -223,7 +223,7 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
 ///
 /// # Errors
 ///
-/// As [`write_mesh`].
+/// The errors of [`write_mesh`].
 pub fn write_signal_of(
     path: impl AsRef<Path>,
     signal: &Signal,
@@ -246,7 +246,7 @@ pub fn write_signal_of(
     write_as(path, options, format.write_signal, signal, structure)
 }
 
-/// Writes contents with the given writer of a format, gzipped if the file's name requires it.
+/// Writes contents with a format's writer, gzipped if the file's name requires it.
 fn write_as<T>(
     path: &Path,
     options: &WriteOptions,

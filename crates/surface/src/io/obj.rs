@@ -53,7 +53,7 @@ fn index(word: &[u8], vertices_so_far: usize, line_number: usize) -> Result<u32,
         .ok_or_else(|| Flaw::new(format!("a vertex's number on line {line_number}"), shown(word)))
 }
 
-/// Writes positions such that they read back exactly, and triangles.
+/// Writes positions, in digits that read back exactly, and triangles.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     for [x, y, z] in &mesh.vertices {
         writeln!(out, "v {x:?} {y:?} {z:?}")?;

@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let vertex_count: u64 = next_number(&mut counts, "the count of vertices", at)?;
     let face_count: u64 = next_number(&mut counts, "the count of polygons", at)?;
 
-    // The shortest line has 6 bytes: "0 0 0" and a newline, which may be missing at the end of the file.
+    // The shortest line has 6 bytes: "0 0 0" and a newline; the last newline of the file may be missing.
     let vertex_count = bounded(vertex_count, 6, bytes.len() + 1, "vertices")?;
     let mut vertices = Vec::with_capacity(vertex_count);
     for _ in 0..vertex_count {
@@ -57,7 +57,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         let mut words = words(line);
         let count: usize = next_number(&mut words, "a count of corners", at)?;
         corners.clear();
-        // Each corner needs a word on the line, so if `count` is too large, the end of the line gives an error.
+        // Each corner needs a word on the line. If `count` is too large, the missing word is reported as an error.
         for _ in 0..count {
             corners.push(next_number(&mut words, "a vertex's index", at)?);
         }
@@ -68,7 +68,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     Ok(Mesh::new(vertices, faces))
 }
 
-/// Writes positions such that they read back exactly, and triangles.
+/// Writes positions, in digits that read back exactly, and triangles.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     writeln!(out, "OFF\n{} {} 0", mesh.vertices.len(), mesh.faces.len())?;
     for [x, y, z] in &mesh.vertices {

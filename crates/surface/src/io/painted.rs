@@ -8,15 +8,15 @@ use super::{WriteOptions, check, glb, ply, vtk, write_new, write_signal};
 use crate::error::SurfaceError;
 use crate::mesh::{Mesh, Signal};
 
-/// Endings of the names that [`write_painted`] accepts.
+/// Endings of file names that [`write_painted`] accepts.
 pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".shape.gii", ".func.gii"];
 
 /// Writes a PLY file with a value and a colour per vertex, for viewers such as MeshLab and CloudCompare.
 ///
 /// # Errors
 ///
-/// As [`write_mesh`](super::write_mesh()). Also if the name doesn't end in `.ply`, if an attribute's length isn't the
-/// number of vertices, or if its name isn't a single word.
+/// The errors of [`write_mesh`](super::write_mesh()). Also if the name doesn't end in `.ply`, if an attribute's length
+/// isn't the number of vertices, or if its name isn't a single word.
 pub fn write_ply(
     path: impl AsRef<Path>,
     mesh: &Mesh,
@@ -34,14 +34,14 @@ pub fn write_ply(
     write_new(path, options.overwrite, |out| ply::write(out, mesh, attributes, options.double))
 }
 
-/// Writes a value per vertex in the form that viewers of the format display. `.ply` and `.glb` contain the mesh with
-/// value and colour, `.vtk` the mesh with the value as `POINT_DATA`. `.shape.gii` and `.func.gii` contain only the
-/// values, to be displayed on a surface with the same vertices.
+/// Writes one value per vertex in the form that viewers of each format display. `.ply` and `.glb` contain the mesh
+/// with values and colours, `.vtk` the mesh with the values as `POINT_DATA`. `.shape.gii` and `.func.gii` contain only
+/// the values, to be displayed on a surface with the same vertices.
 ///
 /// # Errors
 ///
-/// As [`write_ply`], except for the ending. Also for a name with another ending than [`PAINTED`], and for GIfTI without
-/// values.
+/// The errors of [`write_ply`], except those about the ending. Also for a name whose ending isn't in [`PAINTED`], and
+/// for GIfTI without values.
 pub fn write_painted(
     path: impl AsRef<Path>,
     mesh: &Mesh,

@@ -1,4 +1,4 @@
-//! Defines the properties of a format that the table of formats lists.
+//! Defines the type of an entry in the table of formats.
 
 use std::io::{self, Write};
 
@@ -32,8 +32,8 @@ pub struct FormatSpec {
     pub hemisphere_prefix: bool,
     /// Largest number of values per vertex.
     pub most_channels: usize,
-    /// Whether the given bytes are the beginning of a file of this format. The first format in the table that matches
-    /// is used.
+    /// Returns whether the given bytes are the beginning of a file of this format. Of several matching formats, the
+    /// first in the table is used.
     pub(super) magic: fn(&[u8]) -> bool,
     /// Reads a file's contents.
     pub(super) read: fn(&[u8]) -> Result<Input, Flaw>,
@@ -43,18 +43,18 @@ pub struct FormatSpec {
     pub(super) write_signal: Option<Writer<Signal>>,
 }
 
-/// A function that writes a surface or a signal in some format.
+/// A function that writes a surface or a signal in a format.
 pub(super) type Writer<T> = fn(&mut dyn Write, &T, &Context<'_>) -> io::Result<()>;
 
-/// What a writer needs to know in addition to the contents.
+/// Information for a writer in addition to the contents.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Context<'a> {
-    /// Whether 64 bits were requested.
+    /// Whether 64-bit numbers were requested.
     pub(super) double: bool,
-    /// The file's name in lower case, without `.gz`.
+    /// Name of the file in lower case, without `.gz`.
     pub(super) name: &'a str,
-    /// Anatomical structure of the vertices, as a value of GIfTI's `AnatomicalStructurePrimary`; used for contents
-    /// without their own.
+    /// Anatomical structure of the vertices, as a value of GIfTI's `AnatomicalStructurePrimary`. It is used if the
+    /// contents don't specify a structure.
     pub(super) structure: Option<&'a str>,
 }
 

@@ -49,7 +49,7 @@ fn has_binary_length(bytes: &[u8]) -> bool {
 
 fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut welder = Welder::with_capacity(0);
-    // The number of corners in the current loop, and whether a solid has begun and not ended.
+    // Number of corners in the current loop, and whether a solid has begun but not ended.
     let (mut corners, mut open) = (0, false);
     for (at, line) in lines(bytes) {
         let mut words = words(line);
@@ -111,7 +111,7 @@ impl Welder {
     }
 }
 
-/// Writes a binary file. Each triangle has its unit normal, or a zero normal if it has no area.
+/// Writes a binary file. Each triangle is stored with its unit normal, or with a zero normal if it has no area.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     let count = u32::try_from(mesh.faces.len()).map_err(|_| io::Error::other("STL counts triangles to 2^32 - 1"))?;
     let mut header = [b' '; HEADER];

@@ -48,7 +48,7 @@ pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     Ok(Signal { values, vertices, channels: channels.unwrap_or(0) })
 }
 
-/// Writes values such that they read back exactly, without column names.
+/// Writes values in digits that read back exactly, without column names.
 pub(super) fn write(out: &mut dyn Write, signal: &Signal, separator: u8) -> io::Result<()> {
     for row in signal.values.chunks_exact(signal.channels) {
         for (i, x) in row.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use super::flaw::{Flaw, shown};
 
-/// Returns each line, without its line end, and its number counted from 1.
+/// Returns each line, without its line ending, and the line's number, counted from 1.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
     bytes.split(|&b| b == b'\n').enumerate().map(|(i, line)| (i + 1, line.strip_suffix(b"\r").unwrap_or(line)))
 }

@@ -2,7 +2,7 @@
 
 use super::mgh;
 
-/// Returns the format of a volume or image, judging by the file's first bytes; `None` for other files.
+/// Returns the format of a volume or image, determined from the file's first bytes, or `None` for other files.
 pub(super) fn kind(bytes: &[u8]) -> Option<&'static str> {
     let starts = |magic: &[u8]| bytes.starts_with(magic);
     let nifti = |at: usize, magics: [&[u8]; 2]| {

@@ -35,20 +35,20 @@ pub const DIVERGING: [[u8; 3]; 9] = [
     [152, 27, 43],
 ];
 
-/// Returns red, green and blue (sRGB) for a value from 0 to 1. Values outside are clamped; NaN is grey.
+/// Returns red, green and blue (sRGB) for a value from 0 to 1. Values outside this range are clamped; NaN is grey.
 #[must_use]
 pub fn viridis(value: f64) -> [u8; 3] {
     between(&VIRIDIS, value)
 }
 
-/// Returns the colour of [`DIVERGING`] for a value from 0 to 1, with grey at 0.5. Values outside are clamped; NaN is
-/// grey.
+/// Returns the colour of [`DIVERGING`] for a value from 0 to 1, with grey at 0.5. Values outside this range are
+/// clamped; NaN is grey.
 #[must_use]
 pub fn diverging(value: f64) -> [u8; 3] {
     between(&DIVERGING, value)
 }
 
-/// Returns the colour at a value from 0 to 1 between colours at equal steps.
+/// Interpolates between colours at equal steps, for a value from 0 to 1.
 fn between(stops: &[[u8; 3]], value: f64) -> [u8; 3] {
     if value.is_nan() {
         return [128; 3];
@@ -70,8 +70,8 @@ pub fn colors(values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
     colors_by(viridis, values, low, high)
 }
 
-/// Returns the colour of each value in a map from numbers between 0 and 1 to colours, with `low` mapped to 0 and `high`
-/// to 1. If `low` equals `high`, all values get the colour for 0.
+/// Returns the colour of each value under `map`, which maps numbers from 0 to 1 to colours. `low` is mapped to 0 and
+/// `high` to 1. If `low` equals `high`, all values get the colour for 0.
 #[must_use]
 pub fn colors_by(map: fn(f64) -> [u8; 3], values: &[f64], low: f64, high: f64) -> Vec<[u8; 3]> {
     let span = if high > low { high - low } else { f64::INFINITY };
@@ -86,7 +86,7 @@ mod tests {
     fn the_diverging_colours_are_grey_at_the_middle_and_blue_and_red_at_the_ends() {
         assert_eq!([0.0, 0.5, 1.0].map(diverging), [DIVERGING[0], DIVERGING[4], DIVERGING[8]]);
         assert_eq!([-3.0, 4.0].map(diverging), [DIVERGING[0], DIVERGING[8]]);
-        // Between two colours, and for no value.
+        // A value between two stops gets a colour between theirs, and NaN is grey.
         assert_eq!(diverging(1.0 / 16.0), [54, 97, 172]);
         assert_eq!(diverging(f64::NAN), [128; 3]);
         let [low, .., high] = DIVERGING;

@@ -8,8 +8,8 @@
 //!
 //! Each triangle is cut into n^2 congruent smaller triangles, whose edges have about the same length in all triangles.
 //! Their centroids are the sample points and their areas the weights, so that mean and root mean square are midpoint
-//! rules of the integrals over the surface. For the largest distance, the vertices are used as well, since peaks are
-//! there. Nothing is random.
+//! rules of the integrals over the surface. For the largest distance, the vertices are used as well, since peaks occur
+//! there. The method uses no random numbers.
 //!
 //! # Error bound
 //!
@@ -42,8 +42,8 @@ use crate::range::{scaled_meshes, times};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceDistanceParams {
     /// Approximate number of points on each surface, in addition to its vertices. Each triangle gets at least one
-    /// point. Long thin triangles get more than their share of the area. If there would be more than eight times
-    /// `samples` points in all, the points are spaced more widely.
+    /// point. Long thin triangles get more points than triangles of the same area and better shape. If there would be
+    /// more than eight times `samples` points in all, the points are spaced more widely.
     pub samples: usize,
 }
 
@@ -122,7 +122,7 @@ pub fn surface_distance(
     let back = Samples::towards(second, &TriangleTree::new(first), params, monitor)?;
     let (forward, backward) = (there.summary(), back.summary());
     let area = there.area + back.area;
-    // A sum of two terms doesn't depend on their order, so exchanging the surfaces doesn't change it.
+    // A sum of two terms doesn't depend on their order, so exchanging the surfaces doesn't change the result.
     let mean = (there.area * forward.mean + back.area * backward.mean) / area;
     let square = (there.area * forward.rms * forward.rms + back.area * backward.rms * backward.rms) / area;
     let bound = forward.spacing.max(backward.spacing) * (2.0 / 3.0);
@@ -166,9 +166,10 @@ impl SurfaceDistance {
 
 /// Returns the number of bytes that [`surface_distance`] needs in addition to the surfaces.
 ///
-/// These are 250 per triangle for the search tree of one surface while it is built, 120 per triangle for its division,
-/// and 136 per sample point or vertex: its position, twice while positions are collected, its distance, and the pair of
-/// distance and area, twice while pairs are sorted. The number of points is computed exactly.
+/// Per triangle these are 250 for the search tree of one surface while it is built, and 120 for the division into
+/// pieces. Per sample point or vertex these are 136, for the position (two copies while positions are collected), the
+/// distance, and the pair of distance and area (two copies while pairs are sorted). The number of points is computed
+/// exactly.
 ///
 /// # Panics
 ///
@@ -187,7 +188,7 @@ pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDista
 
 /// The points of one surface, with their distances to the other surface.
 struct Samples {
-    /// (distance to the other surface, area) of each point.
+    /// Distance to the other surface, and area, of each point.
     weighted: Vec<(f64, f64)>,
     area: f64,
     worst: (f64, Vec3),
@@ -271,7 +272,7 @@ impl Grid {
         let edges: Vec<f64> = mesh.faces.iter().map(longest).collect();
         let area: f64 = areas.iter().sum();
         let wanted = wanted.max(1);
-        // Edge of an equilateral triangle that has one point's share of the area.
+        // Edge length of an equilateral triangle that has one point's share of the area.
         let mut step = (4.0 / 3.0_f64.sqrt() * area / wanted as f64).sqrt();
         let pieces = |edge: f64, step: f64| (edge / step).round().clamp(1.0, 4096.0) as u32;
         let count = |step: f64| edges.iter().map(|&e| u64::from(pieces(e, step)).pow(2)).sum::<u64>();

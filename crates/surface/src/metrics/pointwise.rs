@@ -73,7 +73,8 @@ pub fn distances_to_surface_bytes(faces: usize, points: usize) -> u64 {
     250 * faces as u64 + 8 * points as u64
 }
 
-/// Returns the distance of each point from the nearest triangle. `none` makes the error for a point without one.
+/// Returns the distance of each point from the nearest triangle. `none` creates the error for a point that has no
+/// nearest triangle.
 pub(super) fn nearest_distances(
     tree: &TriangleTree,
     points: &[Vec3],

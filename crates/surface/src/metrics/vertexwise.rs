@@ -8,7 +8,7 @@ use crate::topology::different_triangles;
 
 /// Distances between a surface and its reconstruction, vertex by vertex.
 ///
-/// `msd` and `xsd` are defined as by Shen and Chung (3DPVT 2006, section 4.2): mean and maximum of the squared
+/// `msd` and `xsd` are defined as in Shen and Chung (3DPVT 2006, section 4.2): mean and maximum of the squared
 /// distances after the surface is scaled such that its axis-aligned bounding box has volume 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -24,8 +24,8 @@ pub struct Distances {
     /// Square root of the mean squared distance, in units of the coordinates (mm). It is correct even if its square is
     /// outside of f64's range, in which case `msd_raw` is clamped.
     pub rms_raw: f64,
-    /// Square root of the maximal squared distance, in units of the coordinates (mm); correct where `xsd_raw` is
-    /// clamped.
+    /// Square root of the maximal squared distance, in units of the coordinates (mm). It is correct even if `xsd_raw`
+    /// is clamped.
     pub max_raw: f64,
     /// Index of the vertex with the maximal distance.
     pub worst_vertex: usize,
@@ -111,8 +111,8 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
     })
 }
 
-/// Returns the mean, the maximum and the vertex of the maximum. Any NaN makes both NaN, so that a broken reconstruction
-/// isn't reported as a good one.
+/// Summarises squared distances by their mean, their maximum and the vertex of the maximum. Any NaN makes the mean and
+/// the maximum NaN, so that a broken reconstruction isn't reported as a good one.
 fn summarise(squared: &[f64], scale: f64) -> Distances {
     let msd_raw = squared.iter().sum::<f64>() / squared.len() as f64;
     let mut worst = (0, f64::NEG_INFINITY);

@@ -27,8 +27,8 @@ pub(super) fn covering() -> Vec<Matrix3> {
     for point in lattice.flat_map(|p| [p.map(f64::from), p.map(|v| f64::from(v) + 0.5)]) {
         let turn = exponential(point.map(|v| SIDE * v));
         let angle = dot(point, point).sqrt() * SIDE;
-        // Whether the small rotation lies in the cell of the identity. The identity is excluded, since it is already in
-        // the list.
+        // Tests whether the small rotation lies in the cell of the identity. The identity is excluded, since it is
+        // already in the list.
         let own = icosahedron.iter().skip(1).all(|other| angle_between(other, &turn) >= angle);
         if angle > 0.0 && angle < std::f64::consts::FRAC_PI_4 && own {
             all.extend(icosahedron.iter().map(|rotation| product(rotation, &turn)));

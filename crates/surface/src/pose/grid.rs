@@ -1,9 +1,10 @@
-//! Finds the nearest piece of a surface fast and approximately, by a table over a box of cells.
+//! Finds the nearest piece of a surface quickly but approximately, by a table over the cells of a box.
 //!
-//! Thousands of rotations are evaluated before any is improved, and a search in a tree takes 0.15 us. The table has,
-//! for each cell, the point nearest to the cell's middle. A position outside of the box uses the nearest cell. The
-//! point found isn't always the nearest one, but a neighbour of it suffices, since distances are measured to the disk
-//! that a point represents. The table has 32,768 cells over the box of the principal axes and takes 64 KiB.
+//! A table is used because thousands of rotations are evaluated before any is improved, and each search in a tree
+//! would take 0.15 us. For each cell, the table has the point nearest to the cell's middle. A position outside of the
+//! box uses the nearest cell. The point found isn't always the nearest one, but a neighbour of the nearest point
+//! suffices, since distances are measured to the disk that a point represents. The table has 32,768 cells over the box
+//! of the principal axes and takes 64 KiB.
 
 use super::level::Level;
 use crate::geometry::{Vec3, add, scale, sub};

@@ -26,10 +26,10 @@ use crate::similarity::Similarity;
 pub const OTHERS: usize = 8;
 /// Number of rounds in which all members move towards each other.
 const ROUNDS: usize = 5;
-/// Share of the trimmed area that is left out in these rounds. It is less than 1, since parts in which members differ
-/// most, such as the tips of processes, aren't necessarily outliers. Example: for landmarks of vertebrae, the residual
-/// is 1.14 times that of a fit to the landmarks themselves; it would be 1.25 times if all of the trimmed area were left
-/// out.
+/// Share of the trimmed area that is excluded in the rounds in which members move towards each other. It is less than
+/// 1, since parts in which members differ most, such as the tips of processes, aren't necessarily outliers. Example:
+/// for landmarks of vertebrae, the residual is 1.14 times that of a fit to the landmarks themselves; it would be 1.25
+/// times if all of the trimmed area were excluded.
 const OUTLYING: f64 = 0.25;
 /// If the distances of a member's two best poses differ by less than this factor, the pose is chosen by the distances
 /// from the other members.
@@ -38,7 +38,7 @@ const CLOSE: f64 = 1.5;
 const JUDGES: usize = 32;
 /// Largest number of sweeps in which each member chooses the better of its two poses.
 const SWEEPS: usize = 10;
-/// A pose is doubtful if the distance in the second-best pose is below this multiple of its own.
+/// A pose is doubtful if the distance in the second-best pose is below this multiple of the distance in the best pose.
 pub const DOUBTFUL: f64 = 1.1;
 /// A member counts as an outlier (such as a surface of another kind) if its distance from the others exceeds this
 /// multiple of the median over the members.
@@ -58,7 +58,7 @@ pub struct GroupPoses {
     pub warnings: Vec<GroupPoseWarning>,
 }
 
-/// First words of the messages about poses that are in doubt.
+/// First words of messages about doubtful poses.
 pub const IN_DOUBT: &str = "the pose is in doubt";
 
 /// A reason to doubt the pose of a member.
@@ -67,7 +67,7 @@ pub const IN_DOUBT: &str = "the pose is in doubt";
 pub enum GroupPoseWarning {
     /// Another pose of the member is nearly as good.
     Doubtful {
-        /// The member, counted from 0.
+        /// Index of the member, counted from 0.
         member: usize,
         /// The member's distance from the others in the chosen pose.
         distance: f64,
@@ -77,16 +77,16 @@ pub enum GroupPoseWarning {
     /// The member is much farther from the others than is usual in the group. It may be of another kind or in another
     /// unit.
     Far {
-        /// The member, counted from 0.
+        /// Index of the member, counted from 0.
         member: usize,
         /// The member's distance from the others.
         distance: f64,
-        /// The median of this distance over all members.
+        /// Median over all members of the distance from the others.
         median: f64,
     },
     /// The member's mirror image is nearer to the others, and mirror images weren't allowed.
     Mirrored {
-        /// The member, counted from 0.
+        /// Index of the member, counted from 0.
         member: usize,
         /// The member's distance from the others.
         distance: f64,
@@ -130,9 +130,9 @@ impl fmt::Display for GroupPoseWarning {
     }
 }
 
-/// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of its
-/// own. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images, and 0.82 to 0.89
-/// for hippocampi of the other side.
+/// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of the
+/// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
+/// and 0.82 to 0.89 for hippocampi of the other side.
 const NEARER_MIRRORED: f64 = 0.94;
 /// Number of steps by which a mirror image moves towards the others.
 const MIRRORED_STEPS: usize = 3;
@@ -213,7 +213,7 @@ impl Group<'_> {
         least(&sums)
     }
 
-    /// Returns the poses of all members after alignment to one of them.
+    /// Aligns all members to the member `template`, and returns their poses.
     fn to(&self, template: usize) -> Result<Vec<Pose>, Interrupted> {
         let one = |member: usize| -> Result<Pose, Interrupted> {
             let found = if member == template {

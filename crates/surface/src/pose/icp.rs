@@ -8,10 +8,10 @@
 //! ```
 //!
 //! over small motions by one Gauss-Newton step. The first term is the point-to-plane distance (Y. Chen and G. Medioni,
-//! Image and Vision Computing 10, 1992), which lets surfaces slide freely along each other. The second term has a small
-//! weight and is the point-to-point distance (P. Besl and N. McKay, IEEE TPAMI 14, 1992). It determines motions that
-//! the planes leave undetermined, such as rotations of a ball. Pairs beyond the quantile `1 - trimmed` of all distances
-//! are left out of a round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
+//! Image and Vision Computing 10, 1992), which lets surfaces slide freely along each other. The second term has a
+//! small weight and is the point-to-point distance (P. Besl and N. McKay, IEEE TPAMI 14, 1992). It determines motions
+//! that the planes leave undetermined, such as rotations of a ball. Pairs beyond the quantile `1 - trimmed` of all
+//! distances are excluded from a round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
 //!
 //! The distance of a pair is measured to a disk: each point represents a piece of the surface that extends along the
 //! tangent plane by the point's radius. 256 points can therefore measure distances far below their spacing.
@@ -26,7 +26,7 @@ use crate::similarity::Similarity;
 /// Largest rotation of one step, in radians. Steps must be small, since they are computed to first order.
 const LARGEST_TURN: f64 = 0.6;
 
-/// In a step to several surfaces, the distance at which a pair has half its weight, relative to the median distance.
+/// Distance at which a pair has half its weight in a step towards several surfaces, relative to the median distance.
 const HALF: f64 = 1.5;
 
 /// Settings of the rounds of [`improved`] and [`step_to_all`].
@@ -34,15 +34,15 @@ const HALF: f64 = 1.5;
 pub(super) struct Rounds {
     /// Largest number of rounds.
     pub(super) most: usize,
-    /// Rounds end when points move by less than this, in the unit of the surfaces.
+    /// Rounds end when points move by less than this length, in the unit of the surfaces.
     pub(super) rest: f64,
-    /// Rounds end when the relative decrease of the sum of squared distances is below this.
+    /// Rounds end when the relative decrease of the sum of squared distances is below this value.
     pub(super) gain: f64,
-    /// Share of the pairs that are left out, those with the largest distances.
+    /// Share of the pairs to exclude, which are those with the largest distances.
     pub(super) trimmed: f64,
     /// Weight of the point-to-point term relative to the point-to-plane term.
     pub(super) tangential: f64,
-    /// Whether the scale is an unknown, too.
+    /// Whether the scale is an unknown as well.
     pub(super) scale: bool,
 }
 
@@ -86,8 +86,8 @@ pub(super) fn improved(moving: View<'_>, fixed: View<'_>, start: Similarity, rou
 /// Returns the motion after one step towards several surfaces at once, each in the pose given by its own motion.
 ///
 /// Pairs have Cauchy's weights `1 / (1 + d^2 / (1.5 m)^2)`, where m is the median of their distances d (P. Holland and
-/// R. Welsch, "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977). A
-/// bump that only some of the surfaces have then doesn't rotate these relative to the others.
+/// R. Welsch, "Robust regression using iteratively reweighted least-squares", Communications in Statistics 6, 1977).
+/// With these weights, a bump on only some of the surfaces doesn't rotate those surfaces relative to the others.
 pub(super) fn step_to_all(
     moving: View<'_>,
     fixed: &[(View<'_>, Similarity)],
@@ -111,8 +111,8 @@ pub(super) fn step_to_all(
     equations.step(rounds.scale).map_or(*motion, |(step, _)| motion.then(&step))
 }
 
-/// Returns the root mean square distance in both directions after a motion. The share `trimmed` of the pairs with the
-/// largest distances is left out.
+/// Returns the root mean square distance in both directions after a motion. The share `trimmed` of the pairs, those
+/// with the largest distances, is excluded.
 pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, trimmed: f64) -> f64 {
     let mut pairs = Vec::new();
     gather(moving, fixed, motion, &mut pairs);
@@ -120,8 +120,8 @@ pub(super) fn distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity, t
     (pairs.iter().map(|pair| pair.square).sum::<f64>() / pairs.len().max(1) as f64).sqrt()
 }
 
-/// Returns the mean distance in both directions after a motion. Nothing is trimmed, so it is fast enough to evaluate
-/// many motions.
+/// Returns the mean distance in both directions after a motion. Nothing is trimmed, which makes the function fast
+/// enough to evaluate many motions.
 pub(super) fn mean_distance(moving: View<'_>, fixed: View<'_>, motion: &Similarity) -> f64 {
     let back = motion.inverse();
     let there = moving.asking.points.iter().map(|p| {

@@ -1,4 +1,4 @@
-//! Represents a surface by points that each stand for a disk of its area, and finds the nearest one.
+//! Represents a surface by points that each stand for a disk of its area, and finds the point nearest to a position.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
@@ -8,7 +8,7 @@ use crate::geometry::Vec3;
 pub(super) struct Level {
     pub(super) points: Vec<Vec3>,
     pub(super) normals: Vec<Vec3>,
-    /// Length along the tangent plane that a point's disk extends: the square root of its share of the area.
+    /// Radius of each point's disk in the tangent plane: the square root of the point's share of the area.
     pub(super) radius: f64,
     tree: ImmutableKdTree<f64, 3>,
 }

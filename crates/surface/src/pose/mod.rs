@@ -11,14 +11,14 @@
 //! over points that are spread evenly over the area. This function has many local minima, so the search starts from a
 //! set of 3,900 rotations that covers all rotations. They are relative to both surfaces' principal axes, so the result
 //! doesn't depend on a surface's initial pose. All are evaluated with 256 points of each surface. The best 32 that
-//! differ by at least 15 degrees are improved by nearest points in both directions, then the best 6 of the results with
-//! 1,024 points, and the best 2 of these with 4,096 points. `trimmed` is the share of the area that is left out because
-//! it may have no counterpart, such as a process that is cut off on one surface.
+//! differ by at least 15 degrees are improved by nearest points in both directions, then the best 6 of the results
+//! with 1,024 points, and the best 2 of these with 4,096 points. `trimmed` is the share of the area that is excluded
+//! because it may have no counterpart, such as a process that is cut off on one surface.
 //!
 //! Symmetric and nearly symmetric surfaces have several poses that are equally or nearly equally good; see
 //! [`Pose::second`].
 //!
-//! The result has the same bits for any number of threads.
+//! The result is bitwise the same for any number of threads.
 
 mod covering;
 mod grid;
@@ -47,7 +47,7 @@ pub struct PoseParams {
     pub scale: bool,
     /// Whether mirror images of the moving surface are allowed; `false` by default.
     pub mirror: bool,
-    /// Share of the points to leave out as outliers, at least 0 and less than 1; 0.1 by default.
+    /// Share of the points to exclude as outliers, at least 0 and less than 1; 0.1 by default.
     pub trimmed: f64,
 }
 
@@ -78,7 +78,8 @@ pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 /// Number of starts that are improved: the rotations of the covering that give the least distances.
 const STARTS: usize = 32;
 
-/// Rounds end when the relative decrease of the sum of squared distances is below this, even if surfaces still slide.
+/// Rounds end when the relative decrease of the sum of squared distances is below this value, even if the surfaces
+/// still slide along each other.
 const GAIN: f64 = 2e-3;
 
 /// A stage of the search, with the number of points and rounds, and the number of results for the next stage.
@@ -86,19 +87,19 @@ struct Stage {
     density: Density,
     rounds: usize,
     tangential: f64,
-    /// Rounds end when points move by less than this, relative to the fixed surface's size.
+    /// Rounds end when points move by less than this length, relative to the fixed surface's size.
     rest: f64,
     /// Number of results that are candidates for the next stage.
     candidates: usize,
-    /// Number of best candidates that enter the next stage, measured with the next stage's points. Of the others, the
-    /// candidate with the smallest untrimmed distance enters, too.
+    /// Number of best candidates that enter the next stage, ranked with the next stage's points. Of the other
+    /// candidates, the one with the smallest untrimmed distance enters, too.
     go_on: usize,
 }
 
 /// Candidates whose distance exceeds this multiple of the best distance don't enter the next stage. With few points,
 /// better candidates can't be distinguished from each other; a square rod has eight of them.
 const CANDIDATE: f64 = 1.5;
-/// Trimmed distances within this factor count as equal; then the untrimmed distances decide.
+/// Trimmed distances within this factor count as equal, and the untrimmed distances then decide.
 const EQUAL: f64 = 1.03;
 /// Largest number of rounds, with few points, that improve a motion after both surfaces have been scaled to the same
 /// size.
@@ -218,8 +219,8 @@ pub fn improved(
 }
 
 /// Returns the root mean square distance between two surfaces after a motion, in both directions, in the fixed
-/// surface's unit. The share `trimmed` of the points, those with the largest distances, is left out. It takes about 2
-/// ms.
+/// surface's unit. The share `trimmed` of the points, those with the largest distances, is excluded. The function
+/// takes about 2 ms.
 #[must_use]
 pub fn distance(moving: &PoseSurface, fixed: &PoseSurface, motion: &Similarity, trimmed: f64) -> f64 {
     icp::distance(moving.view(Density::All), fixed.view(Density::All), motion, trimmed)
@@ -283,8 +284,8 @@ fn distinct(mut found: Vec<(Similarity, f64)>, most: usize) -> Vec<(Similarity, 
     distinct
 }
 
-/// Whether two motions are different optima: one of them is a reflection, or their rotations differ by more than
-/// [`DISTINCT`].
+/// Returns whether two motions are different optima: one of them is a reflection, or their rotations differ by more
+/// than [`DISTINCT`].
 fn differ(a: &Similarity, b: &Similarity) -> bool {
     a.mirrors() != b.mirrors() || angle_between(&a.orthogonal, &b.orthogonal) > DISTINCT
 }

@@ -37,8 +37,8 @@ pub(super) enum Density {
     All,
 }
 
-/// The points of a surface for one step of the search: those that look for nearest pieces of the other surface, and the
-/// pieces among which the other surface's points look.
+/// The points of a surface for one step of the search. For each point of `asking`, the nearest piece of the other
+/// surface is found. `pieces` are searched for the nearest piece to each point of the other surface.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub(super) asking: &'a Level,
@@ -55,7 +55,7 @@ impl View<'_> {
 
 impl PoseSurface {
     /// Spreads points over a mesh, which can have any topology and order of triangles. `None` for a mesh without area,
-    /// or with coordinates that aren't finite or whose squares aren't.
+    /// or with coordinates whose values or squares aren't finite.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Option<Self> {
         let [few, some, all] = DENSITIES;

@@ -113,7 +113,8 @@ fn the_number_of_threads_changes_no_bit() {
 
 #[test]
 fn distances_are_those_of_the_surfaces() {
-    // Concentric shells at distance 1, and a shell rotated onto itself, whose points lie elsewhere on it.
+    // The shells are concentric spheres at distance 1, and a sphere rotated onto itself, so that its points lie
+    // elsewhere on it.
     let shell = |r: f64, level| {
         let ball = icosphere(level);
         PoseSurface::new(&ball.with_vertices(ball.vertices.iter().map(|v| v.map(|x| r * x)).collect())).unwrap()
@@ -169,7 +170,7 @@ fn a_group_comes_together_and_strangers_are_named() {
     assert!(found.distances[..5].iter().all(|d| *d < 0.3), "{found:?}");
     assert!(found.template < 5);
     // The known motion followed by the found one must be the same for all lumps, up to 6 % of their size of 6, since
-    // the lumps differ by this much.
+    // the lumps differ by 6 %.
     let [first, second] = [0, 3].map(|n| moved[n].then(&found.similarities[n]));
     let off = sub(first.apply([9.0, 0.0, 0.0]), second.apply([9.0, 0.0, 0.0]));
     assert!(dot(off, off).sqrt() < 0.36, "{off:?}");

@@ -35,7 +35,7 @@ impl Cut {
         (middle * self.width).ceil().max(1.0) as u32
     }
 
-    /// Whether the triangle is small enough for the three-point rule.
+    /// Returns whether the triangle is small enough for the three-point rule.
     fn is_small(&self) -> bool {
         self.layers == 1 && self.width <= 1.0
     }
@@ -93,8 +93,8 @@ const GAUSS: f64 = 0.577_350_269_189_625_8;
 /// of a layer is proportional; s is the distance from the apex. The nodes are the roots of the polynomial `s^2 + b s +
 /// c` that is orthogonal to 1 and s. Half of each weight is returned.
 fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
-    // Moments are taken about the layer's middle, where they don't cancel: s = middle + half u, with weight (middle +
-    // half u) du.
+    // Moments are taken about the layer's middle, which avoids cancellation: s = middle + half u, with weight (middle
+    // + half u) du.
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let (m0, m1, m2, m3) = (2.0 * middle, 2.0 * half / 3.0, 2.0 * middle / 3.0, 2.0 * half / 5.0);
     let det = m0 * m2 - m1 * m1;
@@ -102,7 +102,8 @@ fn gauss_down(from: f64, to: f64) -> [(f64, f64); 2] {
     let root = (0.25 * b * b - c).sqrt();
     let (first, second) = (-0.5 * b - root, -0.5 * b + root);
     let of_second = (m1 - first * m0) / (second - first);
-    // The triangle's area is the integral of 2 s ds from 0 to 1. Each of the two points across a cell gets half of it.
+    // The triangle's area is the integral of 2 s ds from 0 to 1. Each of the two points across a cell gets half of the
+    // weight.
     let part = |weight: f64| half * weight;
     [(middle + half * first, part(m0 - of_second)), (middle + half * second, part(of_second))]
 }

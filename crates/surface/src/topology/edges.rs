@@ -4,7 +4,7 @@ use super::is_degenerate;
 use super::union_find::UnionFind;
 use crate::mesh::Mesh;
 
-/// The result of [`count`].
+/// The counts that [`count`] returns.
 #[derive(Debug, Default)]
 pub(super) struct EdgeCounts {
     pub(super) edges: usize,
@@ -91,8 +91,8 @@ pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
         }
     });
 
-    // A vertex whose corners are in two sets has two fans. Sets are numbered from 1, since 0 means that none was seen
-    // yet.
+    // A vertex whose corners are in two sets has two fans. Sets are numbered from 1, since 0 means that no set was
+    // seen yet.
     let mut fan = vec![0_u32; vertices];
     let mut several = vec![false; vertices];
     for (face, f) in faces.iter().zip(0_u32..) {

@@ -1,7 +1,7 @@
 //! Checks that a mesh is a closed surface of genus zero, and gives reasons if it isn't.
 //!
-//! SPHARM describes surfaces that can be mapped one to one to the sphere. [`Topology::of`] counts everything that could
-//! prevent this; [`Topology::problems`] describes it in sentences.
+//! SPHARM describes surfaces that can be mapped one to one to the sphere. [`Topology::of`] counts everything that
+//! could prevent this; [`Topology::problems`] describes the problems in sentences.
 //!
 //! The counts take two passes, O(vertices + faces), and a sort of coordinates. Half-edges are sorted into one bucket
 //! per vertex, by the smaller of their two vertices (a counting sort), so half-edges of the same edge are next to each
@@ -72,7 +72,7 @@ impl Topology {
             degenerate_faces += usize::from(is_degenerate([a, b, c]));
         }
         let unreferenced_vertices = referenced.iter().filter(|&&used| !used).count();
-        // Each unreferenced vertex forms a set of its own, which isn't a component.
+        // Each unreferenced vertex is a separate set, which isn't a component.
         let components = pieces.sets() - unreferenced_vertices;
         drop(pieces);
         let edges = edges::count(mesh);
@@ -204,7 +204,7 @@ pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
 /// When a triangle's index is out of range.
 #[must_use]
 pub fn signed_volume(mesh: &Mesh) -> f64 {
-    // Computed relative to a point of the surface, so that surfaces far from the origin lose no digits.
+    // Positions are taken relative to a point of the surface, so that surfaces far from the origin lose no digits.
     let origin = mesh.vertices.first().copied().unwrap_or_default();
     let six_volumes: f64 = mesh
         .faces
@@ -232,7 +232,7 @@ pub fn area(mesh: &Mesh) -> f64 {
 ///
 /// # Panics
 ///
-/// As [`signed_volume`].
+/// In the same cases as [`signed_volume`].
 #[must_use]
 pub fn is_outward(mesh: &Mesh) -> bool {
     signed_volume(mesh) > 0.0
@@ -245,7 +245,7 @@ fn is_degenerate([a, b, c]: [u32; 3]) -> bool {
 /// Returns the number of vertices at the same position as an earlier vertex. -0 and +0 are equal.
 fn duplicate_vertices(vertices: &[[f64; 3]]) -> usize {
     let bits = |v: &[f64; 3]| v.map(|x| (x + 0.0).to_bits());
-    // Short hashes are sorted, and coordinates compared only where hashes agree. This is faster than sorting
+    // Short hashes are sorted, and coordinates are compared only if hashes agree. This is faster than sorting
     // coordinates.
     let mut keys: Vec<(u64, u32)> =
         vertices.iter().zip(0..).map(|(v, i)| (bits(v).iter().fold(0, |hash, &x| mix(hash ^ x)), i)).collect();

@@ -1,6 +1,6 @@
 //! Maintains disjoint sets of the numbers 0..n (union-find).
 
-/// Tarjan's disjoint-set forest with path halving and union by index. Time is nearly linear; memory 4 bytes per
+/// Tarjan's disjoint-set forest with path halving and union by index. It takes nearly linear time and 4 bytes per
 /// element.
 #[derive(Debug)]
 pub struct UnionFind {
@@ -42,7 +42,7 @@ impl UnionFind {
     ///
     /// # Panics
     ///
-    /// As [`root`](Self::root).
+    /// In the same cases as [`root`](Self::root).
     pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         if a != b {

@@ -59,7 +59,7 @@ fn it_is_not_star_shaped_from_anywhere_near_its_middle() {
     }
 }
 
-/// Whether a segment and a triangle cross in their interiors.
+/// Returns whether a segment and a triangle cross in their interiors.
 fn pierces(p: Vec3, q: Vec3, [a, b, c]: [Vec3; 3]) -> bool {
     let volume = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| dot(sub(d, a), cross(sub(b, a), sub(c, a)));
     if volume(a, b, c, p) * volume(a, b, c, q) >= 0.0 {

@@ -143,7 +143,7 @@ fn distances_stop_when_asked_to() {
         }
         all
     };
-    // The monitor is checked every 16 points, which takes below a millisecond, even if one triangle has most of the
+    // The monitor is checked every 16 points, which take less than a millisecond, even if one triangle has most of the
     // points.
     assert!(asked(&|monitor| surface_distance(&round, &other, &params(), monitor).err()) > 40_000 / 16);
     let sliver = Mesh::new(vec![[0.0, 0.0, 0.0], [1e4, 0.0, 0.0], [1e4, 1e-4, 1.0]], vec![[0, 1, 2], [0, 2, 1]]);

@@ -1,4 +1,4 @@
-//! Tests of problems with files that occurred to the first users of the program.
+//! Tests problems with files that the first users of the program had.
 
 use std::fs;
 use std::io::Write;
@@ -121,7 +121,7 @@ fn gifti_is_written_as_nibabel_writes_it() {
     }
 }
 
-/// Does nothing if nibabel isn't installed.
+/// The test is skipped if nibabel isn't installed.
 #[test]
 fn nibabel_reads_what_is_written() {
     let Some(python) = std::env::var_os("SPHARM_PYTHON") else {

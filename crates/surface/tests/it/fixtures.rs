@@ -32,7 +32,8 @@ fn rotated(face: [u32; 3]) -> [u32; 3] {
 
 fn check_mesh(name: &str, mesh: &Mesh, expected: &Value) {
     if let Some(corners) = expected.get("corners") {
-        // STL has no shared vertices, so only their number is compared.
+        // STL has no shared vertices. The number of distinct vertices and the corners of each triangle are compared
+        // instead.
         assert_eq!(mesh.vertices.len() as u64, expected["unique"].as_u64().unwrap(), "{name}");
         assert_eq!(mesh.faces.len(), corners.as_array().unwrap().len(), "{name}");
         for (face, triangle) in mesh.faces.iter().zip(corners.as_array().unwrap()) {

@@ -1,5 +1,6 @@
 //! Tests that generated surfaces don't change, by their defining properties and by the positions of some vertices. The
-//! documentation's examples and figures and other tests depend on them. Between machines the last bits may differ.
+//! documentation's examples and figures and other tests depend on these surfaces. Between machines the last bits may
+//! differ.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, Study, Torus, cortex, double_torus, torus};

@@ -41,7 +41,7 @@ fn every_truncation_is_an_error_or_a_shorter_file() {
                 Err(_) => refused += 1,
             }
         }
-        // Only formats without counts may accept a truncated file. Every format rejects an empty one.
+        // Only formats without counts may accept a truncated file. Every format rejects an empty file.
         assert!(refused > 0);
         let counted = path.to_str().unwrap();
         if counted.contains(".gii") {
@@ -92,7 +92,7 @@ fn garbage_is_refused_in_every_format() {
     assert!(error.to_string().contains("empty"), "{error}");
 }
 
-/// Headers claim billions of items in a few bytes. Allocating memory for them would exhaust it.
+/// The headers claim billions of items in a few bytes. Allocating memory for the items would exhaust the memory.
 #[test]
 fn headers_that_promise_too_much_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -185,7 +185,7 @@ fn deep_documents_bombs_and_foreign_entities_are_refused() {
                   <Name>x</Name><Value>&b;&b;</Value></MD></MetaData></GIFTI>";
     let error = read(folder.path(), Path::new("laughs.gii"), laughs.as_bytes()).unwrap_err();
     assert!(error.to_string().contains("entities"), "{error}");
-    // A gzip file of 128 KiB that contains 128 MiB of blanks.
+    // This is a gzip file of 128 KiB that contains 128 MiB of blanks.
     let mut bomb = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::best());
     for _ in 0..128 {
         std::io::Write::write_all(&mut bomb, &[b' '; 1 << 20]).unwrap();

@@ -21,7 +21,7 @@ fn fixtures() -> PathBuf {
     PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/meshes"))
 }
 
-/// Returns all files in that folder except the expected results.
+/// Returns all files in the fixtures' folder except the expected results.
 fn fixture_files() -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = std::fs::read_dir(fixtures())
         .unwrap()

@@ -1,4 +1,4 @@
-//! Tests that each defect of a mesh is counted, and nothing else.
+//! Tests that the counts of a mesh's defects are correct.
 
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;

@@ -49,7 +49,8 @@ fn a_file_that_appears_meanwhile_is_not_replaced() {
     assert_eq!(files(folder.path()), ["out"]);
 }
 
-/// The temporary file is in the same folder as the output, hence on the same file system, so a rename is a single step.
+/// The temporary file is in the same folder as the output and hence on the same file system, so a rename is a single
+/// step.
 #[test]
 fn what_is_being_written_lies_in_the_folder_of_its_name() {
     let folder = tempfile::tempdir().unwrap();

@@ -14,10 +14,10 @@ pub(super) struct Samples<'a> {
     pub(super) values: &'a [f64],
 }
 
-/// Samples with weight, sorted by the strips of the grids.
+/// Samples of nonzero weight, sorted by the strips of the grids.
 #[derive(Debug)]
 pub(super) struct Block {
-    /// Number of samples of the block, including those without weight.
+    /// Number of samples of the block, including those of weight 0.
     pub(super) rows: usize,
     /// Row and column of the cell of the fine grid.
     pub(super) cells: Vec<[u32; 2]>,
@@ -29,7 +29,7 @@ pub(super) struct Block {
     pub(super) first: Vec<u32>,
     /// Sum of the weights.
     pub(super) weight: f64,
-    /// `sum w f^2` of each channel.
+    /// Weighted sum of squares, `sum w f^2`, of each channel.
     pub(super) squares: Vec<f64>,
 }
 
@@ -97,7 +97,7 @@ impl Block {
         }
     }
 
-    /// Number of samples with weight.
+    /// Returns the number of samples of nonzero weight.
     pub(super) fn len(&self) -> usize {
         self.cells.len()
     }

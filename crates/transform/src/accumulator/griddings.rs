@@ -5,8 +5,8 @@ use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
 
-/// Grid points per sample that is held before spreading, and bounds on the number of samples held. Spreading passes
-/// over all points of the grids, so it should have enough samples.
+/// Number of grid points per sample held before spreading, and bounds on the number of samples held. Spreading passes
+/// over all points of the grids, so it pays only for enough samples.
 const POINTS_A_SAMPLE: usize = 8;
 const FEWEST_HELD: usize = 1 << 16;
 const MOST_HELD: usize = 1 << 23;
@@ -18,7 +18,7 @@ pub(super) struct Griddings {
 }
 
 impl Griddings {
-    /// Chooses the pair that takes the least time per sample at the finest accuracy.
+    /// Chooses the pair of griddings with the least time per sample at the finest accuracy.
     pub(super) fn choose(max_degree: usize, channels: usize) -> Self {
         let degrees = [2 * max_degree, max_degree];
         let rings = degrees.map(|degree| smooth(degree + 1, 1));
@@ -45,11 +45,11 @@ impl Griddings {
                 best = Some((cost, of(width, grid)));
             }
         }
-        // The widest kernel on the largest grid reaches the finest accuracy.
+        // Fallback for the finest accuracy: the widest kernel on the largest grid.
         best.map_or(last, |(_, best)| best)
     }
 
-    /// Returns the layouts of both grids: one channel, and `channels` channels.
+    /// Returns the layouts of the fine grid, with one channel, and of the coarse grid, with `channels` channels.
     pub(super) fn layouts(&self, channels: usize) -> [Layout; 2] {
         let [fine, coarse] = self.both;
         [Layout::new(fine.grid, fine.width, 1), Layout::new(coarse.grid, coarse.width, channels)]
@@ -73,12 +73,12 @@ impl Griddings {
         2 * Layout::new(self.both[0].grid, self.both[0].width, 1).strip
     }
 
-    /// Returns the number of such tasks.
+    /// Returns the number of strips, one for each task.
     pub(super) fn strips(&self) -> usize {
         (self.both[0].grid / 2 + 1).div_ceil(self.rows_together())
     }
 
-    /// Returns the bytes of tables and spectra for computing coefficients from the grid that needs more.
+    /// Returns the bytes of tables and spectra for computing coefficients from a grid, for the grid that needs more.
     pub(super) fn spectra_bytes(&self, max_degree: usize, channels: usize) -> usize {
         let of = |gridding: Gridding, degree: usize, channels: usize| {
             let orders = degree + 1;
@@ -101,12 +101,12 @@ fn held(grid: usize, channels: usize) -> usize {
     (points(grid, channels) / POINTS_A_SAMPLE).clamp(FEWEST_HELD, MOST_HELD)
 }
 
-/// Returns the estimated nanoseconds of a thread per sample: its own products, and its share of reading and writing the
-/// grids.
+/// Estimates a thread's time per sample in nanoseconds: the sample's products, and its share of reading and writing
+/// the grids.
 fn cost(width: usize, grid: usize, channels: usize) -> f64 {
-    /// Memory bandwidth of a thread while another one is running.
+    /// Memory bandwidth of a thread, in bytes per nanosecond, while another thread is running.
     const BYTES_PER_NANOSECOND: f64 = 6.0;
-    // Holding more samples could compensate for finer grids, but that takes memory twice.
+    // A finer grid could be compensated by holding more samples, but grid and samples would both take more memory.
     let traffic = 16.0 * points(grid, channels) as f64 / (MOST_HELD / 2) as f64;
     let density = held(grid, channels) as f64 / (grid * grid / 2) as f64;
     point_cost(width, 1, density) + point_cost(width, channels, 4.0 * density) + traffic / BYTES_PER_NANOSECOND

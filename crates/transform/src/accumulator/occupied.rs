@@ -1,7 +1,7 @@
 //! The cells of the sphere that contain samples, at a resolution of half a wavelength.
 //!
-//! The sphere is cut into bands of equal height in colatitude, and each band into cells that are about as wide as high,
-//! `pi / (2 (L + 1))`. A bit for each cell says whether a sample with weight lies in it.
+//! The sphere is cut into bands of equal height in colatitude, and each band into cells that are about as wide as
+//! high, `pi / (2 (L + 1))`. A bit for each cell says whether the cell contains a sample of nonzero weight.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -54,7 +54,7 @@ impl Occupied {
         }
     }
 
-    /// Marks the cells of samples at places of a grid of `grid` points around.
+    /// Marks the cells of samples, given by their places on a grid of `grid` points around.
     pub(super) fn mark(&self, cells: &[[u32; 2]], fractions: &[[f64; 2]], grid: usize) {
         let bands = self.first.len() - 1;
         let turns = 1.0 / grid as f64;
@@ -121,7 +121,8 @@ impl Occupied {
         [sine * c, sine * s, cosine]
     }
 
-    /// Calls `visit` with the cells beside, above and below a cell; across a pole, with all cells of its band.
+    /// Calls `visit` with the cells beside, above and below a cell; next to a pole, also with all cells of the cell's
+    /// band.
     fn neighbours(&self, cell: u32, mut visit: impl FnMut(u32)) {
         let band = self.band(cell);
         let around = |band: usize| self.first[band + 1] - self.first[band];
@@ -173,15 +174,15 @@ mod tests {
         assert_eq!(Occupied::new(5).largest_gap(), std::f64::consts::TAU);
         let everywhere = spharm_harmonics::Directions::fibonacci(60_000).unwrap();
         assert_eq!(marked(20, everywhere.as_slice()).largest_gap(), 0.0);
-        // Samples outside a cap around a pole, around the seam, and elsewhere.
+        // Samples everywhere except in a cap around a pole, on the seam, or elsewhere.
         for (centre, radius) in [([0.0, 0.0, 1.0], 0.4f64), ([1.0, 0.0, 0.0], 0.7), ([-0.48, 0.6, -0.64], 1.1)] {
             let outside = |v: &&[f64; 3]| (0..3).map(|i| v[i] * centre[i]).sum::<f64>() < radius.cos();
             let rest: Vec<[f64; 3]> = everywhere.as_slice().iter().filter(outside).copied().collect();
             let found = marked(20, &rest).largest_gap();
-            // Either end of the radius is known to half a diagonal of a cell.
+            // Each end of a radius is known to half a cell's diagonal.
             assert!((found - 2.0 * radius).abs() < 3.0 * std::f64::consts::PI / 42.0, "{found} {radius}");
         }
-        // A single sample: all but its own cell.
+        // With a single sample, the gap covers all cells but one.
         assert!(marked(20, &[[0.0, 0.6, 0.8]]).largest_gap() > 6.0);
     }
 

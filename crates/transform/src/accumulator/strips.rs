@@ -40,7 +40,7 @@ pub(super) fn spread(
             .map(|(strip, grids)| (count(blocks, strip), strip, grids))
             .filter(|(count, ..)| *count > 0)
             .collect();
-        // The longest first, so that no thread starts on a long one at the end.
+        // The longest tasks come first, so that no thread starts a long task at the end.
         tasks.sort_by_key(|(count, ..)| std::cmp::Reverse(*count));
         tasks.into_par_iter().with_max_len(1).for_each_init(Gathered::default, |gathered, (_, strip, grids)| {
             gathered.gather(blocks, strip, channels, layouts[0].around, heights[0]);
@@ -109,7 +109,7 @@ impl Gathered {
             }
             for (cell, fraction) in cells.iter_mut().zip(fractions.iter_mut()) {
                 for (cell, fraction) in cell.iter_mut().zip(fraction) {
-                    // Position in a cell of twice the size.
+                    // Position in a cell of the coarse grid, which is twice as large.
                     *fraction = 0.5 * (f64::from(*cell % 2) + *fraction);
                     *cell /= 2;
                 }

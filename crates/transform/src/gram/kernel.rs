@@ -17,30 +17,30 @@ use std::ops::Range;
 
 use multiversion::{multiversion, target::match_target};
 
-/// Orders in a vector.
+/// Number of orders in a vector.
 pub(super) const LANES: usize = 8;
-/// Degrees l in a tile.
+/// Largest number of degrees l in a tile.
 pub(super) const ROWS: usize = 3;
-/// (s, s') in the order (cos, cos), (sin, cos), (cos, sin), (sin, sin).
+/// Number of combinations (s, s'), in the order (cos, cos), (sin, cos), (cos, sin), (sin, sin).
 pub(super) const KINDS: usize = 4;
 
-/// Eight orders, aligned so that no load straddles cache lines.
+/// Values of eight orders, aligned so that no load straddles cache lines.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(align(64))]
 pub(super) struct Lanes(pub(super) [f64; LANES]);
 
-/// One degree of the rows.
+/// The matrix rows of one degree l.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row<'a> {
     pub(super) degree: usize,
-    /// `P_{l,m}(j)`: (blocks of eight orders, rings).
+    /// Values `P_{l,m}(j)`, (blocks of eight orders, rings).
     pub(super) legendre: &'a [Lanes],
 }
 
 /// The measure for one order m' and degrees with l + l' of one parity.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Waves<'a> {
-    /// `c_k .. c_{k+7}` and `d_k .. d_{k+7}`: (k from some value on, rings).
+    /// Values `c_k .. c_{k+7}` (`cosine`) and `d_k .. d_{k+7}` (`sine`), (k, rings), from a lowest k on.
     pub(super) cosine: &'a [Lanes],
     pub(super) sine: &'a [Lanes],
     /// Indices of the windows for order m = 0: those at k = -m' and at k = m'.
@@ -51,19 +51,19 @@ pub(super) struct Waves<'a> {
 /// The factors of a tile of R degrees l and C degrees l', along the rings.
 #[derive(Debug, Clone, Copy)]
 struct Factors<'a, const R: usize, const C: usize> {
-    /// `P_{l,m}` of eight orders, (rings).
+    /// Values `P_{l,m}` of eight orders for each degree l, (rings).
     legendre: [&'a [Lanes]; R],
-    /// `P_{l',m'}`, (rings).
+    /// Values `P_{l',m'}` for each degree l', (rings).
     columns: [&'a [f64]; C],
-    /// `c_{m-m'}`, `c_{m+m'}`, `d_{m-m'}`, `d_{m+m'}` of eight orders, (rings).
+    /// Values `c_{m-m'}`, `c_{m+m'}`, `d_{m-m'}`, `d_{m+m'}` of eight orders, (rings).
     waves: [&'a [Lanes]; 4],
 }
 
 /// The sums of eight lanes: (l, l', kind).
 type Tile<const R: usize, const C: usize> = [[[[f64; LANES]; KINDS]; C]; R];
 
-/// Returns the index at which [`products`] writes the sum of row degree `row`, column degree `column`, `kind` and the
-/// first of `blocks` blocks.
+/// Returns the index at which [`products`] writes the sum of the row degree with index `row`, the column degree with
+/// index `column`, `kind`, and the first of `blocks` blocks.
 #[inline(always)]
 pub(super) fn strip(row: usize, columns: usize, column: usize, kind: usize, blocks: usize) -> usize {
     ((row * columns + column) * KINDS + kind) * blocks
@@ -127,7 +127,8 @@ pub(super) fn products(
     }
 }
 
-/// The plain form of a tile, for processors without a kernel of their own and as the tests' oracle.
+/// Computes a tile without vector instructions, for processors without a special kernel and as the reference in
+/// tests.
 fn plain<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, C> {
     let Factors { legendre, columns, waves } = factors;
     let mut tile = [[[[0.0; LANES]; KINDS]; C]; R];
@@ -164,13 +165,13 @@ mod x86 {
         ($name:ident, $features:literal, $vector:ty, [$all:ident, $plus:ident, $minus:ident, $times:ident, $fused:ident]) => {
             #[target_feature(enable = $features)]
             pub(super) fn $name<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, C> {
-                /// Vectors per eight lanes, and lanes per vector.
+                /// Number of vectors per eight lanes, and number of lanes per vector.
                 const PARTS: usize = 8 * LANES / size_of::<$vector>();
                 const WIDTH: usize = LANES / PARTS;
                 let Factors { mut legendre, mut columns, mut waves } = factors;
                 let rings = waves[0].len();
-                // Sliced once, so that no bounds are checked along the rings. Loops are used instead of closures, which
-                // the compiler does not inline here.
+                // The arrays are sliced once, so that no bounds are checked along the rings. Loops are used instead
+                // of closures, which the compiler doesn't inline here.
                 for legendre in &mut legendre {
                     *legendre = &legendre[..rings];
                 }
@@ -248,7 +249,7 @@ mod tests {
         (0..count).map(|i| Lanes(std::array::from_fn(|lane| value(from + i * LANES + lane)))).collect()
     }
 
-    /// The vector kernels and the plain form agree, for every shape of a tile.
+    /// Compares the vector kernels with the plain form, for every shape of a tile.
     #[test]
     fn every_shape_agrees_with_the_plain_tile() {
         let rings = 5;
@@ -285,7 +286,7 @@ mod tests {
         }
     }
 
-    /// The AVX2 kernel if the processor has AVX2, even if it also has wider vectors.
+    /// Runs the AVX2 kernel if the processor has AVX2, even if it also has wider vectors.
     #[multiversion(targets("x86_64+avx2+fma"))]
     fn narrow(factors: Factors<'_, 3, 1>) -> Tile<3, 1> {
         match_target! {

@@ -17,33 +17,33 @@ use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};
 use super::kernel::{LANES, Lanes, Waves};
 use crate::TransformError;
 
-/// Rings of a run: few enough that the harmonics of degree 2L on them stay in a thread's cache.
+/// Number of rings per run, few enough that the harmonics of degree 2L on them stay in a thread's cache.
 const RUN: usize = 16;
 
 /// The tables for one degree and one list of moments.
 #[derive(Debug)]
 pub(super) struct Measure {
     max_degree: usize,
-    /// `P_{l,m}(theta_j)` of the northern rings: for each l (blocks of eight m, rings), zero where m > l.
+    /// `P_{l,m}(theta_j)` of the northern rings: for each l (blocks of eight m, rings), zero if m > l.
     legendre: Vec<Lanes>,
     /// For each parity q, `c_k .. c_{k+7}`: (k from -L to 2L, rings). Each value is stored eight times, so that the
-    /// kernel reads aligned along the rings for any m - m'. `sine` is the same for d.
+    /// kernel reads aligned along the rings for any m - m'. `sine` holds `d_k .. d_{k+7}` in the same layout.
     cosine: [Vec<Lanes>; 2],
     sine: [Vec<Lanes>; 2],
 }
 
-/// Number of blocks of eight orders of degree l.
+/// Returns the number of blocks of eight orders of degree l.
 const fn blocks(l: usize) -> usize {
     l / LANES + 1
 }
 
-/// Number of blocks of all degrees below l; degrees 8 (b - 1) to 8 b - 1 have b blocks each.
+/// Returns the number of blocks of all degrees below l; degrees 8 (b - 1) to 8 b - 1 have b blocks each.
 const fn blocks_before(l: usize) -> usize {
     let (whole, rest) = (l / LANES, l % LANES);
     LANES * whole * (whole + 1) / 2 + rest * (whole + 1)
 }
 
-/// Number of windows of eight k; the first starts at -L, the last at 2L.
+/// Returns the number of windows of eight k; the first starts at -L, the last at 2L.
 const fn window_count(max_degree: usize) -> usize {
     3 * max_degree + 1
 }
@@ -53,7 +53,7 @@ impl Measure {
         size_of::<Lanes>() * (max_degree + 1) * (blocks_before(max_degree + 1) + 4 * window_count(max_degree))
     }
 
-    /// Number of northern rings, with the equator.
+    /// Returns the number of northern rings, including the equator.
     pub(super) fn rings(&self) -> usize {
         self.max_degree + 1
     }
@@ -62,17 +62,17 @@ impl Measure {
         self.max_degree
     }
 
-    /// `P_{l,m}` of degree l, (blocks, rings).
+    /// Returns `P_{l,m}` of degree l, (blocks, rings).
     pub(super) fn degree(&self, l: usize) -> &[Lanes] {
         &self.legendre[blocks_before(l) * self.rings()..][..blocks(l) * self.rings()]
     }
 
-    /// `P_{l,m}` of degree l and order m, (rings).
+    /// Returns `P_{l,m}` of degree l and order m, (rings).
     pub(super) fn order(&self, l: usize, m: usize) -> impl Iterator<Item = f64> {
         self.degree(l)[m / LANES * self.rings()..][..self.rings()].iter().map(move |lanes| lanes.0[m % LANES])
     }
 
-    /// The measure for an order m' and degrees with l + l' of parity `parity`.
+    /// Returns the measure for an order m' and degrees with l + l' of parity `parity`.
     pub(super) fn waves(&self, parity: usize, order: usize) -> Waves<'_> {
         let (minus, plus) = (self.max_degree - order, self.max_degree + order);
         Waves { cosine: &self.cosine[parity], sine: &self.sine[parity], minus, plus }
@@ -88,7 +88,8 @@ impl Measure {
         let mut legendre = vec![Lanes::default(); blocks_before(rings) * rings];
         let zeros = || vec![0.0; rings * (2 * max_degree + 1)];
         let (mut cosine, mut sine) = ([zeros(), zeros()], [zeros(), zeros()]);
-        // In batches, so that the runs, which are copied to their places afterwards, don't double the memory.
+        // Rings are processed in batches, since all runs together would take as much memory as the table they are
+        // copied to.
         let together = RUN * rayon::current_num_threads();
         for start in (0..rings).step_by(together) {
             let batch = &directions[start..rings.min(start + together)];
@@ -128,8 +129,8 @@ fn put_legendre(max_degree: usize, legendre: &mut [Lanes], start: usize, runs: &
     });
 }
 
-/// Copies the sums of one run, (its rings, k), to their places among those of all, (rings, k), multiplied by the
-/// factors of c and d.
+/// Copies the sums of one run, (rings of the run, k), to their places among the sums of all rings, (rings, k), and
+/// multiplies them by the factors of c and d.
 fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &[f64]) {
     let rings = factors.len();
     for (k, (out, sums)) in out.chunks_exact_mut(rings).zip(sums.chunks_exact(rows)).enumerate() {
@@ -140,8 +141,8 @@ fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &
     }
 }
 
-/// Windows of eight values from every k on, made from the values of k >= 0, (rings, k), and the sign of those of -k.
-/// Values past 2L are zero.
+/// Returns the windows of eight values that start at each k, from the values at k >= 0, (rings, k), and the sign of
+/// the values at -k. Values beyond 2L are zero.
 fn windows(max_degree: usize, sums: &[f64], sign: f64) -> Vec<Lanes> {
     let rings = max_degree + 1;
     let mut windows = vec![Lanes::default(); window_count(max_degree) * rings];
@@ -162,9 +163,9 @@ fn windows(max_degree: usize, sums: &[f64], sign: f64) -> Vec<Lanes> {
 #[derive(Debug)]
 struct Run {
     rows: usize,
-    /// For each l, (rings, m) column-major.
+    /// Legendre functions of each l, (rings, m) column-major.
     legendre: Vec<Vec<f64>>,
-    /// `sum_l s_{l,k} P_{l,k}` for each parity of l, (rings, k) column-major; the same with `s_{l,-k}`.
+    /// `sum_l s_{l,k} P_{l,k}` for each parity of l, (rings, k) column-major; `sine` has the sums with `s_{l,-k}`.
     cosine: [Vec<f64>; 2],
     sine: [Vec<f64>; 2],
 }

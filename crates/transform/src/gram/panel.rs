@@ -1,5 +1,5 @@
-//! Panels: the rows needed by the columns of a few orders m', in an order that uses caches well, and the places of
-//! their sums.
+//! Panels: computes the rows needed by the columns of a few orders m', in a sequence that uses caches well, and
+//! writes the sums to their places.
 //!
 //! The orders m of the rows are processed in panels: the c and d of a panel for all the m', and the Legendre functions
 //! of three degrees l, then stay in a core's L2 cache while they are multiplied with every l'. The Legendre table,
@@ -15,7 +15,7 @@ use spharm_harmonics::index::degree_order;
 use super::kernel::{KINDS, LANES, Lanes, ROWS, Row, products, strip};
 use super::measure::Measure;
 
-/// Bytes of c and d in a panel; suits L2 caches of 1 MiB or more.
+/// Largest number of bytes of c and d in a panel; suits L2 caches of 1 MiB or more.
 const WAVE_BYTES: usize = 256 << 10;
 
 /// The requested rows.
@@ -138,7 +138,8 @@ impl Rows {
         least / LANES..start_order.max(end_order) / LANES + 1
     }
 
-    /// Copies the sums of degree `l`, orders from `first` on, to their rows; the rows of sines run backwards.
+    /// Copies the sums of degree `l`, orders from `first` on, to their rows; the rows of sines are in descending
+    /// order.
     fn put(&self, values: &mut [f64], l: usize, sine: bool, first: usize, sums: &[f64]) {
         if first > l {
             return;
@@ -169,7 +170,7 @@ impl Rows {
     }
 }
 
-/// The smallest range that contains both.
+/// Returns the smallest range that contains both ranges.
 fn join(a: Range<usize>, b: Range<usize>) -> Range<usize> {
     match (a.is_empty(), b.is_empty()) {
         (true, _) => b,

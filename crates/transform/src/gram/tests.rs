@@ -1,4 +1,4 @@
-//! The Gram matrix against `A^T diag(w) A` from the basis itself.
+//! Compares the Gram matrix with `A^T diag(w) A` computed from the basis.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use spharm_harmonics::{Recurrence, Sweep, basis_size, gauss_legendre};
 use super::MomentGram;
 use crate::TransformError;
 
-/// The basis to `max_degree`, (n, K) column-major.
+/// Returns the basis to `max_degree`, (n, K) column-major.
 fn basis(max_degree: usize, directions: &[[f64; 3]]) -> Vec<f64> {
     let recurrence = Recurrence::new(max_degree).unwrap();
     let mut sweep = Sweep::new(&recurrence, directions);
@@ -36,18 +36,18 @@ fn moments(max_degree: usize, directions: &[[f64; 3]], weights: &[f64]) -> Vec<f
     moments
 }
 
-/// `A^T diag(w) A`, (K, K).
+/// Returns `A^T diag(w) A`, (K, K).
 fn direct(max_degree: usize, directions: &[[f64; 3]], weights: &[f64]) -> Vec<f64> {
     let (n, size) = (directions.len(), basis_size(max_degree));
     let basis = basis(max_degree, directions);
     let weighted: Vec<f64> = basis.chunks_exact(n).flat_map(|a| a.iter().zip(weights).map(|(a, w)| a * w)).collect();
-    // The matrix is symmetric, so it doesn't matter that this is row-major.
+    // The product is stored row-major, which makes no difference, since the matrix is symmetric.
     let mut gram = vec![0.0; size * size];
     accumulate_adjoint(Matrix::new(&basis, n, size, n), Matrix::new(&weighted, n, size, n), &mut gram);
     gram
 }
 
-/// Numbers in -1..1 that are the same on every machine.
+/// Returns pseudorandom numbers in -1..1 that are the same on every machine.
 fn noise(seed: u64, count: usize) -> Vec<f64> {
     let mut state = seed;
     let mut next = || {
@@ -139,7 +139,8 @@ fn quadrature_gives_the_identity() {
     }
 }
 
-/// The uniform measure's Gram matrix is the identity at any degree: here one whose W doesn't fit one panel.
+/// The uniform measure's Gram matrix is the identity at any degree. At the degree tested here, W doesn't fit one
+/// panel.
 #[test]
 fn high_degrees_keep_the_identity() {
     let degree = 400;
@@ -233,7 +234,7 @@ fn ranges(from: &Range<usize>, cut: &[usize]) -> [Range<usize>; 2] {
     [[0, 1], [2, 3]].map(|[a, b]| place(a).min(place(b))..place(a).max(place(b)))
 }
 
-/// At this degree the orders don't fit one panel.
+/// Tests tiles at a degree whose orders don't fit one panel.
 #[test]
 fn tiles_of_several_panels_are_cut_from_a_larger_one() {
     let gram = some_gram(150);

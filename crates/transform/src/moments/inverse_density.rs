@@ -42,9 +42,11 @@ const FLOOR: f64 = 0.05;
 /// Standard deviation of the smoothed density, relative to its mean, from which on the iterations saved outweigh the
 /// cost of applying the inverse: that of random samples at 11 per coefficient.
 const UNEVEN: f64 = 0.25;
-/// Standard deviation below which the sampling is even: that of random samples at 70 per coefficient.
+/// Standard deviation of the smoothed density, relative to its mean, below which the sampling is even: that of random
+/// samples at 70 per coefficient.
 const EVEN: f64 = 0.1;
-/// Between the two, the inverse pays if the density is below this anywhere, relative to its mean.
+/// Bound on the density, relative to its mean. If the standard deviation is from `EVEN` to `UNEVEN`, the inverse pays
+/// off only if the density is below this bound anywhere.
 const SPARSE: f64 = 0.3;
 /// Largest fraction of the sphere whose density may be below the floor.
 const GAPS: f64 = 0.02;
@@ -55,7 +57,7 @@ const GAP_SMOOTHING: f64 = 6.0;
 /// An approximate inverse of the normal operator of an uneven sampling, from the moments of its weights.
 #[derive(Debug)]
 pub struct InverseDensity {
-    /// The product with `A_g^T D A_g`, where D has the elements `q_g / S~(g)`.
+    /// The operator `A_g^T D A_g`, with the elements `q_g / S~(g)` on the diagonal of D.
     on_grid: OnGrid,
     condition: f64,
 }
@@ -67,7 +69,7 @@ impl InverseDensity {
     ///
     /// # Errors
     ///
-    /// Those of [`MomentOperator::new`](super::MomentOperator::new).
+    /// The errors of [`MomentOperator::new`](super::MomentOperator::new).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Option<Self>, TransformError> {
         super::check(max_degree, moments)?;
         let factors = smoothing(max_degree, SMOOTHING);
@@ -78,7 +80,7 @@ impl InverseDensity {
             return Ok(None);
         }
         let floor = FLOOR * mean;
-        // Smoothing this wide leaves nothing significant beyond degree L.
+        // After smoothing with `GAP_SMOOTHING`, nothing significant is left beyond degree L.
         let low = max_degree.div_ceil(2);
         let of_low = &moments[..basis_size(2 * low)];
         if Smoothed::new(low, of_low, &smoothing(max_degree, GAP_SMOOTHING))?.below(floor) > 0.0 {
@@ -150,7 +152,7 @@ impl Smoothed {
     }
 }
 
-/// Returns the factor of each degree up to 2L for a scale c.
+/// Returns the smoothing factor of each degree up to 2L for a scale c.
 fn smoothing(max_degree: usize, scale: f64) -> Vec<f64> {
     let scale = scale / max_degree.max(1) as f64;
     (0..=2 * max_degree).map(|l| (-0.5 * (scale * l as f64).powi(2)).exp()).collect()

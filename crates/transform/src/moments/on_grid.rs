@@ -1,4 +1,4 @@
-//! `A_g^T D A_g`, with the basis A_g at the points of a grid and a diagonal D.
+//! Products with `A_g^T D A_g`, with the basis A_g at the points of a grid and a diagonal matrix D.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use crate::TransformError;
 use crate::legendre::SomeColumns;
 use crate::pool::Pool;
 
-/// Sizes in bytes.
+/// Sizes of an [`OnGrid`] in bytes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes {
     pub(super) held: usize,
@@ -20,11 +20,11 @@ pub(super) struct Sizes {
     pub(super) called: usize,
 }
 
-/// A grid and a diagonal.
+/// The operator `A_g^T D A_g`: a grid and the diagonal of D.
 #[derive(Debug)]
 pub(super) struct OnGrid {
     grid: RingGrid,
-    /// D, northern rings as real and southern ones as imaginary parts.
+    /// The diagonal of D, with northern rings as real and southern ones as imaginary parts.
     diagonal: Vec<Complex64>,
     /// Working memory of earlier calls, reused by later ones.
     spaces: Pool<Workspace>,
@@ -36,7 +36,7 @@ impl OnGrid {
         Self { grid, diagonal, spaces: Pool::default(), tasks: Pool::default() }
     }
 
-    /// Returns the bytes with a grid of `rings` pairs of rings, a multiple of 8, of up to `points` points each.
+    /// Returns the sizes for a grid of `rings` pairs of rings, a multiple of 8, of up to `points` points each.
     pub(super) const fn sizes(
         max_degree: usize,
         rings: usize,
@@ -45,9 +45,9 @@ impl OnGrid {
         threads: usize,
     ) -> Sizes {
         let orders = max_degree + 1;
-        // `alpha`, `scale`, pairs of degrees and powers, and the points of all pairs of rings.
+        // Bytes of `alpha`, `scale`, pairs of degrees, powers, and the points of all pairs of rings.
         let held = 18 * orders * (orders + 1) + 80 * orders + 8 * orders * rings + 16 * rings * points;
-        // The same for twice the degree, and its sums.
+        // Bytes of the tables for twice the degree, and of their sums.
         let made =
             18 * 2 * orders * (2 * orders + 1) + 160 * orders + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
         let group = if channels < CHANNELS { channels } else { CHANNELS };

@@ -25,11 +25,11 @@ use crate::legendre::{Legendre, SomeColumns, Work};
 use crate::pool::Pool;
 use crate::ring_table::LANES;
 
-/// Values of `P_{l,m}` below this don't change any digit of a sum.
+/// Value of `P_{l,m}` below which no digit of a sum changes.
 const NEGLIGIBLE: f64 = 1e-18;
-/// Channels that share Legendre functions and fit a cache together.
+/// Number of channels that share Legendre functions and fit a cache together.
 pub(super) const CHANNELS: usize = 3;
-/// A ring's number of points is the next smooth multiple of this, so that there are few sizes and few plans.
+/// A ring's number of points is the next smooth multiple of this step, so that there are few sizes and few plans.
 const STEP: usize = 4;
 
 /// The grid and everything that depends only on the degree.
@@ -38,14 +38,15 @@ pub(super) struct RingGrid {
     legendre: Legendre,
     pairs: Vec<RingPair>,
     gauss: GaussLegendre,
-    /// Complex numbers of scratch space that a Fourier transform of any pair needs besides its points.
+    /// Number of complex values of scratch space that the Fourier transform of any pair needs, besides the pair's
+    /// points.
     scratch: usize,
 }
 
 /// Resolution of a grid.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Size {
-    /// Products of two functions of degree L and one of degree 2L are integrated exactly.
+    /// The resolution at which products of two functions of degree L and one of degree 2L are integrated exactly.
     Exact,
     /// 5/4 of the rings and points that resolve functions of degree L: a product with a function is close to the exact
     /// one, at about half the cost.
@@ -73,9 +74,9 @@ impl Size {
 
 /// A northern ring and its mirror; the equator is its own mirror.
 struct RingPair {
-    /// Points of each of the two rings.
+    /// Number of points of each of the two rings.
     points: usize,
-    /// Index of its first point among those of all pairs.
+    /// Index of the pair's first point among the points of all pairs.
     first: usize,
     /// Number of orders, from 0 on, that aren't negligible.
     orders: usize,
@@ -151,8 +152,8 @@ impl RingGrid {
         self.pairs.iter().map(|pair| pair.points).sum()
     }
 
-    /// Returns, at the points, the function S with the moments s to degree 2L, each times the factor of its degree:
-    /// northern rings as real and southern ones as imaginary parts.
+    /// Evaluates at the points the function S with the moments s to degree 2L, each times the factor of its degree.
+    /// Northern rings are the real parts and southern ones the imaginary parts.
     pub(super) fn function(&self, twice: &Legendre, moments: &[f64], factors: Option<&[f64]>) -> Vec<Complex64> {
         let mut values = vec![Complex64::default(); self.points()];
         let (degree, rings) = (2 * self.max_degree, twice.rings());
@@ -270,7 +271,8 @@ impl RingGrid {
         let (orders, rings) = (self.max_degree + 1, self.legendre.rings());
         let run = |(run, by_ring): (usize, &mut [f64]), Task { circle, fourier, .. }: &mut Task| {
             if (run + 1) * LANES > self.pairs.len() {
-                // Lanes without a ring are multiplied by zero, but values left there by another call could be NaN.
+                // Lanes without a ring are multiplied by zero, but values left in these lanes by another call could
+                // be NaN.
                 by_ring.fill(0.0);
             }
             for lane in 0..LANES.min(self.pairs.len() - run * LANES) {
@@ -279,7 +281,7 @@ impl RingGrid {
                 let circle = &mut circle[..pair.points];
                 let density = &density[pair.first..][..pair.points];
                 for cosine in (0..columns).step_by(2) {
-                    // Columns of the even sums of cosines and sines, and of the odd ones.
+                    // Columns of the even sums of cosines and sines, then of the odd sums.
                     let places = [cosine, cosine + 1, columns + cosine, columns + cosine + 1];
                     circle.fill(Complex64::default());
                     for m in 0..pair.orders {
@@ -342,7 +344,7 @@ impl RingPair {
         if m == 0 {
             return [Complex64::new(north.re, south.re); 2];
         }
-        // North plus i south, each with half of its order at m and half at -m.
+        // The spectrum of north + i south: of each ring's order m, half is at m and half at -m.
         [
             Complex64::new(0.5 * (north.re - south.im), 0.5 * (north.im + south.re)),
             Complex64::new(0.5 * (north.re + south.im), 0.5 * (south.re - north.im)),

@@ -11,13 +11,13 @@ use crate::{Transform, TransformError, TransformParams};
 pub struct SampleSums {
     /// Highest degree of a fit, L.
     pub max_degree: usize,
-    /// `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2` values in canonical order.
+    /// Moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2` values in canonical order.
     pub moments: Vec<f64>,
-    /// `A^T W f = sum_i w_i f_i S_{lm}(x_i)` to degree L, (K, c).
+    /// Right-hand sides `A^T W f = sum_i w_i f_i S_{lm}(x_i)` to degree L, (K, c).
     pub right_sides: Array2<f64>,
-    /// `sum_i w_i f_i^2` of each channel, (c).
+    /// Weighted sums of squares, `sum_i w_i f_i^2`, of each channel, (c).
     pub squares: Vec<f64>,
-    /// `sum_i w_i`.
+    /// Sum of the weights, `sum_i w_i`.
     pub weight: f64,
     /// Number of samples with a weight other than zero.
     pub count: u64,
@@ -31,8 +31,8 @@ impl SampleSums {
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: the number of values or weights isn't n; and those of [`Transform::new`] to degree
-    /// 2L.
+    /// [`TransformError::Shape`]: the number of values or weights isn't n. Also the errors of [`Transform::new`] for
+    /// degree 2L.
     pub fn new(
         directions: &Directions,
         weights: Option<&[f64]>,

@@ -1,4 +1,4 @@
-//! The operator compared with `A^T diag(w) A` from the basis itself, and with the transforms.
+//! Compares the operator with `A^T diag(w) A` computed from the basis, and with the transforms.
 
 use ndarray::{Array2, ArrayView1};
 use proptest::prelude::*;
@@ -7,7 +7,7 @@ use spharm_harmonics::{Directions, basis_size, synthesis};
 use super::{MomentOperator, SampleSums};
 use crate::{FINEST, Transform, TransformError, TransformParams};
 
-/// Uniform in [-1, 1), from a counter.
+/// Returns a pseudorandom number in [-1, 1), computed from a counter.
 fn noise(i: usize) -> f64 {
     let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -28,7 +28,7 @@ pub(super) fn numbers(seed: usize, rows: usize, columns: usize) -> Array2<f64> {
     Array2::from_shape_fn((rows, columns), |(k, c)| noise(seed + k * 31 + c * 1_000_003))
 }
 
-/// The basis, (n, K): its columns are syntheses of unit coefficients.
+/// Returns the basis, (n, K), whose columns are syntheses of unit coefficients.
 fn basis(directions: &Directions, max_degree: usize) -> Array2<f64> {
     synthesis(directions, Array2::eye(basis_size(max_degree)).view()).unwrap()
 }
@@ -37,7 +37,7 @@ pub(super) fn dot(a: ArrayView1<'_, f64>, b: ArrayView1<'_, f64>) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// `A^T diag(w) A x`, written out.
+/// Computes `A^T diag(w) A x` from the basis `a`.
 fn direct(a: &Array2<f64>, weights: &[f64], x: &Array2<f64>) -> Array2<f64> {
     let (n, c) = (a.nrows(), x.ncols());
     let samples = Array2::from_shape_fn((n, c), |(i, c)| weights[i] * dot(a.row(i), x.column(c)));
@@ -81,8 +81,8 @@ fn one_direction_anywhere() {
             let x = numbers(3, basis_size(degree), 1);
             let operator = MomentOperator::new(degree, &moments(&directions, &[-2.5], degree)).unwrap();
             let expected = direct(&basis(&directions, degree), &[-2.5], &x);
-            // Relative to the operator's norm: x may be nearly orthogonal to its only eigenvector with a nonzero
-            // eigenvalue.
+            // The error is relative to the operator's norm, since x may be nearly orthogonal to the only eigenvector
+            // with a nonzero eigenvalue.
             let scale = 2.5 * basis_size(degree) as f64 / (4.0 * std::f64::consts::PI) * norm(&x);
             let off = norm(&(operator.apply(x.view()).unwrap() - expected)) / scale;
             assert!(off < 1e-14, "degree {degree}, {direction:?}: {off:e}");
@@ -90,7 +90,7 @@ fn one_direction_anywhere() {
     }
 }
 
-/// At these degrees rings next to the poles have fewer points, and there are several runs of rings.
+/// At degrees 100 and 257, rings next to the poles have fewer points, and there are several runs of rings.
 #[test]
 fn high_degrees_agree_with_transforms() {
     for (degree, n) in [(100, 30_000), (257, 50_000)] {
@@ -139,8 +139,8 @@ fn the_uniform_measure_is_the_identity() {
     }
 }
 
-/// Multiplication by z, whose only moment is that of degree 1, couples degree l with l - 1 and l + 1: for order m with
-/// `sqrt((l^2 - m^2) / (4 l^2 - 1))`.
+/// Multiplication by z, whose only moment is that of degree 1, couples degree l with l - 1 and l + 1. The coupling of
+/// l with l - 1 at order m is `sqrt((l^2 - m^2) / (4 l^2 - 1))`.
 #[test]
 fn a_density_of_z_couples_neighbouring_degrees() {
     let degree = 400;
@@ -238,8 +238,8 @@ fn wrong_shapes_are_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// The operator is symmetric, and positive semidefinite for nonnegative weights, to rounding of the sum of the
-    /// weights.
+    /// The operator is symmetric, and positive semidefinite for nonnegative weights, up to rounding errors relative
+    /// to the sum of the weights.
     #[test]
     fn symmetric_and_positive_semidefinite(degree in 0usize..20, n in 1usize..60, seed in 0usize..1_000_000) {
         let weights: Vec<f64> = (0..n).map(|i| noise(seed + i).abs()).collect();

@@ -14,16 +14,17 @@ use crate::grid::{Layout, MARGIN};
 use crate::gridding::Gridding;
 use crate::kernel::Kernel;
 
-/// Directions placed by one task.
+/// Number of directions placed by one task.
 const RUN: usize = 4096;
 
-/// Columns from one possible start of a piece to the next. The grid's size and its margin are multiples of this.
+/// Number of columns from one possible start of a piece to the next. The grid's size and its margin are multiples of
+/// it.
 const STEP: usize = 8;
 
 /// A part of a node's patch: columns from `COLUMNS * part` on, of one strip's rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Piece {
-    /// First column, in steps, without margin.
+    /// First column in units of [`STEP`] columns, without margin.
     column: u32,
     node: u32,
     part: u32,
@@ -32,7 +33,7 @@ pub(super) struct Piece {
 /// The grid points under a node's kernels.
 #[derive(Debug, Clone, Copy)]
 struct Extent {
-    /// First row, margin included.
+    /// Index of the first row, margin included.
     row: u32,
     rows: u32,
     /// First column, a multiple of [`STEP`] from 0 to the grid's size.
@@ -54,9 +55,9 @@ impl Extent {
 #[derive(Debug)]
 pub(super) struct Element {
     pub(super) nodes: [u32; 3],
-    /// `sum_i w_i lambda_ij lambda_ik` for its corners j and k, row by row of the lower triangle.
+    /// Sums `sum_i w_i lambda_ij lambda_ik` for the triangle's corners j and k, row by row of the lower triangle.
     pub(super) products: [f64; 6],
-    /// Index of its first sample; its samples end where those of the next element begin.
+    /// Index of the triangle's first sample. Its samples end before the first sample of the next element.
     first: usize,
 }
 
@@ -65,15 +66,15 @@ pub(super) struct Element {
 pub(super) struct Incidence {
     gridding: Gridding,
     kernel: Kernel,
-    /// Row and column of each sample's cell, and its position in it.
+    /// Row and column of each sample's cell; `fractions` has the sample's position in the cell.
     cells: Vec<[u32; 2]>,
     fractions: Vec<[f64; 2]>,
-    /// Weight of each corner of a sample's triangle in its value, times the sample's weight.
+    /// Share of each corner of its triangle in a sample's value, times the sample's weight.
     shares: Vec<[f64; 3]>,
     elements: Vec<Element>,
-    /// For each node, where its triangles begin in `elements_of`.
+    /// Position of each node's first triangle in `elements_of`.
     first: Vec<usize>,
-    /// Triangles of each node, and which of their corners the node is.
+    /// Triangles of each node, and the corner of each triangle at which the node is.
     elements_of: Vec<(u32, u32)>,
     extents: Vec<Extent>,
     /// The pieces on each strip of the grid, from west to east.
@@ -123,7 +124,7 @@ impl Incidence {
         self.strips.get(strip).map_or(&[], Vec::as_slice)
     }
 
-    /// Adds samples, except those without weight.
+    /// Adds samples, except those of weight 0.
     pub(super) fn add(&mut self, NodalSamples { directions, weights, nodes, shares }: NodalSamples<'_>) {
         const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)];
         let mut places = vec![([0; 2], [0.0; 2]); directions.len()];
@@ -182,7 +183,7 @@ impl Incidence {
         self.strips.par_iter_mut().for_each(|pieces| pieces.sort_unstable());
     }
 
-    /// Calls `found` for each of a node's samples with the node's weight in it.
+    /// Calls `found` with each of a node's samples and with the node's weight in the sample.
     #[inline]
     fn each_sample(&self, node: usize, mut found: impl FnMut(usize, f64)) {
         for &(element, corner) in &self.elements_of[self.first[node]..self.first[node + 1]] {
@@ -205,7 +206,7 @@ impl Incidence {
         self.each_sample(node, |sample, _| {
             let [row, column] = self.corner(sample, margin);
             rows = [rows[0].min(row), rows[1].max(row)];
-            // The shorter way around, from the first sample.
+            // Column offset from the first sample, the shorter way around.
             let away = column - *origin.get_or_insert(column);
             let away = within(away + around / 2, around) - around / 2;
             columns = [columns[0].min(away), columns[1].max(away)];
@@ -276,7 +277,7 @@ impl Incidence {
             let [row, column] = self.corner(sample, layout.margin);
             let along = within(column - first_column, around) - first_of_piece;
             let down = row - (strip * ROWS) as isize;
-            // Skip kernels that don't reach the piece.
+            // Skips kernels that don't reach the piece.
             let beside = |from: isize, end: usize| from <= -width || from >= end as isize;
             if beside(along, COLUMNS) || beside(down, ROWS) {
                 return;

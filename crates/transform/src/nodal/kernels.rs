@@ -55,7 +55,7 @@ pub(super) fn add_kernels(
     while done < places.len() {
         let (row, places) = (first_row + done, &places[done..]);
         let fma = target_cfg_f!(target_feature = "fma");
-        // As many sums as there are registers.
+        // The number of rows processed together is limited by the registers for their sums.
         done += match (target_cfg_f!(target_feature = "avx512f"), fma, places.len()) {
             (true, _, 8..) => add_to_rows::<8, true>(kernels, count, row, places, values),
             (_, true, 2..) => add_to_rows::<2, true>(kernels, count, row, places, values),
@@ -81,7 +81,7 @@ fn add_to_rows<const R: usize, const FMA: bool>(
     for (rows, columns) in kernels.rows[..count].iter().zip(&kernels.columns) {
         let rows: [f64; R] = load(rows, MAX_WIDTH + row);
         let columns: [f64; COLUMNS] = load(columns, MAX_WIDTH);
-        // The inner loop is over rows; the other way round the compiler emits gathers.
+        // The inner loop runs over rows. With the loops exchanged, the compiler emits gathers.
         for (k, column) in columns.iter().enumerate() {
             for (sums, row) in sums.iter_mut().zip(&rows) {
                 sums[k] = fused::<FMA>(*row, *column, sums[k]);

@@ -1,6 +1,6 @@
 //! Input samples that are linear in values at nodes.
 
-/// Samples, and the nodes whose values determine theirs.
+/// Samples whose values are weighted sums of the values at three nodes each.
 #[derive(Debug, Clone, Copy)]
 pub struct NodalSamples<'a> {
     /// Unit vectors, (n, 3).
@@ -9,6 +9,6 @@ pub struct NodalSamples<'a> {
     pub weights: &'a [f64],
     /// The nodes of each sample's triangle, (n, 3).
     pub nodes: &'a [[u32; 3]],
-    /// Weights of the values at these nodes in the sample's value, (n, 3).
+    /// Weights of the values at the three nodes in the sample's value, (n, 3).
     pub shares: &'a [[f64; 3]],
 }

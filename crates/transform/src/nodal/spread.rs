@@ -1,4 +1,4 @@
-//! Addition to a grid of patches times the values of their nodes: a small matrix product for each row of a tile.
+//! Adds patches, times the values of their nodes, to a grid: a small matrix product for each row of a tile.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -23,7 +23,8 @@ pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, v
                 let grid = &mut grid[channel * layout.stride + tile.column..];
                 let values = &values[channel..];
                 let fma = target_cfg_f!(target_feature = "fma");
-                // As many sums as there are registers, each channel's with its own factor.
+                // The number of channels processed together is limited by the registers for their sums. Each channel
+                // has its own factor.
                 channel += match (target_cfg_f!(target_feature = "avx512f"), fma, left) {
                     (true, _, 8..) => product::<COLUMNS, 8, true>(layout, grid, nodes, factors, values, stride),
                     (true, _, 3..) => product::<COLUMNS, 3, true>(layout, grid, nodes, factors, values, stride),

@@ -71,7 +71,7 @@ impl Transform {
         let (columns, rings) = (2 * channels, self.legendre.rings());
         layout.fold(&mut space.grids[1]);
         self.fourier.grid_to_circles(&mut space.grids[1], layout, &mut space.spectra, &mut space.circles);
-        // Each pair of orders has its part of by_order.
+        // Each pair of orders gets its own part of `by_order`.
         let mut rest = &mut space.by_order[..];
         let mut parts = Vec::with_capacity(self.fourier.order_pairs());
         for pair in 0..self.fourier.order_pairs() {

@@ -3,7 +3,6 @@
 //!
 //! A power cut does more harm than a journalling file system allows: each name that wasn't synced to disk may be lost
 //! or not, independently of the others, and so may the contents of each file.
-//! may the contents of each file.
 
 use stateright::{Model, Property};
 
@@ -19,11 +18,11 @@ const GC: usize = BUILDERS;
 /// Behaviour of `flock`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Locks {
-    /// It gives an exclusive lock.
+    /// `flock` gives an exclusive lock.
     Honest,
-    /// It fails.
+    /// `flock` fails.
     None,
-    /// It reports success but excludes no other process.
+    /// `flock` reports success but excludes no other process.
     Lying,
 }
 
@@ -80,7 +79,7 @@ pub(crate) struct File {
     named_on_disk: bool,
 }
 
-/// Step of a process; numbers are those of files.
+/// Step of a process. Each number is the index of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Step {
     Begin,
@@ -105,7 +104,7 @@ pub(crate) enum Step {
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct State {
     files: Vec<File>,
-    /// The file with the final name, in the folder and on disk.
+    /// Index of the file with the final name: in the folder, and on disk.
     published: Option<usize>,
     published_on_disk: Option<usize>,
     folder_lock: Option<usize>,
@@ -126,7 +125,7 @@ pub(crate) enum Action {
     StopClearing(usize),
     Read,
     Kill(usize),
-    /// A power cut; the bits say what survives: the final name, and each file's name and contents.
+    /// A power cut. The bits state what survives: the final name, and the name and the contents of each file.
     PowerCut(u32),
 }
 
@@ -154,7 +153,7 @@ impl Protocol {
         self.folder_lock && self.locks == Locks::Honest
     }
 
-    /// Tries to lock a file; returns `None` if there are no locks.
+    /// Tries to lock a file; returns `None` if the system has no locks.
     fn try_lock(&self, state: &mut State, file: usize, process: usize) -> Option<bool> {
         match self.locks {
             Locks::None => None,

@@ -6,7 +6,7 @@ use super::*;
 use crate::procrustes::{Procrustes, procrustes, procrustes_with};
 use crate::samples::{blob, posed, some_pose};
 
-/// Monitor that counts steps, and interrupts the work after a number of them.
+/// A monitor that interrupts the work after a given number of steps.
 struct Until {
     left: AtomicUsize,
 }
@@ -48,7 +48,7 @@ fn a_run_that_is_ended_anywhere_goes_on_to_the_same_bits() {
     let bytes = std::fs::read(&whole).unwrap();
     let records = (bytes.len() - HEADER) / RECORD;
     assert_eq!(bytes.len(), HEADER + RECORD * records);
-    // The file was interrupted while writing or at its start, is damaged, or has a block that was never written.
+    // The file ends within a record or its header, is damaged, or has a block that was never written.
     let path = folder.path().join("state");
     let damaged = |at: usize| {
         let mut bytes = bytes.clone();
@@ -70,7 +70,7 @@ fn a_run_that_is_ended_anywhere_goes_on_to_the_same_bits() {
         assert_eq!(run(&path, &Silent).unwrap(), (expected.clone(), found));
         assert!(std::fs::read(&path).unwrap() == bytes, "what was found again is what was there");
     }
-    // Interrupted repeatedly: each run gets further.
+    // The run is interrupted repeatedly, and makes progress each time.
     std::fs::remove_file(&path).unwrap();
     let (mut last, mut runs) = (0, 0);
     loop {

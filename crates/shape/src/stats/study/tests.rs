@@ -98,7 +98,8 @@ fn columns_that_say_nothing_are_refused() {
     assert!(matches!(question(&pairs, &[], &[column("sex", "m f m f")]), Err(ShapeError::Rank { .. })));
 }
 
-/// The mean of a group is that of its line at the average age of all, whichever way the slopes are modelled.
+/// The mean of a group is the value of its regression line at the average age of all subjects, however slopes are
+/// modelled.
 #[test]
 fn means_of_levels_are_those_of_average_subjects() {
     let (ages, groups) = ([1.0, 2.0, 3.0, 5.0, 8.0, 9.0, 9.5, 12.0], "a a a a b b b b");

@@ -6,7 +6,7 @@ fn pairs(n: usize, exchange: Exchange) -> Blocks {
     Blocks::new((0..2 * n).map(|i| i / 2), exchange)
 }
 
-/// The paired t test as a design: an effect, and a column for each pair.
+/// Returns the paired t test as a design: an effect, and a column for each pair.
 fn paired(n: usize) -> Design {
     let x = Array2::from_shape_fn((2 * n, n + 1), |(i, k)| match k {
         0 => 0.5 - (i % 2) as f64,
@@ -33,7 +33,7 @@ fn exchanges_within_pairs_are_sign_flips_of_differences() {
 
 #[test]
 fn whole_blocks_of_equal_members_are_their_means() {
-    // If both members of each block have the same values and the same rows of the design, only blocks are relabelled.
+    // Both members of a block have equal values and equal rows of the design, so only whole blocks are relabelled.
     let means = noise(8, 5, 17);
     let y = Array2::from_shape_fn((16, 5), |(i, v)| means[[i / 2, v]]);
     let design = |each: usize| {
@@ -52,7 +52,7 @@ fn whole_blocks_of_equal_members_are_their_means() {
 #[test]
 fn relabellings_that_change_nothing_are_refused() {
     let y = noise(14, 3, 5);
-    // Within a pair nothing differs in the design of groups of pairs.
+    // In a design of groups of pairs, both members of a pair have equal rows.
     let groups = Design::groups(&[6, 8]).unwrap();
     let contrast = Contrast::difference(2, 0, 1);
     let params = TestParams { blocks: Some(pairs(7, Exchange::Within)), ..TestParams::default() };
@@ -97,7 +97,7 @@ fn variance_groups_generalise_welchs_t_and_the_pooled_statistics() {
     let (a, b) =
         (run(&TestParams { variance_groups: one.clone(), ..TestParams::default() }), run(&TestParams::default()));
     a.statistic.iter().zip(&b.statistic).chain(a.p.iter().zip(&b.p)).for_each(|(a, b)| close(*a, *b));
-    // F of three groups, with a covariate.
+    // The statistic is F for three groups with a covariate.
     let three = Design::groups(&[4, 4, 5]).unwrap().with_covariates(noise(13, 1, 3).view(), &[]).unwrap();
     let any = Contrast { weights: array![[1.0, -1.0, 0.0, 0.0], [0.0, 1.0, -1.0, 0.0]] };
     let run = |params: &TestParams| test(y.view(), 1, &three, &any, params, &Silent).unwrap();
@@ -116,7 +116,8 @@ fn variance_groups_generalise_welchs_t_and_the_pooled_statistics() {
 
 #[test]
 fn shared_slopes_of_unequal_variances_have_valid_p() {
-    // 20 subjects with a variance of 1 and 20 of 9 share the slope of a covariate, which has no effect.
+    // 20 subjects with a variance of 1 and 20 subjects with a variance of 9 share the slope of a covariate, which has
+    // no effect.
     let (n, vertices) = (40, 2000);
     let normal = |rows, seed| {
         (0..12u64).map(|k| noise(rows, vertices, seed + k)).fold(Array2::zeros((rows, vertices)), |a, b| a + b)

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// The squared statistic of a contrast of one row by normal equations.
+/// Returns the squared statistic of a contrast of one row, computed from orthonormal bases.
 fn squared(design: &Design, contrast: &[f64], y: &[f64]) -> f64 {
     let x = design.matrix();
     let model = projection::Projection::new(design, &Contrast::row(contrast)).unwrap();

@@ -3,7 +3,7 @@
 use super::spatial::Regions;
 use super::*;
 
-/// A grid of squares of side 1, each cut into two triangles.
+/// Returns a grid of squares of side 1, each cut into two triangles.
 fn grid(rows: usize, columns: usize) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     let vertices = (0..rows * columns).map(|v| [(v / columns) as f64, (v % columns) as f64, 0.0]).collect();
     let corner = |i: usize, j: usize| (i * columns + j) as u32;
@@ -15,7 +15,7 @@ fn grid(rows: usize, columns: usize) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     (vertices, squares.flat_map(cut).collect())
 }
 
-/// Area of the connected vertices around `v` whose statistic is at least `height`, by flooding.
+/// Returns the connected vertices around `v` whose statistic is at least `height`, and their area, by flood fill.
 fn extent(v: usize, height: f64, statistics: &[f64], faces: &[[u32; 3]]) -> (f64, Vec<usize>) {
     let mut seen = vec![false; statistics.len()];
     let (mut stack, mut area, mut members) = (vec![v], 0.0, Vec::new());
@@ -45,7 +45,7 @@ fn tfce_is_its_integral() {
     for v in 0..63 {
         let sign = statistics[v].signum();
         let signed: Vec<f64> = statistics.iter().map(|value| sign * value).collect();
-        // Midpoints of 4,000 steps.
+        // The integral is approximated by the midpoints of 4,000 steps.
         let step = signed[v] / 4000.0;
         let slice = |k: usize| {
             let height = (k as f64 + 0.5) * step;
@@ -81,7 +81,7 @@ fn clusters_are_connected_and_of_one_sign() {
         let found = Regions::new(&surface).largest(&statistics, tfce, Some(1.5)).area;
         assert!((found - largest).abs() < 1e-12, "{found} {largest}");
     }
-    // A mask splits regions.
+    // Masked vertices split regions.
     let kept: Vec<bool> = (0..64).map(|v| v % 8 != 4).collect();
     let inside: Vec<f64> = (0..64).filter(|v| kept[*v]).map(|v| statistics[v]).collect();
     let masked = surface.at(&kept).unwrap();
@@ -122,6 +122,6 @@ fn wide_effects_are_found_by_regions() {
             && inside(clusters.clusters[0].peak)
     );
     assert!(tfce.statistic.iter().zip(&found.statistic).all(|(a, b)| a * b >= 0.0));
-    // The threshold has the requested p.
+    // The threshold of clusters has the requested p value.
     assert!((distributions::p_of_t(clusters.threshold, 14.0) - 0.05).abs() < 1e-12);
 }

@@ -14,7 +14,7 @@ fn welchs_test_is_scipys() {
     let found = test(y.view(), 1, &design, &contrast, &params, &Silent).unwrap();
     assert!((found.statistic[0] - WELCH.0).abs() < 1e-13, "{}", found.statistic[0]);
     assert!((found.p[0] / WELCH.1 - 1.0).abs() < 1e-12, "{}", found.p[0]);
-    // Flips of the signs of residuals about the common mean, weighted by n / s^2.
+    // Expected p values are from sign flips of the residuals about the common mean, weighted by n / s^2.
     let half = |from: usize, to: usize| -> (f64, f64) {
         let x = y.slice(s![from..to, 0]);
         let (n, mean) = (x.len() as f64, x.mean().unwrap());
@@ -60,7 +60,7 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     };
     assert!((6.0..13.0).contains(ratio), "{ratio}");
     assert!(warning.to_string().contains("group 1 (6 subjects)") && warning.to_string().contains("too small"));
-    // Here the larger group has the larger variance.
+    // In this study the larger group has the larger variance.
     let turned =
         concatenate![Axis(0), y.slice(s![6..12, ..]), y.slice(s![..6, ..]), y.slice(s![..6, ..]), y.slice(s![..6, ..])];
     let warnings = run(&turned, &[6, 18], &without_permutations());
@@ -70,7 +70,7 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     assert!(run(&noise(24, 40, 91), &[6, 18], &without_permutations()).is_empty());
     let welch = TestParams { welch: true, ..without_permutations() };
     assert!(run(&y, &[6, 18], &welch).is_empty());
-    // With a covariate the residuals' variances are compared.
+    // With a covariate, the variances of the residuals are compared.
     let age = noise(24, 1, 92);
     let design = Design::groups(&[6, 18]).unwrap().with_covariates(age.view(), &[]).unwrap();
     let contrast = Contrast::row(&[1.0, -1.0, 0.0]);

@@ -2,7 +2,8 @@
 //!
 //! If products process a few columns at a time anyway, each group of columns is iterated until it ends. Its arrays stay
 //! in a thread's cache from one step to the next, threads wait for each other only once, and a converged group needs no
-//! further products. In a run from x = 0 a group's iterates are bit-identical to the iterates when it is solved alone.
+//! further products. In a run from x = 0, a group's iterates are bit-identical to those of a solve for this group
+//! alone.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;
@@ -18,7 +19,7 @@ impl Cg {
     /// Iterates `width` columns at a time, otherwise as [`steps`](Self::steps) does. If the first group makes too
     /// little progress, the other groups are left unchanged.
     ///
-    /// The monitor receives the steps of a group when it has ended.
+    /// Reports the steps of a group to the monitor when the group has ended.
     pub(super) fn steps_of_groups(
         &mut self,
         width: usize,
@@ -54,8 +55,7 @@ impl Cg {
             let others = groups.into_par_iter().with_max_len(1).map(run);
             ended.extend(others.collect::<Result<Vec<_>, SolverError>>()?);
         }
-        // The earliest best iteration of the groups that haven't converged. A restarted iteration may have to end
-        // there.
+        // Keep the earliest best iteration of the groups that haven't converged: a restarted run may have to end there.
         let before = self.iterations;
         let left = ended.iter().filter(|group| group.stop != Stop::Converged && group.best_at > 0);
         if let Some(best_at) = left.map(|group| before + group.best_at).min() {

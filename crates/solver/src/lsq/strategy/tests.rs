@@ -3,7 +3,7 @@
 use super::*;
 
 const AUTO: Request = Request { strategy: Strategy::Auto, tolerance: 1e-10, max_iterations: 3000, penalised: false };
-/// Sizes of a cortex fitted up to degree 100.
+/// Problem sizes of a cortex that is fitted up to degree 100.
 const CORTEX: Sizes = Sizes { rows: 40_962, rows_with_weight: 40_962, max_degree: 100, columns: 3 };
 const STORED: Factor = Factor::Stored { reciprocal: 0.1 };
 const EVEN: Moments = Moments::Made { uneven: false };
@@ -44,7 +44,7 @@ fn plans_are_as_expected() {
     let dense = sizes(100_000, 1000, 1);
     let masked = Sizes { rows_with_weight: 20_401, ..CORTEX };
     for (sizes, moments, factor, request, expected) in [
-        // The samples are those of a surface, given by sums.
+        // Plans for a surface that is given by sums over its samples.
         (CORTEX, EVEN, Factor::Makeable, AUTO, &by_moments[..]),
         (
             CORTEX,
@@ -57,22 +57,22 @@ fn plans_are_as_expected() {
         (CORTEX, EVEN, Factor::Makeable, by(Strategy::Cg), "moments to 3000"),
         (CORTEX, EVEN, Factor::Makeable, by(Strategy::DensityCg), "moments with density to 3000"),
         (CORTEX, EVEN, Factor::Makeable, by(Strategy::Cholesky), "required factor; refine"),
-        // The samples are vertices.
+        // Plans for a surface that is given by its vertices.
         (CORTEX, Moments::None, Factor::Makeable, AUTO, by_samples),
         (CORTEX, Moments::None, Factor::None, AUTO, "samples to 3000"),
         (CORTEX, Moments::None, Factor::None, by(Strategy::Cholesky), "required factor; refine"),
         (CORTEX, Moments::Makeable, Factor::Makeable, AUTO, &at_once),
         (CORTEX, Moments::Makeable, Factor::None, by(Strategy::Cg), "make moments; moments to 3000"),
-        // Moments pay off after four iterations, and five are expected.
+        // Plans for samples whose moments pay off after four iterations, with five iterations expected.
         (many, Moments::Makeable, Factor::None, AUTO, "make moments; moments with density to 3000"),
         (many, Moments::Makeable, Factor::None, rough, "samples to 4; make moments; moments with density to 3000"),
         (many, Moments::Makeable, Factor::Makeable, Request { max_iterations: 4, ..rough }, "samples to 4"),
         (many, Moments::Makeable, Factor::Makeable, Request { max_iterations: 2, ..rough }, "samples to 2"),
-        // More columns of the basis than samples, and moments that never pay off and are only used if requested.
+        // Plans for a basis with more columns than samples. Moments never pay off, and are only used if requested.
         (dense, Moments::Makeable, Factor::Makeable, AUTO, "samples to 3000"),
         (dense, Moments::Makeable, Factor::None, by(Strategy::DensityCg), "make moments; moments to 3000"),
         (CORTEX, Moments::None, Factor::None, by(Strategy::DensityCg), "samples to 3000"),
-        // A factor exists.
+        // Plans with an existing factor.
         (CORTEX, Moments::Makeable, Factor::Made, AUTO, "factor; refine"),
         (CORTEX, EVEN, Factor::Stored { reciprocal: 1e-6 }, AUTO, "factor; refine"),
         (CORTEX, EVEN, Factor::Stored { reciprocal: 1e-6 }, by(Strategy::Cg), "moments to 3000"),
@@ -85,7 +85,7 @@ fn plans_are_as_expected() {
     }
 }
 
-/// Largest predicted number of remaining iterations without switching to a factor.
+/// Checks the largest predicted number of remaining iterations for which the solver doesn't switch to a factor.
 #[test]
 fn the_more_a_factor_costs_the_more_iterations_may_be_left() {
     let most = |moments: Moments, factor: Factor| {
@@ -98,7 +98,7 @@ fn the_more_a_factor_costs_the_more_iterations_may_be_left() {
     };
     // The factor of 10,201 columns costs 8.8 s. A fifth of that allows 541 products of 3.3 ms.
     assert!((most(EVEN, Factor::Makeable) - 541.6).abs() < 1.0);
-    // Using a factor takes 0.19 s.
+    // Using a stored factor takes 0.19 s, as long as 58 products.
     assert!((most(EVEN, STORED) - 57.8).abs() < 3.0);
     assert_eq!(most(Moments::None, Factor::Makeable), 0.0);
     assert_eq!(most(Moments::None, STORED), 0.0);

@@ -15,7 +15,7 @@ use crate::correspond::{CorrespondReport, Group, GroupTemplate};
 
 /// Largest size of a group's JSON file in bytes.
 const MOST: u64 = 256 << 20;
-/// Names of a group's steps in reports.
+/// Names of the steps of a correspondence in reports.
 const STEPS: [&str; 5] = ["poses", "template", "registration", "fits", "refinement"];
 
 impl GroupFiles {
@@ -23,7 +23,7 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a folder that isn't a group's, or is of another version.
+    /// [`Error::GroupFile`] for a folder that isn't a group's folder, or has another version.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, Error> {
         let folder = folder.as_ref().to_owned();
         let path = folder.join("group.json");
@@ -43,14 +43,14 @@ impl GroupFiles {
         Ok(Self { folder, shared, names })
     }
 
-    /// Returns the paths of a member's files: its model, its corresponding points and its record, which is written
-    /// last.
+    /// Returns the paths of a member's files: its model, its corresponding points and its record. The record is
+    /// written last.
     #[must_use]
     pub fn of_member(folder: &Path, name: &str) -> [PathBuf; 3] {
         [model_path(folder, name), places_path(folder, name), member_path(folder, name)]
     }
 
-    /// Returns the paths of a group's files: its mean and its record, which is written last.
+    /// Returns the paths of a group's files: its mean and its record. The record is written last.
     #[must_use]
     pub fn of_group(folder: &Path) -> [PathBuf; 2] {
         [model_path(folder, "mean"), folder.join("group.json")]
@@ -62,7 +62,7 @@ impl GroupFiles {
         &self.names
     }
 
-    /// Returns a member's origin if all of its files exist.
+    /// Returns the origin of a member, or `None` if one of the member's files is missing.
     ///
     /// # Errors
     ///
@@ -75,7 +75,7 @@ impl GroupFiles {
         Ok(Some(MemberOrigin { name, input, mirrored, warnings }))
     }
 
-    /// Reads the data of the group that are needed to add new members.
+    /// Reads the group's data that are needed to add new members.
     ///
     /// # Errors
     ///
@@ -96,8 +96,8 @@ impl GroupFiles {
         Ok(GroupTemplate { sphere, mean: mean.coefficients, masked, spread, refined })
     }
 
-    /// Reads the coefficients of all members, or, if there are more than `most`, of `most` members evenly spaced in the
-    /// list.
+    /// Reads the coefficients of all members. If there are more than `most` members, reads only `most` of them, evenly
+    /// spaced in the list.
     ///
     /// # Errors
     ///
@@ -113,8 +113,8 @@ impl GroupFiles {
         (0..taken).map(of).collect()
     }
 
-    /// Reads some members, given by their indices in [`names`](Self::names), as a group of their own. Its report
-    /// contains the members' figures but no warnings; these are only stored as texts in the files.
+    /// Reads the members with the given indices in [`names`](Self::names) as a separate group. Its report contains the
+    /// members' figures but no warnings, since the files store warnings only as texts.
     ///
     /// # Errors
     ///
@@ -150,7 +150,7 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// Those of [`members`](Self::members).
+    /// The errors of [`members`](Self::members).
     pub fn group(&self) -> Result<Group, Error> {
         self.members(&(0..self.names.len()).collect::<Vec<_>>())
     }
@@ -210,7 +210,7 @@ fn names_in(folder: &Path) -> Result<Vec<String>, Error> {
         let name = entry.map_err(|cause| io(folder, "read", cause))?.file_name();
         names.extend(name.to_str().and_then(|name| name.strip_suffix(".json")).map(str::to_owned));
     }
-    // The name of a file that is being written starts with a dot until the file is complete.
+    // The name of a file starts with a dot until the file is complete.
     names.retain(|name| !name.starts_with('.'));
     names.sort_unstable();
     Ok(names)

@@ -97,7 +97,7 @@ fn what_exists_stays_and_nothing_is_left_half_written() {
     group.write(folder.path(), &origins(), true).unwrap();
     group.write(folder.path(), &origins(), true).unwrap();
     assert!(group.write(folder.path(), &origins(), false).unwrap_err().to_string().contains("exists"));
-    // A folder has the name of a file to be written, so writing fails: the members written before are removed.
+    // A folder has the name of a file to be written, so writing fails and the members written before are removed.
     let other = tempfile::tempdir().unwrap();
     fs::create_dir_all(other.path().join("b.spharm.npz")).unwrap();
     assert!(group.write(other.path(), &origins(), true).is_err());
@@ -169,7 +169,7 @@ fn what_is_damaged_is_named() {
     changed("group.json", &text("\"a\"", "\"../a\""));
     changed("members/b.json", &text("\"scale\": 1.1", "\"scale\": -1.1"));
     changed("members/b.json", &text("\"name\": \"b\"", "\"name\": \"c\""));
-    // `places` has 3 rows instead of 12.
+    // The array `places` has 3 rows instead of 12.
     let error = changed("places/b.npz", &|path| {
         let few = Array2::<f64>::zeros((3, 3));
         let entries = [("places", spharm_model::arrays::Entry::Matrix(few.view())); 1];

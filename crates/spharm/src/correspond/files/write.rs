@@ -16,12 +16,12 @@ use crate::correspond::{Group, GroupTemplate, MemberReport, NewMember};
 use crate::model::{signed, versions};
 
 impl Group {
-    /// Writes the group into a folder, which is created. `origins` has one entry per member, in order. If writing
-    /// fails, the files written so far are removed.
+    /// Writes the group into a folder, which is created if necessary. `origins` has one entry per member, in order. If
+    /// writing fails, the files written so far are removed.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for names that aren't valid as file names, or are duplicate; [`Error::Model`] and
+    /// [`Error::Setting`] for names that aren't valid as file names or aren't unique; [`Error::Model`] and
     /// [`Error::Surface`] for files that exist, unless `overwrite` is set, or that can't be written.
     pub fn write(&self, folder: &Path, origins: &[MemberOrigin], overwrite: bool) -> Result<(), Error> {
         let names: Vec<&str> = origins.iter().map(|origin| origin.name.as_str()).collect();
@@ -52,7 +52,7 @@ impl Group {
     }
 
     fn write_all(&self, writer: &mut Writer<'_>, shared: &Shared, origins: &[MemberOrigin]) -> Result<(), Error> {
-        // Remove `group.json`: until it is written again, as the last file, the folder isn't a valid group.
+        // Remove `group.json`. Until it is written again, as the last file, the folder isn't a valid group.
         writer.begin()?;
         for (index, origin) in origins.iter().enumerate() {
             writer.member(
@@ -91,7 +91,7 @@ impl GroupTemplate {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a folder of another group; those of [`Group::write`].
+    /// [`Error::GroupFile`] for a folder of another group; the errors of [`Group::write`].
     pub fn begin_folder(&self, folder: &Path) -> Result<(), Error> {
         let mut writer = Writer { folder, overwrite: false, written: Vec::new() };
         let same = |files: GroupFiles| -> Result<(), Error> {
@@ -107,12 +107,12 @@ impl GroupTemplate {
             return same(GroupFiles::open(folder)?);
         }
         make_folders(folder)?;
-        // A run that was interrupted before it wrote `group.json` may have left the mean.
+        // A run that was interrupted before it wrote `group.json` may have left the file of the mean.
         let is_there = Model::read(model_path(folder, "mean")).is_ok_and(|mean| mean.coefficients == self.mean);
         let mean = if is_there { Ok(()) } else { writer.mean(self) };
         let begun = mean.and_then(|()| writer.json(&folder.join("group.json"), &self.shared()));
         match begun {
-            // Another process may have begun the same folder meanwhile.
+            // Another process may have created the same folder in the meantime.
             Err(_) if folder.join("group.json").exists() => same(GroupFiles::open(folder)?),
             begun => writer.end(begun),
         }
@@ -124,7 +124,7 @@ impl NewMember {
     ///
     /// # Errors
     ///
-    /// Those of [`Group::write`].
+    /// The errors of [`Group::write`].
     pub fn write(&self, folder: &Path, origin: &MemberOrigin, overwrite: bool) -> Result<(), Error> {
         check_names(&[&origin.name], 1)?;
         let mut writer = Writer { folder, overwrite, written: Vec::new() };
@@ -134,7 +134,7 @@ impl NewMember {
     }
 }
 
-/// Writes files and records their paths. If one can't be written, all files written before it are removed.
+/// Writes files and records their paths. If a file can't be written, all files written before it are removed.
 struct Writer<'a> {
     folder: &'a Path,
     overwrite: bool,
@@ -142,7 +142,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Returns an error if one of the files exists and `overwrite` isn't set; called before any file is written.
+    /// Returns an error if one of the files exists and `overwrite` isn't set. It is called before any file is written.
     fn check(&self, names: &[&str]) -> Result<(), Error> {
         let of = |name: &&str| GroupFiles::of_member(self.folder, name);
         match GroupFiles::of_group(self.folder).into_iter().chain(names.iter().flat_map(of)).find(|path| path.exists())

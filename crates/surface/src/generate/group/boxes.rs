@@ -15,7 +15,7 @@ const WIDTH: f64 = 3.5;
 pub(super) const HEIGHT: f64 = 3.0;
 /// Position (x, y) of the growing bump, in mm.
 pub(super) const PLACE: [f64; 2] = [5.0, 2.0];
-/// The box with the sharp bump: its half extents, the bump's height and its width, in mm.
+/// Half extents of the box with the sharp bump, and the bump's height and width, in mm.
 const SHARP: (Vec3, f64, f64) = ([15.0, 5.0, 5.0], 3.5, 1.8);
 
 fn superellipsoid(u: Vec3, half: Vec3, power: i32) -> Vec3 {
@@ -38,7 +38,7 @@ pub(super) fn tapered(u: Vec3, place: [f64; 2], height: f64) -> Vec3 {
 }
 
 /// Returns the point in direction u of the box with the sharp bump at x = t. The box is that of the prototype
-/// `bump.py`, in units of a tenth.
+/// `bump.py`, with lengths multiplied by 10.
 pub(super) fn sharp(u: Vec3, t: f64) -> Vec3 {
     let (half, height, width) = SHARP;
     with_bump(superellipsoid(u, half, 8), half[2], [t, 0.0], height, width)
@@ -56,7 +56,8 @@ const CORNERS: [(&str, Vec3); 8] = [
 ];
 const ENDS: [(&str, Vec3); 3] = [("end-0", [-1.0, 0.0, 0.0]), ("end-1", [1.0, 0.0, 0.0]), ("bottom", [0.0, 0.0, -1.0])];
 
-/// Returns named points of the tapered box: its corners and ends, the bump's middle, and points one width away from it.
+/// Returns named points of the tapered box: its corners and ends, the middle of the bump, and points at a distance of
+/// one width from the bump's middle.
 pub(super) fn places(point: impl Fn(Vec3) -> Vec3, [t, s]: [f64; 2], height: f64) -> Vec<(&'static str, Vec3)> {
     let mut found: Vec<(&str, Vec3)> = fixed(&point, HALF);
     // Returns the point of the upper side above (x, y). The superellipsoid gives its height before the taper.

@@ -109,7 +109,7 @@ pub struct Member {
     pub rotation: [Vec3; 3],
     /// The translation t of the pose, in mm.
     pub translation: Vec3,
-    /// Names of the places, in the same order for all members.
+    /// Names of the places (corresponding points), in the same order for all members.
     pub names: Vec<&'static str>,
     /// Positions of the places, in the member's pose.
     pub places: Vec<Vec3>,
@@ -120,7 +120,7 @@ const SHIFT: f64 = 50.0;
 const IDENTITY: [Vec3; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 impl Group {
-    /// Returns member `index`. The result has the same bits for the same arguments.
+    /// Returns member `index`. Results are reproducible bit by bit.
     pub fn member(&self, index: u64) -> Member {
         // Each member has its own seed, so that the random sequences of different members don't overlap.
         let mut random = SplitMix64::new(self.seed.wrapping_mul(0x1_0000_0001).wrapping_add(index));
@@ -153,7 +153,8 @@ impl Group {
         Member { mesh, parameters, rotation, translation, names, places }
     }
 
-    /// Returns the point of the shape in direction u, in the family's frame. Not for rings.
+    /// Returns the point of the shape in direction u, in the family's frame. Rings have no such points and are meshed
+    /// separately.
     fn point(&self, parameters: &[f64], u: Vec3) -> Vec3 {
         match self.family {
             Family::MovingBump => boxes::tapered(u, [parameters[0], 0.0], boxes::HEIGHT),

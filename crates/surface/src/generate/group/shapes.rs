@@ -12,8 +12,8 @@ const C: f64 = 8.0;
 /// Radii of a rod and of its knob, in mm.
 const SHAFT: f64 = 4.0;
 const KNOB: f64 = 7.0;
-/// A rod's thickness along z relative to y, the knob's offset from the shaft's axis, and the length of shaft over which
-/// it bends to that offset (the lengths in mm). They ensure that no rotation maps a rod to itself.
+/// A rod's thickness along z relative to y, the knob's offset from the shaft's axis, and the length of shaft over
+/// which it bends to that offset (both lengths in mm). They ensure that no rotation maps a rod to itself.
 const FLAT: f64 = 0.7;
 const OFF: f64 = 3.0;
 const BEND: f64 = 8.0;
@@ -43,12 +43,13 @@ pub(super) fn ellipsoid_places(axes: &[f64]) -> Vec<(&'static str, Vec3)> {
     at.into_iter().map(|(name, u)| (name, ellipsoid(axes, u))).collect()
 }
 
-/// Returns the x at which the shaft ends and the knob begins; both have a circular section there.
+/// Returns the x coordinate at which the shaft ends and the knob begins. Both have a circular section there.
 fn junction(length: f64) -> f64 {
     length - (KNOB * KNOB - SHAFT * SHAFT).sqrt()
 }
 
-/// Returns a point of a rod, given by its x and an angle around the shaft. The circular section is flattened and bent.
+/// Returns the point of a rod at the coordinate x and at an angle around the shaft. The circular section is flattened
+/// and bent.
 fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
     let square = if x < 0.0 {
         SHAFT * SHAFT - x * x
@@ -63,9 +64,9 @@ fn on_rod(x: f64, angle: f64, length: f64) -> Vec3 {
     [x, radius * angle.cos() + off, FLAT * radius * angle.sin()]
 }
 
-/// Returns the point of the rod for a direction u. It is chosen such that the shares of the area on either side of it
-/// along x are the same on the sphere and on the rod before flattening. The area of a zone of width dx is `2 pi r dx`
-/// on both the shaft's end and the knob.
+/// Returns the point of the rod for a direction u. The plane at right angles to x through this point divides the rod's
+/// area, before flattening, in the same proportion as the plane through u divides the sphere's area. The area of a
+/// zone of width dx is `2 pi r dx` on both the shaft's end and the knob.
 pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
     let (first, from) = (SHAFT * (junction(length) + SHAFT), junction(length));
     let all = first + KNOB * (length + KNOB - from);

@@ -47,8 +47,8 @@ fn shapes_are_those_of_their_parameters() {
     let ellipsoid = member(Family::Ellipsoids, 2);
     let exact = 4.0 / 3.0 * std::f64::consts::PI * ellipsoid.parameters[0] * ellipsoid.parameters[1] * 8.0;
     assert!((volume(&ellipsoid.mesh) / exact - 1.0).abs() < 3e-3);
-    // Except for the zone where the knob joins, rods have an elliptic section, of area 0.7 pi r^2. The volume grows by
-    // that much per mm of length.
+    // Except for the zone where the knob joins, rods have an elliptic section, of area 0.7 pi r^2. The volume
+    // therefore grows by 0.7 pi r^2 per mm of length.
     let [short, long] = [member(Family::Rods, 0), member(Family::Rods, 7)];
     let slope = (volume(&long.mesh) - volume(&short.mesh)) / (long.parameters[0] - short.parameters[0]);
     assert!((slope / (0.7 * std::f64::consts::PI * 16.0) - 1.0).abs() < 0.02, "{slope}");
@@ -64,8 +64,8 @@ fn shapes_are_those_of_their_parameters() {
     assert!((volume(&ring.mesh) / exact - 1.0 - 1.0 / 32.0).abs() < 0.02, "{}", volume(&ring.mesh) / exact);
 }
 
-/// Places depend linearly on the parameters in all families except those of moving bumps, so a perfect correspondence
-/// has as many modes as there are parameters.
+/// In all families except those of moving bumps, places depend linearly on the parameters. A perfect correspondence
+/// therefore has one mode per parameter.
 #[test]
 fn places_are_as_many_modes_as_parameters() {
     for family in [Family::GrowingBump, Family::Rods] {

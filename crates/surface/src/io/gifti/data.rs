@@ -16,11 +16,11 @@ use crate::room::{Bytes, check_room};
 /// They are stored as f64, which represents GIfTI's types (float32, float64, int32, uint8) exactly.
 #[derive(Debug, Default)]
 pub(super) struct Array {
-    /// (rows, columns), row-major.
+    /// The numbers of shape (rows, columns), row-major.
     pub(super) values: Vec<f64>,
-    /// The first dimension.
+    /// Number of rows, which is the first dimension.
     pub(super) rows: usize,
-    /// The product of the other dimensions.
+    /// Number of columns, which is the product of the other dimensions.
     pub(super) columns: usize,
 }
 
@@ -43,7 +43,7 @@ impl DataType {
     }
 }
 
-/// A DataArray's attributes that describe its data, as text.
+/// The attributes of a DataArray that describe its data, as text.
 #[derive(Debug, Default)]
 pub(super) struct Description {
     pub(super) data_type: String,
@@ -77,7 +77,7 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
         }
     };
     let (rows, columns, count) = shape(description)?;
-    // Least number of bytes per value: two in ASCII, 4/3 of its binary size in base64.
+    // Minimum number of bytes per value: two in ASCII, 4/3 of the binary size in base64.
     let values = match description.encoding.as_str() {
         "ASCII" => {
             // The last value needs no separator after it, hence the added byte.
@@ -211,7 +211,7 @@ fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
     STANDARD.decode(compact).map_err(|e| Flaw::new("base64 in a Data element", e.to_string()))
 }
 
-/// Inflates zlib or gzip data; stops one byte beyond `size`, so that callers notice if there is more.
+/// Inflates zlib or gzip data. Stops one byte beyond `size`, so that callers can detect excess data.
 fn inflate(packed: &[u8], size: usize) -> Result<Vec<u8>, Flaw> {
     // Numbers seldom compress more than tenfold. Beyond 64-fold, memory is allocated only as the bytes arrive.
     let likely = packed.len().saturating_mul(64);

@@ -1,5 +1,5 @@
-//! Reads and writes GIfTI, the neuroimaging community's XML format. A surface consists of a `NIFTI_INTENT_POINTSET` and
-//! a `NIFTI_INTENT_TRIANGLE` array. Arrays of other intents form a signal, with a channel for each column.
+//! Reads and writes GIfTI, the neuroimaging community's XML format. A surface consists of a `NIFTI_INTENT_POINTSET`
+//! and a `NIFTI_INTENT_TRIANGLE` array. Arrays of other intents form a signal, with one channel per column.
 //!
 //! Source: GIFTI Surface Data Format, version 1.0 (2010). No maintained crate reads the format. Here `xml` parses the
 //! document (with quick-xml), `data` decodes an array (with base64 and flate2), and `write` writes files.
@@ -18,7 +18,7 @@ use xml::{DataArray, Document};
 
 /// Reads a surface or a signal.
 pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
-    // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, since they can only be in texts.
+    // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, since they can only occur in texts.
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
 }
 
@@ -62,7 +62,7 @@ fn interpret(mut document: Document) -> Result<Input, Flaw> {
                 coordinate_system: point_array.coordinate_system,
                 ..Meta::default()
             };
-            // The structure belongs to the point set, but some programs write it to the file's metadata.
+            // The anatomical structure belongs to the point set, but some programs write it to the file's metadata.
             meta.anatomical_structure_primary =
                 take(&mut meta.surface_metadata, STRUCTURE).or_else(|| take(&mut meta.file_metadata, STRUCTURE));
             Ok(Input::Mesh(Mesh { vertices, faces, meta }))
@@ -111,7 +111,7 @@ fn to_triangles(array: Array) -> Result<Vec<[u32; 3]>, Flaw> {
     triangles.iter().map(|&[a, b, c]| Ok([index(a)?, index(b)?, index(c)?])).collect()
 }
 
-/// Joins all arrays side by side as channels. A time series has an array per frame, a matrix is a single array.
+/// Joins all arrays side by side as channels. A time series has one array per frame, a matrix is a single array.
 fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
     let arrays: Vec<Array> = arrays.into_iter().map(|a| a.values).collect();
     let vertices = arrays.first().map_or(0, |a| a.rows);

@@ -29,7 +29,8 @@ pub(super) struct DataArray {
     pub(super) values: Array,
 }
 
-/// Largest nesting depth. No valid document is deeper, and a document of nothing but opening tags is rejected early.
+/// Largest nesting depth. No valid document is deeper, and a document that consists only of opening tags is rejected
+/// early.
 const DEEPEST: usize = 16;
 
 /// The elements whose text is used; all others are `Other`.
@@ -52,11 +53,11 @@ struct State<'a> {
     left: u64,
     /// The open elements, the innermost last.
     open: Vec<Leaf>,
-    /// Whether the root element has been seen.
+    /// Whether the root element has been read.
     root: bool,
     /// The current DataArray, its attributes, and whether its data has been read.
     array: Option<(DataArray, Description, bool)>,
-    /// The text of the innermost element, as far as read.
+    /// The text of the innermost element, as read so far.
     text: Cow<'a, str>,
     name: String,
     /// Key of the current Label.
@@ -108,7 +109,7 @@ fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
 
 impl<'a> State<'a> {
     fn push(&mut self, text: Cow<'a, str>) {
-        // A surface's numbers arrive as a single borrowed piece, which isn't copied.
+        // The numbers of a surface arrive as a single borrowed piece, which isn't copied.
         if self.text.is_empty() {
             self.text = text;
         } else {
@@ -198,7 +199,7 @@ impl<'a> State<'a> {
                 b"CoordinateSystemTransformMatrix" => {
                     let system = self.system.take();
                     if let Some((array, ..)) = &mut self.array {
-                        // If an array has several systems, the first is used, as in other programs.
+                        // If an array has several coordinate systems, the first is used, as in other programs.
                         array.coordinate_system = array.coordinate_system.take().or(system);
                     }
                 }
@@ -225,13 +226,13 @@ impl<'a> State<'a> {
     }
 }
 
-/// Returns the key of a Label, which early files call Index.
+/// Returns the key of a Label element. Early files call this attribute Index.
 fn key(tag: &BytesStart<'_>) -> Result<Option<i64>, Flaw> {
     for attribute in tag.attributes() {
         let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
         let name: &[u8] = attribute.key.as_ref().as_ref();
         if [b"Key".as_slice(), b"Index"].contains(&name) {
-            // A label whose key isn't a whole number is left out, as most readers don't need it.
+            // A label whose key isn't a whole number is skipped, since most readers don't need it.
             return Ok(number(attribute.value.trim().as_bytes()));
         }
     }

@@ -40,7 +40,7 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
     let mut frame = None;
     for (number, list) in lists.iter().enumerate() {
         let own = match list.get("coordinateSystem") {
-            // The default of the schema.
+            // LPS is the schema's default frame.
             None | Some(Value::Null) => Frame::Lps,
             Some(Value::String(text)) => Frame::named(text).ok_or_else(|| {
                 Flaw::new(format!("coordinateSystem LPS or RAS in markups {number}"), shown(text.as_bytes()))
@@ -121,7 +121,7 @@ fn kind(value: &Value) -> &'static str {
     }
 }
 
-/// Returns Slicer's markups with all landmarks in one list.
+/// Returns a file of Slicer's markups with all landmarks in one list.
 pub(super) fn markups(landmarks: &Landmarks) -> Vec<u8> {
     let point = |(index, (name, point)): (usize, (&String, &Vec3))| {
         json!({
@@ -149,7 +149,7 @@ pub(super) fn markups(landmarks: &Landmarks) -> Vec<u8> {
     format!("{value:#}\n").into_bytes()
 }
 
-/// Returns a plain list with an entry per line.
+/// Returns a plain list with one entry per line.
 pub(super) fn list(landmarks: &Landmarks) -> Vec<u8> {
     let entry = |(name, point): (&String, &Vec3)| json!({ "id": name, "coordinates": point }).to_string();
     let entries: Vec<String> = landmarks.names.iter().zip(&landmarks.points).map(entry).collect();

@@ -1,4 +1,4 @@
-//! Reads and writes landmarks: named points set by a person.
+//! Reads and writes landmarks: named points placed by a person.
 //!
 //! | format | names | frame |
 //! |---|---|---|
@@ -8,9 +8,9 @@
 //! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a heading line | not specified |
 //!
 //! Positions are read as stored, in the file's unit, like those of surfaces. The frame is read if the file specifies
-//! it. Slicer writes landmarks and meshes in LPS, so they agree. A surface from another program may be in RAS, as GIfTI
-//! and FreeSurfer surfaces are. [`Landmarks::in_frame`] converts landmarks to a given frame; [`Landmarks::laid_on`]
-//! converts them if they are then much nearer to the surface.
+//! it. Slicer writes landmarks and meshes in LPS, so they agree. A surface from another program may be in RAS, as
+//! GIfTI and FreeSurfer surfaces are. [`Landmarks::in_frame`] converts landmarks to a given frame;
+//! [`Landmarks::laid_on`] converts them only if that brings them much nearer to a surface.
 
 mod json;
 mod placed;
@@ -71,20 +71,20 @@ impl Frame {
 /// The named points of a subject. Names are unique and positions finite.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Landmarks {
-    /// Names of the points, (n).
+    /// Names of the n points.
     pub names: Vec<String>,
-    /// Positions of the points, (n), in the file's unit.
+    /// Positions of the n points, in the file's unit.
     pub points: Vec<Vec3>,
     /// The frame of the positions, if the file specifies it.
     pub frame: Option<Frame>,
 }
 
-/// The landmarks that several subjects have in common.
+/// The landmarks common to several subjects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matched {
-    /// Names that all subjects have, in the order of the first subject, (n).
+    /// Names of the n common landmarks, in the order of the first subject.
     pub names: Vec<String>,
-    /// Positions of these landmarks, n for each subject.
+    /// Positions of the n common landmarks, for each subject.
     pub points: Vec<Vec<Vec3>>,
     /// For each subject, the names that at least one other subject lacks.
     pub alone: Vec<Vec<String>>,
@@ -95,8 +95,8 @@ impl Landmarks {
     ///
     /// # Errors
     ///
-    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), which says the
-    /// landmark's number.
+    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), which gives the
+    /// number of the faulty landmark.
     pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
         if names.len() != points.len() {
             let (expected, found) = (names.len(), points.len());
@@ -167,7 +167,7 @@ impl Landmarks {
         }
     }
 
-    /// Returns the landmarks rotated by half a turn about the third axis, which converts between LPS and RAS.
+    /// Returns the landmarks rotated by half a turn about the third axis. The rotation converts between LPS and RAS.
     fn turned(&self) -> Self {
         Self { points: self.points.iter().map(|&[x, y, z]| [-x, -y, z]).collect(), ..self.clone() }
     }

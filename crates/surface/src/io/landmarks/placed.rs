@@ -1,11 +1,11 @@
-//! Determines by distances from a surface whether landmarks are in the surface's frame, LPS or RAS.
+//! Determines whether landmarks and a surface have the same frame, LPS or RAS, by the distances between them.
 
 use super::Landmarks;
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
-/// Landmarks are converted if this makes their median distance from the surface smaller by more than this factor. In
-/// the wrong frame the signs of x and y are reversed, so landmarks of a scan are typically a hundred millimetres off.
+/// Factor by which a conversion must reduce the landmarks' median distance from the surface. In the wrong frame the
+/// signs of x and y are reversed, so landmarks of a scan are typically off by a hundred millimetres.
 const NEARER: f64 = 4.0;
 
 /// Landmarks and their distances from a surface.
@@ -13,11 +13,11 @@ const NEARER: f64 = 4.0;
 pub struct Placed {
     /// The landmarks, in the other frame if `turned`.
     pub landmarks: Landmarks,
-    /// Distance of each landmark from the surface, (n), in the surface's unit.
+    /// Distance of each of the n landmarks from the surface, in the surface's unit.
     pub distances: Vec<f64>,
-    /// Whether the landmarks were converted from LPS to RAS or from RAS to LPS, since this makes their median distance
-    /// from the surface at least four times smaller. Callers should report a conversion: the files of surface and
-    /// landmarks are then in different frames.
+    /// Whether the landmarks were converted between LPS and RAS, because their median distance from the surface is at
+    /// least four times smaller in the other frame. Callers should report a conversion, since it means that the files
+    /// of the surface and the landmarks have different frames.
     pub turned: bool,
 }
 

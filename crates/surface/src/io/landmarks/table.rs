@@ -8,10 +8,10 @@ use crate::io::flaw::{Flaw, shown};
 
 /// Accepted headings for the column of names.
 const NAMES: [&str; 4] = ["name", "label", "id", "landmark"];
-/// Columns of a fiducials file that doesn't specify them.
+/// The columns of a fiducials file without a list of columns.
 const FIDUCIALS: &str = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
 
-/// The columns of a table, by index.
+/// Indices of the columns of a table.
 struct Columns {
     name: usize,
     /// The column used instead of `name` in rows whose name is empty.
@@ -21,7 +21,7 @@ struct Columns {
     count: usize,
 }
 
-/// Splits a table's nonempty lines into cells. Returns each line's number, counted from 1, and cells.
+/// Splits a table's nonempty lines into cells. Returns the number of each line, counted from 1, and its cells.
 fn rows(text: &str, separator: u8) -> impl Iterator<Item = (usize, Vec<String>)> {
     text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()).map(move |(number, line)| {
         let mut reader = csv::ReaderBuilder::new()

@@ -1,4 +1,4 @@
-//! Reads the data of a PLY file, which follow the header.
+//! Reads the data that follow the header of a PLY file.
 
 use super::super::bytes::Cursor;
 use super::super::flaw::{Flaw, bounded, shown};
@@ -70,7 +70,8 @@ fn faces(element: &Element, values: &mut Values<'_>) -> Result<Vec<[u32; 3]>, Fl
                 Kind::List { count, item } if is_corners(&property.name) => {
                     let n = values.index(count)?;
                     corners.clear();
-                    // Each corner needs bytes, so if `n` is too large, the end of the file gives an error.
+                    // Each corner needs bytes. If `n` is too large, reaching the end of the file is reported as an
+                    // error.
                     for _ in 0..n {
                         corners.push(values.index(item)?);
                     }
@@ -100,7 +101,7 @@ fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), Flaw> {
     Ok(())
 }
 
-/// The numbers of the data, read one after another. In text files, newlines separate numbers like blanks.
+/// The numbers of the data, read one by one. In text files, newlines and blanks separate numbers.
 struct Values<'a> {
     cursor: Cursor<'a>,
     encoding: Encoding,

@@ -1,7 +1,7 @@
 //! Reads and writes Stanford PLY: a text header that names elements and their properties, then text or binary data.
 //!
 //! `header` parses the header; `body` reads vertices and polygons and skips the rest. The crate ply-rs-bw isn't used:
-//! it keeps a map for each element, and needs unbounded memory for elements without properties.
+//! it stores every element as a map, and needs unbounded memory for elements without properties.
 
 mod body;
 mod header;
@@ -20,12 +20,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     body::read(&header, cursor)
 }
 
-/// Values that each vertex has in addition to its position.
+/// Values stored for each vertex in addition to its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlyAttributes<'a> {
-    /// Name of a property, a single word, and its values, one per vertex; written as 32-bit floats.
+    /// Name of the property, a single word, and one value per vertex. Values are written as 32-bit floats.
     pub scalar: Option<(&'a str, &'a [f64])>,
-    /// Red, green and blue of each vertex.
+    /// Red, green and blue components of each vertex.
     pub colors: Option<&'a [[u8; 3]]>,
 }
 

@@ -53,7 +53,7 @@ impl Type {
     }
 }
 
-/// The data of a file, read number by number.
+/// The data of a file, which are read number by number.
 pub(super) struct Values<'a> {
     pub(super) cursor: Cursor<'a>,
     pub(super) ascii: bool,
@@ -65,14 +65,14 @@ impl Values<'_> {
         number(word).ok_or_else(|| Flaw::new(what, shown(word)))
     }
 
-    /// Moves to the data. Binary data start after the newline of the line that announces them.
+    /// Moves to the start of the data. Binary data start after the newline of the line that announces them.
     fn begin(&mut self) {
         if !self.ascii {
             self.cursor.line();
         }
     }
 
-    /// Returns the smallest number of bytes of a number that takes `size` bytes in binary.
+    /// Returns the smallest number of bytes that a number can take in the file, if its binary form has `size` bytes.
     fn least(&self, size: usize) -> usize {
         if self.ascii { 2 } else { size }
     }
@@ -108,7 +108,7 @@ impl Values<'_> {
             match kind {
                 Type::I64 => self.cursor.i64(Endian::Big)?,
                 Type::I32 => self.cursor.i32(Endian::Big)?.into(),
-                // Other types aren't used for indices in practice; converting their values by way of f64 is exact for
+                // Other types aren't used for indices in practice. Converting their values by way of f64 is exact for
                 // small values.
                 other => self.float(other)? as i64,
             }
@@ -144,7 +144,7 @@ impl Values<'_> {
         Ok(faces)
     }
 
-    /// Reads cells, and passes the corners of each to `cell`.
+    /// Reads cells, and passes the corners of each cell to `cell`.
     pub(super) fn cells(&mut self, mut cell: impl FnMut(&[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
         let first: u64 = self.header("the number of cells")?;
         let second: u64 = self.header("the size of the cells' list")?;
@@ -176,8 +176,8 @@ impl Values<'_> {
         Ok(())
     }
 
-    /// Reads cells of version 5: `offsets` numbers, which are the start of each cell and the end of the last one, then
-    /// the corners of all cells in sequence.
+    /// Reads cells of version 5: `offsets` numbers, which are the start of each cell and the end of the last one,
+    /// followed by the corners of all cells.
     fn cells_by_offset(
         &mut self,
         offsets: u64,

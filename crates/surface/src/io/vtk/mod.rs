@@ -46,7 +46,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             b"TRIANGLE_STRIPS" => {
                 return Err(Flaw::unsupported("triangle strips", "save it through vtkTriangleFilter"));
             }
-            // Cells that aren't part of the surface are skipped; they have the same layout as polygons.
+            // Cells that aren't part of the surface are skipped. They have the same layout as polygons.
             b"VERTICES" | b"LINES" => {
                 values.cells(|_| Ok(()))?;
             }
@@ -62,8 +62,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     }
 }
 
-/// Writes a text file of version 3.0, which every version of VTK reads. All numbers read back exactly. `scalar` is the
-/// name and the values of an attribute with one value per vertex.
+/// Writes a text file of version 3.0, which every version of VTK reads. All numbers read back exactly. `scalar` gives
+/// the name and values of an attribute, one value per vertex.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, scalar: Option<(&str, &[f64])>) -> io::Result<()> {
     writeln!(out, "# vtk DataFile Version 3.0\nsurface by spharm\nASCII\nDATASET POLYDATA")?;
     writeln!(out, "POINTS {} double", mesh.vertices.len())?;

@@ -1,4 +1,4 @@
-//! Tests of the inverse with the operator: on densities whose inverse is known, and on samplings of any kind.
+//! Tests the inverse together with the operator, on densities whose inverse is known and on various samplings.
 
 use ndarray::{Array2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -34,15 +34,15 @@ fn a_density_that_varies_slowly_is_inverted() {
     let moments = sloping(DEGREE, 0.6);
     let operator = MomentOperator::new(DEGREE, &moments).unwrap();
     let inverse = InverseDensity::new(DEGREE, &moments).unwrap().unwrap();
-    // Products of low degrees aren't cut off.
+    // Only low degrees are nonzero, so that their products with the density aren't cut off.
     let mut x = numbers(1, basis_size(DEGREE), 2);
     x.slice_mut(s![basis_size(20).., ..]).fill(0.0);
     let found = inverse.apply(operator.apply(x.view()).unwrap().view()).unwrap();
     assert!(off(&found, &x) < 2e-3, "{:e}", off(&found, &x));
 }
 
-/// Returns the ratio of the extreme eigenvalues of M N, which bounds the number of iterations. It is computed by powers
-/// of M N, and of the difference between its largest eigenvalue and M N.
+/// Returns the ratio of the extreme eigenvalues of `operator`, which bounds the number of iterations. It is computed
+/// by powers of the operator, and of the difference between its largest eigenvalue and the operator.
 fn spread(operator: impl Fn(&Array2<f64>) -> Array2<f64>, size: usize) -> f64 {
     let largest = |of: &dyn Fn(&Array2<f64>) -> Array2<f64>| {
         let mut x = numbers(3, size, 1);
@@ -62,7 +62,8 @@ fn spread(operator: impl Fn(&Array2<f64>) -> Array2<f64>, size: usize) -> f64 {
 fn the_condition_of_uneven_samplings_is_much_smaller_with_it() {
     const DEGREE: usize = 12;
     let size = basis_size(DEGREE);
-    // Five times as dense on one side; a gap of fifteen degrees; random ones, six to a coefficient.
+    // Samples five times as dense on one side, samples with a gap of fifteen degrees, and random samples, six per
+    // coefficient.
     for (directions, gain) in [
         (kept(20_000, |i, [x, _, _]| x > 0.0 || i % 5 == 0), 3.0),
         (kept(8_000, |_, [_, y, _]| y < 0.97), 3.0),
@@ -90,7 +91,7 @@ fn symmetric_and_positive() {
         }
         assert!(dot(x.column(a), y.column(a)) > 0.0);
     }
-    // A column has the bits that it has alone, on any number of threads.
+    // A column has the same bits alone and with other columns, on any number of threads.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
     assert_eq!(pool.install(|| inverse.apply(x.view())).unwrap(), y);
     assert_eq!(inverse.apply(x.slice(s![.., ..3])).unwrap(), y.slice(s![.., ..3]));
@@ -103,7 +104,7 @@ fn even_samplings_and_those_with_large_gaps_have_none() {
     assert!(none(&scattered(2, 50_000)));
     assert!(none(&kept(8_000, |_, [_, _, z]| z < 0.7)));
     assert!(!none(&scattered(2, 1000)));
-    // Weights whose sum isn't positive: no density.
+    // Weights whose sum isn't positive define no density.
     for sum in [0.0, -1.0] {
         let mut moments = sloping(4, 0.9);
         moments[0] = sum;
