@@ -24,6 +24,7 @@ from ._landmarks import Landmarks, read_landmarks, write_landmarks
 from ._model import Model
 from ._moments import Moments
 from ._parametrize import Parametrization, labels, parametrize, parametrize_volume, resample
+from ._picture import Picture, picture
 from ._store import Store
 from ._surface import (
     Surface,
@@ -60,6 +61,7 @@ __all__ = [
     "NotDetermined",
     "Oscillation",
     "Parametrization",
+    "Picture",
     "SpharmError",
     "SpharmWarning",
     "Store",
@@ -80,6 +82,7 @@ __all__ = [
     "labels",
     "parametrize",
     "parametrize_volume",
+    "picture",
     "read_landmarks",
     "read_signal",
     "read_surface",

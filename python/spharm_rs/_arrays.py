@@ -31,6 +31,8 @@ def _described(array: NDArray[Any]) -> str:
 
 def positions(what: str, values: ArrayLike) -> Floats:
     """Returns positions or directions, (n, 3)."""
+    if hasattr(type(values), "max_degree"):
+        raise ValueError(f"{what}: expected an array of shape (n, 3), found a model or a transform")
     array = real(what, values, "(n, 3)")
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"{what}: expected shape (n, 3), found {array.shape}")

@@ -36,6 +36,7 @@ __all__ = [
     "main",
     "parametrize",
     "parametrize_volume",
+    "picture",
     "quality",
     "read_landmarks",
     "read_surface",
@@ -140,6 +141,7 @@ class Model:
     @property
     def provenance(self) -> str: ...
     def truncate(self, degree: int) -> Model: ...
+    def with_coefficients(self, coefficients: _Floats) -> Model: ...
     def evaluate(self, directions: _Floats | None, degree: int, *, threads: int | None = None) -> _Floats: ...
     def surface(
         self, sphere: _Floats | None, faces: _Triangles | None, degree: int, *, threads: int | None = None
@@ -313,6 +315,17 @@ def parametrize(
     threads: int | None = None,
     progress: _Progress | None = None,
 ) -> _Mapped: ...
+def picture(
+    vertices: _Floats,
+    faces: _Triangles,
+    *,
+    values: _Floats | None,
+    limits: tuple[float, float],
+    label: str,
+    caption: str,
+    size: int,
+    view: str,
+) -> bytes: ...
 def parametrize_volume(
     volume: str | tuple[NDArray[np.int32] | _Floats, _Floats],
     *,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import warnings
@@ -12,16 +13,18 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core, convert
 from ._arrays import Floats
+from ._model_values import Values
 from ._parametrize import Parametrization, Seam
+from ._picture import Picture, picture
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from .errors import SpharmWarning
 from .reports import FitReport
 
 
-class Model:
+class Model(Values):
     """A model: functions on the sphere, each a sum of real spherical harmonics.
-Row ``l**2 + l + m`` has degree l and order m, for orthonormal harmonics without the Condon-Shortley phase; negative m
-stand for sin(abs(m) phi).
+
+    Parameters
     ----------
     coefficients : array_like of float, (K, c)
         Row ``l**2 + l + m`` is degree l and order m, orthonormal and without the Condon-Shortley phase; sin(abs(m) phi) for
@@ -41,6 +44,14 @@ stand for sin(abs(m) phi).
     >>> model = sp.Model(coefficients)
     >>> model.surface(3)
     Surface(642 vertices, 1280 faces)
+
+    Models are values: sums, differences and multiples are of the coefficients, those of missing degrees being 0, over the
+    sphere of the first model. ``model[l]`` has the coefficients of a degree, (2 l + 1, c), ``model[l, m]`` those of an order,
+    (c,), and ``len(model)`` is the number of degrees, L + 1.
+
+    >>> half = (model + model.truncate(0)) / 2
+    >>> half == 0.5 * model, half[1, 1].tolist()
+    (True, [4.5, 0.0, 0.0])
     """
 
     _inner: _core.Model
@@ -62,6 +73,7 @@ stand for sin(abs(m) phi).
     def _set(self, core: _core.Model, report: FitReport, errors: Floats | None) -> None:
         self._inner, self.report, self.standard_errors = core, report, errors
         self._coefficients: Floats | None = None
+        self._measures: Any = None
 
     @classmethod
     def _of(cls, core: _core.Model, report: FitReport | None = None, errors: Floats | None = None) -> Model:
@@ -75,6 +87,20 @@ stand for sin(abs(m) phi).
 
     def __reduce__(self) -> Any:
         return _unpickled, (self._inner.to_bytes(), self.report, self.standard_errors)
+
+    def _with(self, coefficients: Floats) -> Model:
+        return Model._of(self._inner.with_coefficients(np.ascontiguousarray(coefficients)))
+
+    def _repr_html_(self) -> str:
+        rows = {"degree": str(self.max_degree), "channels": "x, y, z" if self.is_surface else str(self.coefficients.shape[1])}
+        if self.rms is not None:
+            rows["rms"] = f"{self.rms:.4g}"
+        drawing = ""
+        if self.is_surface:
+            png = base64.b64encode(self.picture(at=4, size=200).png).decode()
+            drawing = f'<img alt="the surface" src="data:image/png;base64,{png}"/>'
+        cells = "".join(f"<tr><th>{name}</th><td>{value}</td></tr>" for name, value in rows.items())
+        return f"<div>{drawing}<table>{cells}</table></div>"
 
     @property
     def coefficients(self) -> Floats:
@@ -153,6 +179,65 @@ stand for sin(abs(m) phi).
         """
         directions = None if at is None else _arrays.positions("at", at)
         return self._inner.evaluate(directions, self._degree(degree), threads=threads)
+
+    def at(self, points: ArrayLike, *, degree: int | None = None, threads: int | None = None) -> Floats:
+        """Evaluates the model at directions, (n, 3), or at one direction, (3,): returns values, (n, c) or (c,)."""
+        values = _arrays.real("points", points, "(3,) or (n, 3)")
+        if values.ndim not in (1, 2) or values.shape[-1] != 3:
+            raise ValueError(f"points: expected shape (3,) or (n, 3), found {values.shape}")
+        found = self.evaluate(values.reshape(-1, 3), degree=degree, threads=threads)
+        return found[0] if values.ndim == 1 else found
+
+    def normals(self, at: ArrayLike | None = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
+        """Returns unit normals of the surface at directions, (n, 3), by default those of the fit; see `shape.geometry`."""
+        from . import shape
+
+        return shape.geometry(self, at, degree=degree, threads=threads).normals
+
+    def curvature(self, at: ArrayLike | None = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
+        """Returns the mean curvature of the surface at directions, (n,), by default those of the fit; see `shape.geometry`."""
+        from . import shape
+
+        return shape.geometry(self, at, degree=degree, threads=threads).mean_curvature
+
+    @property
+    def area(self) -> float:
+        """Area of the surface, in the square of its unit; see `shape.measure`."""
+        return self._measured.area
+
+    @property
+    def volume(self) -> float:
+        """Volume within the surface, in the cube of its unit, positive also if the surface is mirrored; see `shape.measure`."""
+        return self._measured.volume
+
+    @property
+    def _measured(self) -> Any:
+        from . import shape
+
+        if not self.is_surface:
+            raise AttributeError("area, volume: expected a model of a surface, found a signal")
+        if self._measures is None:
+            self._measures = shape.measure(self)
+        return self._measures
+
+    def picture(self, values: ArrayLike | None = None, *, at: Any = 5, degree: int | None = None, **settings: Any) -> Picture:
+        """Draws the surface on a sphere, with values at its vertices as colours.
+
+        Parameters
+        ----------
+        values : array_like of float, (n,), optional
+            A value for each vertex of the sphere.
+        at : int, Surface or what `as_surface` takes, or None
+            The sphere, as for `surface`.
+        degree : int, optional
+        **settings
+            As for `spharm_rs.picture`: ``limits``, ``label``, ``caption``, ``size``, ``view``.
+        """
+        return picture(self.surface(at, degree=degree), values, **settings)
+
+    def plot(self, values: ArrayLike | None = None, *, at: Any = 5, degree: int | None = None, **settings: Any) -> Any:
+        """Shows the surface on a sphere; see `Surface.plot` for the settings, and `picture` for the rest."""
+        return self.surface(at, degree=degree).plot(values, **settings)
 
     def surface(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Surface:
         """Evaluates the surface on a sphere.

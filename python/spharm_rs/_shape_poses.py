@@ -55,6 +55,8 @@ class Transform:
     scale : float
     translation : ndarray of float, (3,)
         In the surface's unit.
+
+    Transforms are composed by ``@``: ``(a @ b).apply(x)`` is ``a.apply(b.apply(x))``.
     """
 
     parameters: Floats
@@ -107,6 +109,23 @@ class Transform:
             "translation": vector("translation", self.translation),
         }
         return _rotated(model, asked, threads, progress)
+
+    @property
+    def matrix(self) -> Floats:
+        """Homogeneous matrix of the motion in space, (4, 4), for column vectors (x, y, z, 1)."""
+        matrix = np.eye(4)
+        matrix[:3, :3] = self.scale * np.asarray(self.object, dtype=float)
+        matrix[:3, 3] = self.translation
+        return matrix
+
+    def __matmul__(self, first: Any) -> Transform:
+        """Returns the transform that applies ``first`` and then this one."""
+        if not isinstance(first, Transform):
+            return NotImplemented
+        parameters = np.asarray(self.parameters, dtype=float) @ np.asarray(first.parameters, dtype=float)
+        total = self.matrix @ first.matrix
+        scale = self.scale * first.scale
+        return Transform(parameters, self.antipodal != first.antipodal, total[:3, :3] / scale, scale, total[:3, 3])
 
     def inverse(self) -> Transform:
         """Returns the inverse transform."""

@@ -44,6 +44,64 @@ class Surface:
     def __repr__(self) -> str:
         return f"Surface({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
+    @property
+    def area(self) -> float:
+        """Area of the triangles, in the square of the surface's unit."""
+        a, b, c = self.vertices[self.faces.T]
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+
+    @property
+    def volume(self) -> float:
+        """Signed volume within a closed surface, in the cube of its unit: negative if its triangles face inwards."""
+        if len(self.faces) == 0:
+            return 0.0
+        a, b, c = self.vertices[self.faces.T] - self.vertices[self.faces[0, 0]]
+        return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6)
+
+    def to_trimesh(self) -> Any:
+        """Returns a ``trimesh.Trimesh`` with the same vertices and triangles."""
+        import trimesh
+
+        return trimesh.Trimesh(self.vertices.copy(), self.faces.astype(np.int64), process=False)
+
+    def to_pyvista(self) -> Any:
+        """Returns a ``pyvista.PolyData``."""
+        import pyvista
+
+        return pyvista.PolyData.from_regular_faces(self.vertices.copy(), self.faces.astype(np.int64))
+
+    def to_nibabel(self) -> Any:
+        """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits."""
+        from nibabel.gifti import GiftiDataArray, GiftiImage
+
+        arrays = [
+            GiftiDataArray(self.vertices.astype(np.float32), intent="NIFTI_INTENT_POINTSET", datatype="NIFTI_TYPE_FLOAT32"),
+            GiftiDataArray(self.faces.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE", datatype="NIFTI_TYPE_INT32"),
+        ]
+        return GiftiImage(darrays=arrays)
+
+    def picture(self, values: ArrayLike | None = None, **settings: Any) -> Any:
+        """Draws the surface, with values at its vertices as colours; see `spharm_rs.picture`."""
+        from ._picture import picture
+
+        return picture(self, values, **settings)
+
+    def plot(self, values: ArrayLike | None = None, *, limits: tuple[float, float] | None = None, label: str = "") -> Any:
+        """Shows the surface in a window or notebook by PyVista; without PyVista, returns a `Picture`.
+
+        Parameters
+        ----------
+        values, limits, label
+            As for `spharm_rs.picture`.
+        """
+        try:
+            mesh = self.to_pyvista()
+        except ImportError:
+            return self.picture(values, limits=limits, label=label)
+        if values is None:
+            return mesh.plot()
+        return mesh.plot(scalars=np.asarray(values), clim=limits, scalar_bar_args={"title": label})
+
     def save(self, path: Path, *, overwrite: bool = False, double: bool = False) -> None:
         """Writes the surface in the format given by the file's name; see `write_surface`."""
         write_surface(path, self, overwrite=overwrite, double=double)

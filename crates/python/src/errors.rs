@@ -77,7 +77,9 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
             raised(py, &text, Kind::Memory { budget, needed })
         }
         Failure::Argument(text) => PyValueError::new_err(text),
-        Failure::Panic => named(py, "SpharmError", "a defect of spharm-rs; please report it, with what stderr says"),
+        Failure::Panic => {
+            named(py, "SpharmError", "this is a bug in spharm-rs; please report it with the output on stderr")
+        }
     }
 }
 

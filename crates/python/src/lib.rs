@@ -25,6 +25,7 @@
 //! | `modes` | modes of variation |
 //! | `qualities` | landmarks, and quality of correspondences |
 //! | `morphs` | shapes between two models |
+//! | `pictures` | surfaces as PNG |
 //! | `studies` | tests at every vertex |
 //! | `transforms` | synthesis, its adjoint, and the least squares over them |
 //! | `stores` | basis stores |
@@ -42,6 +43,7 @@ mod models;
 mod modes;
 mod moments;
 mod morphs;
+mod pictures;
 mod poses;
 mod qualities;
 mod run;
@@ -77,6 +79,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<cohorts::CohortRun>()?;
     module.add_function(wrap_pyfunction!(main, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit, module)?)?;
+    module.add_function(wrap_pyfunction!(pictures::picture, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::fit_many, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::choose_degree, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::solve, module)?)?;

@@ -134,6 +134,19 @@ impl Model {
         .map(|inner| Self { inner })
     }
 
+    /// Returns a model with other coefficients, (K, c), over the same sphere.
+    fn with_coefficients(&self, py: Python<'_>, coefficients: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+        let values = coefficients.as_array().to_owned();
+        let inner = run(py, Some(1), None, |_| {
+            let (coefficients, kind) = (Coefficients::new(values).map_err(Error::from)?, self.inner.kind());
+            Ok(match &self.inner.sphere {
+                Some(sphere) => Inner::new(sphere.clone(), coefficients, kind),
+                None => Inner::without_sphere(coefficients, kind),
+            })
+        })?;
+        Ok(Self { inner })
+    }
+
     /// Returns the values of the model, (n, c), at the given directions. By default, these are the directions of the
     /// model's sphere.
     #[pyo3(signature = (directions, degree, *, threads = None))]
