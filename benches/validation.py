@@ -195,7 +195,7 @@ def part_limits(page, quick):
             raw.append(each[0])
             best.append(min(each))
     turned = float((np.array(raw) > np.array(best) + 1e-9).mean())
-    doubt = sum("pose is in doubt" in text for text in group.warnings)
+    doubt = sum("pose is doubtful" in text for text in group.warnings)
     page.table("poses", ["ellipsoids", "pairs a half turn apart", "places, mm", "after the best half turn", "named as in doubt"],
                [[members, f"{100 * turned:.0f} %", f"{np.mean(raw):.2f}", f"{np.mean(best):.2f}", doubt]])  # fmt: skip
     parts(page, quick)

@@ -143,7 +143,7 @@ fn spheres_through_or_off_the_origin() {
     let near = moved("near.surf.gii", [0.1, 0.0, 0.0]);
     let run = build(&near).output().unwrap();
     assert!(run.status.success() && String::from_utf8_lossy(&run.stderr).contains("warning: "), "{}", text(&run));
-    assert!(String::from_utf8_lossy(&run.stderr).contains("radii from"), "{}", text(&run));
+    assert!(String::from_utf8_lossy(&run.stderr).contains("the radii range from"), "{}", text(&run));
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn directions_from_angles_are_checked() {
     assert!(String::from_utf8_lossy(&three.stderr).contains("expected two columns"), "{}", text(&three));
     let twice = build("twice.csv", "0.1,0.2\n1,2\n0.1,0.2\n1.5,3\n").output().unwrap();
     assert!(twice.status.success(), "{}", text(&twice));
-    assert!(String::from_utf8_lossy(&twice.stderr).contains("1 directions repeat"), "{}", text(&twice));
+    assert!(String::from_utf8_lossy(&twice.stderr).contains("1 direction is equal to an earlier"), "{}", text(&twice));
 }
 
 #[test]
@@ -229,7 +229,7 @@ fn a_build_that_is_too_large_says_what_it_takes_and_what_is_free() {
     refuses(&study, &mut command, &["118.", "free", "--yes"]);
     let mut command = study.build(12);
     let error = fail(command.args(["--memory", "1MiB"]));
-    assert!(error.contains("the smallest that works is"), "{error}");
+    assert!(error.contains("is too small; at least"), "{error}");
 }
 
 #[test]

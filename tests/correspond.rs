@@ -103,6 +103,14 @@ fn places_are_carried_to_where_the_truth_has_them() {
     assert!(fail(&mut site.shape(&all)).contains("exists"));
     let error = fail(&mut site.shape(&["carry", "group", "in/s01.json", "--from", "s09", "--to", "all", "-o", "x"]));
     assert!(error.contains("s09") && error.contains("s01"), "{error}");
+    // The folder of the group stands for its members; its mean takes part only if it is named.
+    let names = |models: &[&str]| -> Vec<String> {
+        succeed(&mut site.shape(&[&["describe"][..], models, &["-o", "table.csv", "--force"]].concat()));
+        let table = fs::read_to_string(site.path("table.csv")).expect("a table");
+        table.lines().skip(1).filter_map(|line| line.split(',').next().map(str::to_owned)).collect()
+    };
+    let (members, with_mean) = (names(&["group"]), names(&["group", "group/mean.spharm.npz"]));
+    assert_eq!((members.len(), with_mean.len()), (4, 5), "{members:?} {with_mean:?}");
     // Points far from the surface are reported.
     fs::write(site.path("off.csv"), "name,x,y,z\na,500,0,0\n").expect("a file");
     let output = finish(

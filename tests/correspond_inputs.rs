@@ -109,7 +109,7 @@ fn signals_are_found_beside_the_surfaces_or_in_a_table() {
     let overwrite = WriteOptions { overwrite: true, ..WriteOptions::default() };
     write_signal(site.path().join("in/s03.near.shape.gii"), &short, &overwrite).expect("written");
     let error = wrong("{stem}.near.shape.gii");
-    assert!(error.contains("in/s03.ply") && error.contains("3 of"), "{error}");
+    assert!(error.contains("in/s03.ply") && error.contains("found 3 for"), "{error}");
 }
 
 #[test]

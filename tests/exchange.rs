@@ -198,7 +198,10 @@ fn channels_of_a_model_are_of_one_format_and_degree() {
     let lines: Vec<&str> = table.lines().collect();
     for (kept, expected) in [
         ([&lines[..3], &lines[4..]].concat(), "expected degree 1, order 0 on line 4, found \"1,1,"),
-        (lines[..16].to_vec(), "expected a row for each order of every degree, found 15 rows, the last degree cut off"),
+        (
+            lines[..16].to_vec(),
+            "expected a row for each order of every degree, found 15 rows with an incomplete last degree",
+        ),
     ] {
         std::fs::write(site.path("d.csv"), kept.join("\n")).expect("written");
         let said = fail(&mut site.run("import", &["d.csv", "-o", "z.npz"]));

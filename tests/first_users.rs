@@ -228,7 +228,8 @@ fn too_little_memory_is_refused_before_the_mapping() {
     let output = finish(fit.arg(folder.path().join("out")));
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert!(
-        stderr.contains("a memory budget of 4MiB is too small") && stderr.contains("MiB; give a budget with --memory"),
+        stderr.contains("a memory budget of 4MiB is too small")
+            && stderr.contains("MiB are needed; give a budget with --memory"),
         "{stderr}"
     );
     assert!(!stderr.contains("coarse to fine") && !folder.path().join("out").exists(), "{stderr}");

@@ -85,7 +85,7 @@ fn too_little_memory_is_refused_with_the_figure_that_works() {
         let with = |memory: &str| lsq(&study, &["--max-degree", "12", "--method", method, "--memory", memory]);
         let error = fail(&mut with("8MiB"));
         assert!(error.contains("a memory budget of 8MiB is too small") && error.matches("MiB").count() == 2, "{error}");
-        let figure = error.split("the smallest that works is ").nth(1).expect(&error);
+        let figure = error.split("at least ").nth(1).expect(&error);
         let figure = figure.split("MiB").next().expect("a number");
         let figure: usize = figure.parse().expect(&error);
         assert!(!study.path("m.npz").exists());

@@ -278,7 +278,7 @@ fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {
     let output = finish(&mut subjects.run(&dry));
     let said = text(&output);
     assert!(
-        output.status.success() && said.contains("2 folders without a folder surf left out: sub-04, sub-07"),
+        output.status.success() && said.contains("skipped 2 folders without a folder surf: sub-04, sub-07"),
         "{said}"
     );
     // One subject has an empty surface, the other has another subject's sphere.

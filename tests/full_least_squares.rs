@@ -282,7 +282,7 @@ fn more_coefficients_than_vertices_are_said_to_be_undetermined() {
     let command = &mut lsq(&study, &["--max-degree", "27"]);
     let warnings = said(command);
     assert!(warnings.contains("642 vertices don't determine 784 coefficients"), "{warnings}");
-    assert!(warnings.contains("least norm"), "{warnings}");
+    assert!(warnings.contains("minimum norm"), "{warnings}");
     let report = report(&study, &["--max-degree", "27"]);
     assert!(msd(&report) < 1e-15, "{report}");
     let norm = report["batches"][0]["norm"].as_f64().unwrap();

@@ -45,7 +45,7 @@ fn grey_values_and_probabilities_become_models() {
         command
     };
     let refused = fail(&mut run(&["fit", "p.npy", "--max-degree", "6", "-o", "x.spharm.npz"]));
-    assert!(refused.contains("p.npy: expected whole numbers") && refused.contains("--threshold LEVEL"), "{refused}");
+    assert!(refused.contains("p.npy: expected 32-bit integers") && refused.contains("--threshold LEVEL"), "{refused}");
     succeed(&mut run(&["fit", "p.npy", "--probability", "--max-degree", "6", "-o", "half.spharm.npz"]));
     succeed(&mut run(&["fit", "d.npy", "--threshold", "0.5", "--max-degree", "6", "-o", "same.spharm.npz"]));
     succeed(&mut run(&["fit", "d.npy", "--threshold", "0.9", "--max-degree", "6", "-o", "high.spharm.npz"]));
@@ -91,11 +91,11 @@ fn unusable_values_and_arguments_are_refused() {
     for (arguments, expected) in [
         (
             &["above.npy", "--probability"][..],
-            "above.npy: expected probabilities from 0 to 1, found 1.400, value 0 of the file",
+            "above.npy: expected probabilities from 0 to 1, found 1.400 (voxel 0 of the file",
         ),
         (
             &["p.npy", "--threshold", "7"],
-            "voxels inside and outside of a body, found values from 0 to 1.000, all below the level 7",
+            "values on both sides of the level, found values from 0 to 1.000, all below the level 7",
         ),
         (&["p.npy", "--threshold", "-1"], "all at or above the level -1"),
         (&["p.npy", "--threshold", "inf"], "expected a number"),
@@ -111,7 +111,10 @@ fn unusable_values_and_arguments_are_refused() {
     }
     fs::write(at("m.off"), "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n").unwrap();
     let mesh = refused(&["m.off", "--threshold", "0.5"]);
-    assert!(mesh.contains("m.off: --label, --voxel-size, --threshold and --probability are for volumes"), "{mesh}");
+    assert!(
+        mesh.contains("m.off: --label, --channel, --time, --voxel-size, --threshold and --probability are"),
+        "{mesh}"
+    );
 }
 
 #[test]

@@ -188,7 +188,7 @@ fn a_label_with_a_handle_comes_back_with_it() {
     assert!(folder.path().join("ball.1.surf.gii").exists() && !folder.path().join("ball.1.cut.surf.gii").exists());
     let told = finish(&mut fit(&ring, &["--cut-handles", "--fix", "--force"]));
     let told = String::from_utf8_lossy(&told.stderr).into_owned();
-    assert!(told.contains("the repair removed 1 handle, so there was no handle left to cut"), "{told}");
+    assert!(told.contains("the repair removed 1 handle, so no handle was left to cut"), "{told}");
     let repaired = Model::read(named(".spharm.npz")).expect("a model").provenance;
     assert!(repaired.handles.is_none());
     assert_eq!(repaired.repair.and_then(|repair| repair["handles"].as_u64()), Some(1));

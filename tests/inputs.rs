@@ -87,7 +87,7 @@ fn spheres_off_the_origin_and_of_the_other_hemisphere_are_refused_when_strict() 
         &study,
         &study.path("right.surf.gii"),
         "left.surf.gii",
-        "of the left hemisphere, but the sphere is of the right",
+        "belongs to the left hemisphere, but the sphere to the right",
     );
 }
 

@@ -123,7 +123,7 @@ fn a_factor_is_computed_in_less_memory_than_it_has() {
         command
     };
     let line = crate::common::fail(&mut build("1MiB"));
-    let needed = line.split("the smallest that works is ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
+    let needed = line.split("at least ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap();
     let budget: u64 = needed.parse().unwrap();
     let whole = 8 * 6561 * 6562 / 2;
     let peak = peak_anonymous(&mut build(needed));
@@ -188,9 +188,9 @@ fn a_fit_that_wants_a_factor_ends_under_a_limit_on_data() {
         String::from_utf8(output.stderr).unwrap()
     };
     assert!(!warnings(&mut fit("unlimited", &[])).contains("no factor"), "there is room for one");
-    // The iterations need only a few MiB, so the fit succeeds, with a warning that no factor was made.
+    // The iterations need only a few MiB, so the fit succeeds, with a warning that no factor was computed.
     let found = warnings(&mut fit("134217728", &[]));
-    assert!(found.contains("no factor was made") && found.contains("ulimit -d"), "{found}");
+    assert!(found.contains("no factor was computed") && found.contains("ulimit -d"), "{found}");
     let error = crate::common::fail(&mut fit("134217728", &["--preconditioner", "factor"]));
     assert!(error.contains("ulimit -d") && error.contains("--threads"), "{error}");
 }
@@ -288,7 +288,7 @@ fn what_does_not_fit_is_refused_with_the_nearest_setting_that_does() {
     // The memory for mapping a mesh without a sphere is part of the fit's budget.
     let mut fit = verb("fit", &["--max-degree", "4"], "16MiB");
     let line = crate::common::fail(fit.arg("--surface").arg(&mesh).arg("-o").arg(folder.path().join("bare.npz")));
-    assert!(line.contains("the smallest that works is"), "{line}");
+    assert!(line.contains("is too small; at least"), "{line}");
     let there: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|item| item.unwrap().file_name()).collect();
     assert_eq!(there.len(), 5, "nothing is left of what was refused: {there:?}");
 }

@@ -92,7 +92,10 @@ fn shards_give_the_model_of_the_whole() {
         let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
         let all = format!("all{of}.moments");
         let error = fail(&mut survey.merge(&parts[1..], &all, &[]));
-        assert!(error.contains(&format!("1 missing: shard 0/{of}")) && error.contains("--partial"), "{error}");
+        assert!(
+            error.contains(&format!("1 range of shards is missing: shard 0/{of}")) && error.contains("--partial"),
+            "{error}"
+        );
         succeed(&mut survey.merge(&parts, &all, &[]));
         succeed(&mut survey.fit(&all, 10, &[]));
         let merged = survey.model(&format!("all{of}.spharm.npz"));

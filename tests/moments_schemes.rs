@@ -197,7 +197,7 @@ fn rows_and_options_that_do_not_fit_are_refused() {
     let over = ["--icosphere", "4"];
     for (samples, value, more, expected) in [
         ("thickness.npy", "1", &over[..], "no column 1"),
-        ("thickness.npy", "radius", &over, "the value radius and a center need positions that are vectors"),
+        ("thickness.npy", "radius", &over, "the value radius and a centre need positions given as vectors (x, y, z)"),
         ("lh.sphere.obj", "0", &over, "lh.sphere.obj"),
         ("thickness.npy", "0", &["--sphere", "none.ply"], "none.ply"),
         ("thickness.npy", "0", &["--sphere", "thickness.npy"], "thickness.npy"),

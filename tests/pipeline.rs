@@ -153,7 +153,7 @@ fn a_batch_gives_what_each_gives_alone_and_lists_name_surfaces() {
 /// Returns the smallest budget, in MiB, that the error states.
 fn smallest(study: &Study, surfaces: &[&str], arguments: &[&str]) -> u64 {
     let error = fail(study.fit(surfaces, arguments).args(["--memory", "1MiB"]).arg("-o").arg(study.path("none")));
-    let (_, rest) = error.split_once("the smallest that works is ").expect("says the smallest that works");
+    let (_, rest) = error.split_once("at least ").expect("states the smallest budget");
     rest.split_once(" MiB").expect("in MiB").0.parse().expect("a number")
 }
 

@@ -98,7 +98,8 @@ fn a_page_has_the_model_the_surface_and_the_same_bytes_each_time() {
     assert_eq!((&item["kind"], &item["degree"], &item["name"]), (&"model".into(), &6.into(), &"s".into()));
     assert_eq!((&item["grid"]["icosphere"], &item["grid"]["vertices"]), (&3.into(), &642.into()));
     assert_eq!((&item["reference"]["kind"], &item["reference"]["name"]), (&"vertices".into(), &"s.ply".into()));
-    for shown in ["Spectrum", "Detail left out", "Provenance", "BLAKE3", "<title>s</title>", "data:image/png;base64,"] {
+    for shown in ["Spectrum", "Truncation error", "Provenance", "BLAKE3", "<title>s</title>", "data:image/png;base64,"]
+    {
         assert!(html.contains(shown), "{shown}");
     }
 }

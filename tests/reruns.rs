@@ -16,7 +16,7 @@ use crate::first_users::{OPTIONS, Subjects, errors};
 use crate::pipeline::names;
 
 fn record(contents: &str) -> FileRecord {
-    FileRecord { path: contents.to_owned(), bytes: 1, blake3: contents.repeat(64), label: None }
+    FileRecord { path: contents.to_owned(), bytes: 1, blake3: contents.repeat(64), ..FileRecord::default() }
 }
 
 /// Two cluster jobs write models of the same name; the model written first is kept.

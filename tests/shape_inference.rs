@@ -129,7 +129,7 @@ fn measures_are_tested_like_vertices() {
     let table = fs::read_to_string(site.join("both/summary.csv")).expect("a table");
     assert!(table.contains("\nsize,") && !table.contains("\ngap,"), "{table}");
     for (given, expected) in [
-        ("gaps.csv:gap", "leave the subject or the measure out"),
+        ("gaps.csv:gap", "exclude the subject or the measure"),
         ("measures.csv:kind", "expected a number for s0, found \"x\""),
         ("measures.csv:volume", "no column \"volume\""),
         ("other.csv", "other.csv"),

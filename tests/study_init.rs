@@ -103,8 +103,8 @@ fn a_generated_study_of_labels_names_its_wrong_header() {
     succeed(tool("study").args(["study.toml", "-q"]).current_dir(site));
     let quality = fs::read_to_string(site.join("study/quality.tsv")).expect("a table");
     let first = quality.lines().nth(1).expect("a row");
-    assert!(first.starts_with("a04\t") && first.contains("as if lengths were 10 times"), "{quality}");
-    assert!(quality.lines().skip(2).all(|row| !row.contains("as if lengths")), "{quality}");
+    assert!(first.starts_with("a04\t") && first.contains("another unit: about 10 times"), "{quality}");
+    assert!(quality.lines().skip(2).all(|row| !row.contains("another unit: about")), "{quality}");
     // The numbers of voxels are those of the generated bodies.
     let at = quality.lines().next().and_then(|head| head.split('\t').position(|name| name == "voxels"));
     let voxels =

@@ -243,7 +243,7 @@ fn a_mask_of_a_signal_is_refused_for_a_surface() {
     fs::write(folder.join("rows.tsv"), format!("id\tsurface\tsphere\tsignal_mask\n{row}")).expect("a table");
     let fit = ["--manifest", "rows.tsv", "--max-degree", "3", "-o", "out"];
     let output = finish(tool("fit").args(fit).current_dir(&folder));
-    assert!(!output.status.success() && text(&output).contains("this is a surface"), "{}", text(&output));
+    assert!(!output.status.success() && text(&output).contains("this file is a surface"), "{}", text(&output));
     let row = row.replace("lh.white", "lh.thickness");
     fs::write(folder.join("rows.tsv"), format!("id\tsurface\tsphere\tsignal_mask\n{row}")).expect("a table");
     succeed(tool("fit").args(fit).current_dir(&folder));

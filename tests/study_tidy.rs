@@ -52,7 +52,11 @@ fn what_would_fail_after_the_fits_is_refused_before_them() {
     let but = |cell: &'static str| move |k: usize| if k == 3 { cell.to_owned() } else { number(k) };
     let with_age = STUDY.replace("permutations", "covariates = [\"age\"]\npermutations");
     for (study_text, table, expected) in [
-        (&with_age, ages(&but("n/a")), "a03: column \"age\": expected a value, found \"n/a\"; leave the subject out"),
+        (
+            &with_age,
+            ages(&but("n/a")),
+            "a03: column \"age\": expected a value, found \"n/a\"; remove the subject from the table",
+        ),
         (&with_age, ages(&but("NaN")), "found \"NaN\""),
         (&with_age, ages(&but("")), "a03: column \"age\": expected a value, found nothing"),
         (&with_age, ages(&|k| if k > 3 { "2".to_owned() } else { "1".to_owned() }), "age"),

@@ -60,6 +60,7 @@ mod study_tidy;
 mod study_warnings;
 mod surface_target;
 mod verbs;
+mod volume_images;
 mod volume_tables;
 mod volumes;
 mod weights;

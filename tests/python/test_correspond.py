@@ -282,7 +282,7 @@ def test_settings_that_are_none_are_refused(folder: Path) -> None:
         (few, {"signals": [([np.ones(3)], 0.1)]}, "each of 2 surfaces"),
         (few, {"signals": [([np.ones((3, 2))] * 2, 0.1)]}, "one value per vertex"),
         (few, {"signals": [([np.ones(3)] * 2, 0.0)]}, "a weight above 0"),
-        (few, {"signals": [([np.ones(3)] * 2, 0.1)]}, "3 of"),
+        (few, {"signals": [([np.ones(3)] * 2, 0.1)]}, "found 3 for"),
         (few, {"signals": [([np.ones(3)] * 2, 0.1)], "refine": False}, "refine=True"),
         ([sp.Model(np.ones((4, 1))), *few], {}, "surfaces"),
     ]

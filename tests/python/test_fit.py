@@ -275,7 +275,7 @@ def test_what_can_be_refused_is_refused_before_the_map(study: Study) -> None:
 
 def test_a_sphere_that_may_be_none_is_warned_of(study: Study) -> None:
     surface = study[0]
-    with pytest.warns(sp.SpharmWarning, match="is this a sphere centered at the origin"):
+    with pytest.warns(sp.SpharmWarning, match="check that this is a sphere centred at the origin"):
         sp.fit(surface, surface, 5)
-    with pytest.raises(ValueError, match="is this a sphere"):
+    with pytest.raises(ValueError, match="check that this is a sphere"):
         sp.fit(surface, surface, 5, strict=True)

@@ -89,12 +89,12 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
         if !left_out.is_empty() {
             let (count, names) = (counted(left_out.len(), "folder"), left_out.join(", "));
             console.warn(format!(
-                "{}: {count} without a folder surf left out: {names}; did recon-all end early?",
+                "{}: skipped {count} without a folder surf: {names}; did recon-all end early?",
                 folder.display()
             ));
         }
         if others > 0 {
-            console.note(format!("{} named fsaverage* left out; --subject includes them", counted(others, "folder")));
+            console.note(format!("skipped {} named fsaverage*; --subject includes them", counted(others, "folder")));
         }
     }
     for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]).chain(&cli.mask) {

@@ -30,7 +30,7 @@ use self::surfaces::Surface;
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png", ".svg"])], cli.force)?;
     if cli.range.is_some() && cli.map.is_empty() && cli.colour_by.is_none() {
-        return Err(Usage::missing("--range: expected --map or --colour-by, whose colours it is for").into());
+        return Err(Usage::missing("--range needs --map or --colour-by: it sets the range of their colours").into());
     }
     let budget = cli.memory.budget(1);
     let files = surfaces::files(&cli.surfaces)?;

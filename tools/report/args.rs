@@ -20,7 +20,7 @@ use spharm_cli::threads::Threads;
         "spharm report --modes group.shape-model.npz --test test --status status.tsv -o study.html",
         "spharm report --quality correspond.json plain.json --correspondence group.json -o quality.html",
     ],
-    &["Without --surface each model is compared with the file that it was fitted to, where that is still there unchanged.", help::MESHES],
+    &["Without --surface, each model is compared with the file to which it was fitted, if that file exists unchanged.", help::MESHES],
 ))]
 pub(crate) struct Cli {
     /// Models, as `spharm fit` writes them

@@ -212,7 +212,7 @@ impl<'a> Rows<'a> {
     pub(super) fn repeat_warnings(&self) {
         let warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
         if self.rows > LONG && !self.aligned_later && !warnings.is_empty() {
-            self.console.note("\nthe warnings of this run again:");
+            self.console.note("\nwarnings of this run, repeated:");
             warnings.iter().for_each(|warning| self.console.warn(warning));
         }
     }

@@ -49,8 +49,8 @@ use super::plan::Plan;
         "spharm shape align @thousand.txt --group --resume align.state -o aligned",
     ],
     &[
-        "Methods: joint searches both rotations; fixed keeps the parameters, where vertices correspond already (cortical \
-         spheres); foe turns both into the frames of their first-order ellipsoids, for comparison with other programs.",
+        "Methods: joint searches both rotations; fixed keeps the parameters, for vertices that correspond already (cortical \
+         spheres); foe rotates both into the frames of their first-order ellipsoids, for comparison with other programs.",
     ],
 ))]
 pub(super) struct Cli {

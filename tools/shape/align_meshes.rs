@@ -160,8 +160,8 @@ fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Resu
         let Pose { distance, second, .. } = *pose;
         (second < DOUBTFUL * distance.max(least)).then(|| {
             format!(
-                "{}: the pose is in doubt: the distance between the surfaces is {distance:.4}, and {second:.4} in \
-                 another pose",
+                "{}: the pose is doubtful: the distance between the surfaces is {distance:.4}, but another pose has a \
+                 similar distance of {second:.4}",
                 path.display()
             )
         })

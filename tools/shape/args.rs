@@ -11,7 +11,7 @@ use spharm_cli::console::Console;
 use spharm_cli::help::{INPUT, METHOD, OUTPUT, RESOURCES};
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::memory::Memory;
-use spharm_cli::paths::expand;
+use spharm_cli::paths::expand_to;
 use spharm_cli::threads::Threads;
 use spharm_model::Model;
 use spharm_surface::Sphere;
@@ -23,7 +23,8 @@ use super::plan::Plan;
 pub(super) struct Models {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders (all their .npz files), or @LIST with one path per line.
+    /// Files, folders (all their .npz files, but not the mean of a group that `shape correspond` wrote), or @LIST with
+    /// one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
 }
@@ -42,11 +43,17 @@ impl Models {
 
 /// Returns the paths of the given models, and checks that all of them exist.
 pub(super) fn files(models: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let files = expand(models, ".npz")?;
+    // The mean in the folder of a group isn't a member. It can be given by its path.
+    let files = expand_to(models, ".npz", |file| !is_mean_of_group(file))?;
     match files.iter().find(|file| !file.exists()) {
         Some(missing) => bail!("{}: no such file or folder", missing.display()),
         None => Ok(files),
     }
+}
+
+/// Returns whether a file is the mean that `shape correspond` writes beside the members of a group.
+fn is_mean_of_group(file: &Path) -> bool {
+    file.file_name().is_some_and(|name| name == "mean.spharm.npz") && file.with_file_name("group.json").is_file()
 }
 
 /// Argument for the quantity by which models are compared.

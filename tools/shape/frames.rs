@@ -62,7 +62,7 @@ pub(super) fn read(path: &Path, names: &[String]) -> Result<Vec<Similarity>> {
     let text = read_text(path, "transforms", MOST_OWN)?;
     let expected = || {
         format!(
-            "{shown}: expected what `shape align --transforms` or `shape correspond --report` writes, found other JSON"
+            "{shown}: expected the output of `shape align --transforms` or `shape correspond --report`, found other JSON"
         )
     };
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{shown}: not JSON"))?;

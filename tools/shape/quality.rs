@@ -38,8 +38,8 @@ use super::{frames, landmarks, masks};
     ],
     &[
         "Generalisation is the mean distance of a member from the modes of the others, specificity that of a random shape \
-         from the nearest member, in the surfaces' unit, with 1, 2, ... modes. Both get smaller where directions slide to \
-         places in which members differ least: landmarks tell whether places correspond.",
+         from the nearest member, in the surfaces' unit, with 1, 2, ... modes. Both also decrease if directions drift to \
+         places at which members differ little, so only landmarks show whether places correspond.",
     ],
 ))]
 pub(super) struct Cli {
@@ -177,7 +177,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("quality", &whole, &rows(&found), &ReportArgs { report: cli.output.clone(), ..report })?;
     if let Some(errors) = &found.landmarks {
         let band = errors.band.map(|[low, high]| format!(" ({low:.3} to {high:.3})")).unwrap_or_default();
-        let apart = format!("landmarks apart: mean {:.3}{band}, median {:.3}", errors.mean, errors.median);
+        let apart = format!("landmark error: mean {:.3}{band}, median {:.3}", errors.mean, errors.median);
         monitor.console().note(apart);
     }
     Ok(())

@@ -97,7 +97,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let template = pool.install(|| Template::new(&mesh, None, &params, monitor)).with_context(named)?;
     let fixed = PoseSurface::new(&mesh).ok_or(spharm::Error::NoArea).with_context(named)?;
     let posing = PoseParams { scale: cli.scale, mirror: cli.mirror, ..PoseParams::default() };
-    let columns = ["surface", "pose", "cover rms", "99 %", "farthest", "unreached %", "turned"];
+    let columns = ["surface", "pose distance", "coverage rms", "99 %", "largest", "not reached %", "flipped"];
     let mut rows = vec![columns.map(str::to_owned).to_vec()];
     let (mut each, mut warnings) = (Vec::new(), Vec::new());
     for (surface, output) in surfaces.iter().zip(&outputs) {
@@ -121,7 +121,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         if cover.unreached > 0.02 {
             let (share, farthest) = (100.0 * cover.unreached, cover.farthest);
             warnings.push(format!(
-                "{}: the template misses {share:.1} % of this surface, by at most {farthest:.4}",
+                "{}: the template doesn't reach {share:.1} % of this surface (largest distance {farthest:.4})",
                 surface.name
             ));
         }

@@ -196,8 +196,7 @@ fn relocated(
     if even.folded > 0 {
         let folded = even.folded;
         monitor.console().warn(format!(
-            "{}: {folded} triangles are turned over by --even; the mesh is too coarse for this surface, choose a finer \
-             --icosphere",
+            "{}: --even flipped {folded} triangles: the mesh is too coarse for this surface; choose a finer --icosphere",
             path.display()
         ));
     }

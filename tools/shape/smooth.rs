@@ -23,7 +23,8 @@ use super::plan::check_each;
 
 /// Smooth models by the heat kernel
 ///
-/// Degree l is multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s ln 2) rad; on the
+/// Coefficients of degree l are multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s
+/// ln 2) rad; on the
 /// surface it is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is compressed. For surfaces and
 /// signals.
 #[derive(Debug, Args)]

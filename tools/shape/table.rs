@@ -102,14 +102,14 @@ impl Table {
     pub(crate) fn cells(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.texts(name)?;
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
-            bail!("{}: row {}: column {name:?} is empty; leave the subject out", self.path.display(), row + 1);
+            bail!("{}: row {}: column {name:?} is empty; remove the subject", self.path.display(), row + 1);
         }
         // A missing value would become an additional level, and would turn a column of numbers into a column of
         // levels.
         if let Some(row) = cells.iter().position(|cell| is_missing(cell)) {
             let found = cells[row];
             bail!(
-                "{}: row {}: column {name:?} is {found}, a missing value; leave the subject out",
+                "{}: row {}: column {name:?} is {found}, a missing value; remove the subject",
                 self.path.display(),
                 row + 1
             );

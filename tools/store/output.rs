@@ -155,7 +155,7 @@ fn number(value: Option<usize>) -> String {
 
 /// Returns the table of basis files.
 pub(super) fn degree_lines(rows: Vec<DegreeRow>) -> Vec<Vec<String>> {
-    let head = ["scheme", "degree", "columns", "dtype", "codec", "chunks", "rows a chunk", "size"];
+    let head = ["scheme", "degree", "columns", "dtype", "codec", "chunks", "rows per chunk", "size"];
     let mut lines = vec![head.map(str::to_owned).to_vec()];
     for row in rows {
         lines.push(vec![

@@ -158,8 +158,9 @@ pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String
     }
     let alone = sides::alone(&plan.manifest, subjects.iter().map(|subject| subject.cells));
     let (count, names) = (counted(alone.len(), "subject"), first_of(alone.iter().map(String::as_str), NAMED));
+    let are = if alone.len() == 1 { "is" } else { "are" };
     let missing = (!alone.is_empty())
-        .then(|| format!("one side of {count} is missing, so that tests of the asymmetry leave them out: {names}"));
+        .then(|| format!("{count} with only one side {are} excluded from the tests of asymmetry: {names}"));
     Ok(missing.into_iter().chain(swapped(plan, subjects)?).collect())
 }
 
@@ -186,7 +187,12 @@ fn swapped(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
         pairs += 1;
     }
     let all = counted(pairs, "subject");
-    Ok((pairs > 0).then(|| format!("the side {first} is on the other side of {second} than its name says, in all of {all}: check `sides` and `labels`")))
+    Ok((pairs > 0).then(|| {
+        format!(
+            "in all of {all}, side {first} lies where {second} is expected: left and right seem to be exchanged; check \
+             `sides` and `labels`"
+        )
+    }))
 }
 
 /// Returns the sides that a test needs of each subject, as text for messages.
@@ -262,8 +268,8 @@ fn cells<'a>(plan: &Plan, rows: &[&'a Row], column: &str) -> Result<Vec<&'a str>
         if cell.is_empty() || is_missing(cell) {
             let found = if cell.is_empty() { "nothing".to_owned() } else { format!("{cell:?}") };
             bail!(
-                "{}: {}: column {column:?}: expected a value, found {found}; leave the subject out of the table, or the column \
-                 out of the test",
+                "{}: {}: column {column:?}: expected a value, found {found}; remove the subject from the table, or the \
+                 column from the test",
                 plan.table.display(),
                 row.id
             );

@@ -81,6 +81,7 @@ pub(super) fn filled(folder: &Path, given: &str) -> Result<Filled> {
         Some((name, levels)) => {
             replace("effect = \"group\"", &format!("effect = \"{}\"", escaped(name)));
             replace("name = \"group\"", &format!("name = \"{}\"", escaped(name)));
+            replace("title = \"Study\"", &format!("title = \"Shape by {}\"", escaped(name)));
             if let [a, b] = &levels[..] {
                 let both = format!("# levels = [\"{}\", \"{}\"]", escaped(a), escaped(b));
                 replace("# levels = [\"patient\", \"control\"]", &both);

@@ -47,7 +47,7 @@ pub(super) fn check(table: &Table) -> Result<()> {
                 Some(parts) => parts,
                 None => bail!("expected [[test]], a table for each test"),
             },
-            Some(_) if section == "test" => bail!("expected [[test]] with two pairs of brackets, found something else"),
+            Some(_) if section == "test" => bail!("expected [[test]], a table in double brackets, found another value"),
             Some(_) => bail!("expected a section [{section}], found a value"),
         };
         let place = match section {

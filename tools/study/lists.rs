@@ -128,8 +128,8 @@ impl Plan {
         }
     }
 
-    /// Writes a test's table: each subject with its model and, for differences, the model to subtract, and the columns
-    /// of the study's table.
+    /// Writes the table of a test, with one row per subject: its model, the model to subtract if differences are
+    /// tested, and its columns from the study's table.
     fn write_tested(&self, test: &Test, subjects: &[Subject<'_>]) -> Result<()> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         let models = self.model_columns(test).into_iter().filter(|name| !name.is_empty());

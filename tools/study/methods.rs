@@ -240,6 +240,9 @@ fn of_volumes(plan: &Plan) -> String {
     if fit.value("--label-surface") == Some("voxels") {
         return format!("A surface consisted of the outer faces of {body}. ");
     }
+    let image = ["--channel", "--time"].into_iter().filter_map(|name| Some((&name[2..], fit.value(name)?)));
+    let image: String = image.map(|(name, number)| format!(", {name} {number}")).collect();
+    let body = body + &image;
     let radius = fit.value("--smooth-radius").unwrap_or("0.5");
     format!(
         "A surface was that of least bending within {radius} voxels of the outer faces of {body}; its volume was {volume}. "

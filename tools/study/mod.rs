@@ -284,7 +284,7 @@ impl Call<'_> {
         let ended = self.finish();
         let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
         let text = format!(
-            "{}: {flagged} flagged, so there are no tests and no page; mend their surfaces, list them in `exclude` or \
+            "{}: {flagged} flagged, so there are no tests and no page; repair their surfaces, list them in `exclude` or \
              `accept` in [subjects], or run without --strict; pictures: {}",
             table.display(),
             self.plan.thumbnails().display()

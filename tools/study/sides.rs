@@ -187,8 +187,8 @@ pub(super) fn rows_of(listed: &[Named], subjects: &Subjects, manifest: &Manifest
     listed.iter().flat_map(rows).collect()
 }
 
-/// Returns the rows of a test as indices: all rows, the rows of one side, or pairs of both sides. In a pair, the
-/// second index is the row to subtract.
+/// Returns the rows of a test as indices: all rows, the rows of one side, or pairs of a subject's rows of both sides,
+/// of which the second is subtracted.
 pub(super) fn tested<'a>(
     test: &Test,
     subjects: &Subjects,

@@ -82,7 +82,7 @@ impl Test {
             _ => {}
         }
         if self.mean && !(self.levels.is_empty() && self.contrast.is_empty()) {
-            bail!("levels and contrast are those of an `effect`, found mean = true");
+            bail!("levels and contrast need `effect`, found mean = true");
         }
         if let Some(name) = self.asked().unused() {
             bail!("categorical: {name:?} is neither in the effect nor in the covariates");

@@ -262,9 +262,9 @@ impl Call<'_> {
             return self.failed(row(None, Outcome::default()), &anyhow!("{file}: no label but 0"));
         }
         let (mut fits, mut rows) = (Vec::new(), Vec::new());
-        let before = self.lock().rows.len();
+        let (before, image) = (self.lock().rows.len(), self.reader.reading().image);
         for &label in &wanted {
-            let record = FileRecord { label: Some(label), ..record.clone() };
+            let record = record.clone().with_label(label, [image.channel, image.time]);
             let row = Row {
                 voxels: there.get(&label).copied(),
                 // `None` if the volume has no such label.

@@ -185,9 +185,10 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             Some("--threshold LEVEL reads grey values, --probability probabilities".to_owned())
         }
         ParametrizeError::SeveralImages { channels, times, .. } => Some(match (channels, times) {
-            (1, _) => "--time N reads one time".to_owned(),
-            (_, 1) => "--channel N reads one channel".to_owned(),
-            _ => "--channel N and --time N read one image".to_owned(),
+            (1, 1) => "omit --channel and --time".to_owned(),
+            (1, times) => format!("give --time N from 1 to {times}, and omit --channel"),
+            (channels, 1) => format!("give --channel N from 1 to {channels}, and omit --time"),
+            (channels, times) => format!("give --channel N from 1 to {channels} and --time N from 1 to {times}"),
         }),
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
         ParametrizeError::NotProbability { .. } => Some("--threshold LEVEL reads values of any range".to_owned()),

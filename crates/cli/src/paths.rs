@@ -17,6 +17,15 @@ use crate::inputs::{expand_lists, file_stem};
 ///
 /// If a list or a folder can't be read, or a folder has no file with this ending.
 pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
+    expand_to(paths, ending, |_| true)
+}
+
+/// Returns the same paths as [`expand`], except for those files in folders for which `take` returns false.
+///
+/// # Errors
+///
+/// Those of [`expand`].
+pub fn expand_to(paths: &[PathBuf], ending: &str, take: impl Fn(&Path) -> bool) -> Result<Vec<PathBuf>> {
     let mut expanded = Vec::new();
     for path in expand_lists(paths)? {
         if !path.is_dir() {
@@ -27,7 +36,8 @@ pub fn expand(paths: &[PathBuf], ending: &str) -> Result<Vec<PathBuf>> {
         let entries: Vec<_> =
             std::fs::read_dir(&path).with_context(read)?.collect::<Result<_, _>>().with_context(read)?;
         let named = |file: &PathBuf| file.to_string_lossy().to_ascii_lowercase().ends_with(ending) && file.is_file();
-        let mut files: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).filter(named).collect();
+        let mut files: Vec<PathBuf> =
+            entries.iter().map(std::fs::DirEntry::path).filter(named).filter(|file| take(file)).collect();
         if files.is_empty() {
             bail!("{}: the folder has no file ending in {ending}", path.display());
         }

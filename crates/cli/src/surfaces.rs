@@ -74,7 +74,8 @@ pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -
         return Ok(());
     }
     bail!(
-        "{}: --label, --voxel-size, --threshold and --probability are for volumes (.nii, .mgz, .nrrd, .tif, .npy)",
+        "{}: --label, --channel, --time, --voxel-size, --threshold and --probability are for volumes (.nii, .mgz, .nrrd, \
+         .tif, .npy)",
         path.display()
     )
 }

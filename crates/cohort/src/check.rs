@@ -103,7 +103,7 @@ pub struct Checked {
     pub z: [Option<f64>; Measure::ALL.len()],
     /// The mode, counted from 1, along which the subject is farthest from the others, and the robust z of its score.
     pub mode: Option<(usize, f64)>,
-    /// The flags, with the most important one first.
+    /// The flags: another voxel size first, which explains others, then the most severe ones.
     pub flags: Vec<Flag>,
     /// Warnings of other commands that don't lead to flags.
     pub remarks: Vec<String>,
@@ -138,6 +138,8 @@ pub fn check(facts: &[Facts]) -> Vec<Checked> {
         flags.extend(notes.into_iter().map(Flag::Note));
         result.remarks = remarks;
         flags.sort_by(|a, b| b.severity().total_cmp(&a.severity()));
+        // Another voxel size explains the other flags, so it comes first.
+        flags.sort_by_key(|flag| !matches!(flag, Flag::VoxelSize { .. }));
     }
     checked
 }
@@ -190,7 +192,7 @@ fn compare_inputs(facts: &[Facts], checked: &mut [Checked]) {
     let mut surfaces: HashMap<&str, Vec<&str>> = HashMap::new();
     for of in facts {
         if let Some(record) = &of.input {
-            inputs.add((record.blake3.clone(), record.label), of.id.clone());
+            inputs.add(record.contents(), of.id.clone());
         }
         models.add(of.coefficients.clone(), of.id.clone());
     }
@@ -302,14 +304,15 @@ mod tests {
         facts[6].coefficients = facts[7].coefficients.clone();
         facts[8].repair = Counts { voxels: 300, texts: vec!["1 piece dropped".to_owned()] };
         facts[9].notes = vec!["it may be of the other side".to_owned()];
-        facts[12].notes = vec![format!("{IN_DOUBT}: the distance is 1, and 1.01 in another pose")];
+        facts[12].notes =
+            vec![format!("{IN_DOUBT}: the distance is 1, but another pose has a similar distance of 1.01")];
         // A residual far below those of the others is good, so it isn't flagged.
         facts[10].measures[Measure::Rms as usize] = Some(0.001);
         facts[11].measures[Measure::Rms as usize] = Some(1.0);
         let checked = check(&facts);
         let expected = [
             (3, "volume 2.000e6 (median "),
-            (3, "as if lengths were 10 times"),
+            (3, "another unit: about 10 times"),
             (3, "mode 1 is mostly due to this subject"),
             (4, "border of the volume"),
             (5, "voxels of 1 x 1 x 1"),

@@ -81,8 +81,8 @@ impl fmt::Display for ChosenDegree {
             Self::Surfaces { choice, fitted, missed: 0, .. } => write!(f, "{choice} (chosen on {fitted} surfaces)"),
             Self::Surfaces { degree, fitted, missed, .. } => write!(
                 f,
-                "degree {degree}: of {fitted} surfaces, {missed} would need a higher one for the accuracy, but not all \
-                 have enough vertices for it"
+                "degree {degree}: {missed} of {fitted} surfaces would need a higher degree for the accuracy, but some \
+                 surfaces have too few vertices for it"
             ),
             Self::Existing { degree } => write!(f, "degree {degree}, as in an existing model of these surfaces"),
         }

@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     fn record(blake3: &str, label: Option<i64>) -> FileRecord {
-        FileRecord { path: String::new(), bytes: 1, blake3: blake3.to_owned(), label }
+        FileRecord { path: String::new(), bytes: 1, blake3: blake3.to_owned(), label, ..FileRecord::default() }
     }
 
     #[test]

@@ -217,7 +217,6 @@ impl ModelFiles {
         provenance.region = made_of.region.cloned();
         let Preparation { reading, fix, cut_handles, .. } = made_of.preparation;
         (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (reading.voxel_size, fix, cut_handles);
-        (provenance.channel, provenance.time) = (reading.image.channel, reading.image.time);
         match reading.values {
             VoxelValues::Labels => {}
             VoxelValues::Level(level) => provenance.threshold = Some(level),

@@ -72,7 +72,8 @@ mod tests {
         let mut meta = Meta { file_metadata: vec![("Date".to_owned(), "today".to_owned())], ..Meta::default() };
         assert_eq!(Origin::of(&meta), None);
         for label in [None, Some(-3)] {
-            let input = FileRecord { path: "a".to_owned(), bytes: 1, blake3: "ab".repeat(32), label };
+            let input =
+                FileRecord { path: "a".to_owned(), bytes: 1, blake3: "ab".repeat(32), label, ..FileRecord::default() };
             let origin = Origin::new(&input, &CaldParams::for_degree(8), label.is_none());
             origin.write_to(&mut meta);
             assert_eq!(Origin::of(&meta), Some(origin.clone()));

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use spharm::model::{Provenance, Settings};
-use spharm::parametrize::volume::{ImageChoice, VoxelValues};
+use spharm::parametrize::volume::VoxelValues;
 use spharm::store::{Scalar, SchemeKey};
 use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoothness, Sphere};
 
@@ -269,11 +269,9 @@ impl Request<'_> {
             };
             let found = named(recorded.label_surface.as_deref().unwrap_or("voxels"), recorded.smooth_radius);
             let (surface, values) = (wanted.label_surface, VoxelValues::of(recorded.threshold, recorded.probability));
-            let image = ImageChoice { channel: recorded.channel, time: recorded.time };
             let compared = [
                 ("label_surface", found, named(surface.name(), surface.radius())),
                 ("values", values.to_string(), wanted.reading.values.to_string()),
-                ("image", image.to_string(), wanted.reading.image.to_string()),
             ];
             let differ = compared.into_iter().filter(|(_, found, wanted)| found != wanted);
             differences.extend(differ.map(|(setting, found, wanted)| Difference { setting, found, wanted }));
@@ -323,8 +321,8 @@ impl Request<'_> {
         let single = recorded.is_some_and(|settings| settings.dtype == Scalar::F32.name());
         let scalar = if single { Scalar::F32 } else { Scalar::F64 };
         if !same_region(provenance.region.as_ref(), self.region) {
-            let name = |record: Option<&FileRecord>| record.map_or("none".to_owned(), ToString::to_string);
-            check("region", name(provenance.region.as_ref()), format!("{} as it is now", name(self.region)));
+            let found = provenance.region.as_ref().map_or("none".to_owned(), ToString::to_string);
+            check("region", found, self.region.map_or("none".into(), |file| format!("the present contents of {file}")));
         }
         let wanted = self.sphere.map(|sphere| SchemeKey::of(&sphere.directions, scalar).to_string());
         let recorded_key = sphere_name(model.scheme_key.as_ref().filter(|_| !provenance.parametrized));
@@ -396,5 +394,5 @@ fn weights_name(name: &str, hash: Option<String>) -> String {
 
 fn sphere_name(scheme_key: Option<&String>) -> String {
     // 12 digits of the key, as in messages about stores.
-    scheme_key.map_or("of its own".to_owned(), |key| key.chars().take(12).collect())
+    scheme_key.map_or("made for the surface".to_owned(), |key| key.chars().take(12).collect())
 }

@@ -31,7 +31,7 @@ pub enum ExchangeError {
         found: String,
     },
     /// The file's format can't be determined from its contents.
-    #[error("{}: the format of the coefficients is ambiguous: found {found}, expected {remedy}", .path.display())]
+    #[error("{}: the format of the coefficients is ambiguous: found {found}; choose one of {remedy}", .path.display())]
     Unknown {
         /// Path of the file.
         path: PathBuf,

@@ -198,7 +198,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
             _ => return Err(Flaw::new(format!("column {i} of numbers (I, J, K, E, D)"), format!("{form:?}"))),
         };
         if !["", "1"].contains(&repeat) || header.value(&format!("TZERO{i}")).is_some() {
-            return Err(Flaw::new(format!("one unscaled number a row in column {i}"), format!("{form:?}")));
+            return Err(Flaw::new(format!("one unscaled number per row in column {i}"), format!("{form:?}")));
         }
         columns.push((at, number));
         at += number.size();
@@ -208,7 +208,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
     }
     // Reject a table without rows: its declared width hasn't been checked against any data.
     if rows == 0 || width == 0 {
-        return Err(Flaw::new("rows of index, real and imaginary part", "none"));
+        return Err(Flaw::new("rows of index, real part and imaginary part", "none"));
     }
     let mut entries = Vec::with_capacity(rows.min(data.len() / width));
     for row in data.chunks_exact(width).take(rows) {
@@ -216,7 +216,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
         let (Some(index), Some(re), Some(im)) =
             (cells.next().flatten(), cells.next().flatten(), cells.next().flatten())
         else {
-            return Err(Flaw::new("rows of index, real and imaginary part", "a shorter one"));
+            return Err(Flaw::new("rows of index, real part and imaginary part", "a shorter row"));
         };
         let place = (index >= 1.0 && index.fract() == 0.0 && index < 1e10).then(|| degree_order(index as usize - 1));
         let place = place.filter(|(_, m)| *m >= 0);

@@ -127,7 +127,7 @@ fn detect(path: &Path, bytes: &[u8]) -> Result<Format, ExchangeError> {
         Ok(text) if text.contains("\"shcoeffs_L") || text.starts_with("shcoeffs_L") => Ok(Format::Aics),
         Ok(text) if text.trim_start().starts_with('{') => Ok(Format::Json),
         Ok(text) if shtools::is_shtools(text) => Ok(Format::Pyshtools),
-        Ok(_) => Err(unknown("text".to_owned(), "pyshtools (l, m, C, S), afni (a row a degree), pdm, csv or json")),
+        Ok(_) => Err(unknown("text".to_owned(), "pyshtools (l, m, C, S), afni (one row per degree), pdm, csv or json")),
         Err(_) => Err(unknown(
             "unknown bytes".to_owned(),
             "pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, afni, csv or json",

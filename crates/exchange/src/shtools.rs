@@ -98,7 +98,7 @@ fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(),
         None => Ok(()),
         Some((l, m)) => Err(Flaw::new(
             format!("every order of the degrees {lowest} to {highest}"),
-            format!("none of degree {l}, order {m}; the file may have been cut off"),
+            format!("no coefficient of degree {l}, order {m}; the file may be truncated"),
         )),
     }
 }

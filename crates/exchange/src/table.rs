@@ -46,7 +46,7 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     let header = reader.headers().map_err(|error| Flaw::new("a table", error))?.clone();
     let names: Vec<&str> = header.iter().skip(2).collect();
     if header.iter().take(2).ne(["l", "m"]) || names.is_empty() {
-        return Err(Flaw::new("columns l, m and one a channel", cells(&header)));
+        return Err(Flaw::new("columns l, m and one per channel", cells(&header)));
     }
     let complex = names.first().is_some_and(|name| name.ends_with("_re"));
     let alternates = |(i, name): (usize, &&str)| name.ends_with(if i % 2 == 0 { "_re" } else { "_im" });
@@ -76,8 +76,9 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
         let array = Array2::from_shape_vec((rows, names.len()), values);
         Coefficients::new(array.map_err(|error| Flaw::new("a table", error))?)
     };
-    found
-        .map_err(|_| Flaw::new("a row for each order of every degree", format!("{rows} rows, the last degree cut off")))
+    found.map_err(|_| {
+        Flaw::new("a row for each order of every degree", format!("{rows} rows with an incomplete last degree"))
+    })
 }
 
 /// Returns the cells of a row, separated by commas and in quotes, for error messages.
@@ -112,14 +113,18 @@ pub(crate) fn read_json(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     let rows = rows.ok_or_else(|| Flaw::new("an object with an array `coefficients`", "none"))?;
     let channels = rows.first().and_then(Value::as_array).map_or(0, Vec::len);
     let mut values = Vec::new();
-    for (at, row) in rows.iter().enumerate() {
-        let row = row.as_array().filter(|row| row.len() == channels);
-        let row = row.ok_or_else(|| Flaw::new(format!("rows of {channels} numbers"), format!("another row {at}")))?;
+    for (at, value) in rows.iter().enumerate() {
+        let numbers = if channels == 1 { "number" } else { "numbers" };
+        let expected = || format!("{channels} {numbers} in row {at} (counted from 0)");
+        let row = value.as_array().ok_or_else(|| Flaw::new(expected(), "no array"))?;
+        if row.len() != channels {
+            return Err(Flaw::new(expected(), row.len()));
+        }
         for x in row {
             values.push(x.as_f64().ok_or_else(|| Flaw::new(format!("numbers in row {at}"), x))?);
         }
     }
     let array = Array2::from_shape_vec((rows.len(), channels), values).map_err(|error| Flaw::new("rows", error))?;
     let found = format!("{} rows of {channels} numbers", rows.len());
-    Coefficients::new(array).map_err(|_| Flaw::new("(L + 1)^2 rows of a number for each channel", found))
+    Coefficients::new(array).map_err(|_| Flaw::new("(L + 1)^2 rows with one number per channel", found))
 }

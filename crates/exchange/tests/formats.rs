@@ -135,8 +135,13 @@ fn text_of_other_programs_is_read() {
     for (name, format, text, why) in [
         ("a.sh", Format::Pyshtools, "0 0 1 0\n9999 0 1 0\n", "lines up to degree 9999"),
         ("b.sh", Format::Pyshtools, "0 0 1 0\n1 2 1 0\n", "order up to the degree"),
-        ("d.sh", Format::Pyshtools, "0 0 1 0\n1 0 1 0\n", "none of degree 1, order 1; the file may have been cut off"),
-        ("e.sh", Format::Pyshtools, "0 0 1 0\n1 1 1 0\n", "none of degree 1, order 0"),
+        (
+            "d.sh",
+            Format::Pyshtools,
+            "0 0 1 0\n1 0 1 0\n",
+            "no coefficient of degree 1, order 1; the file may be truncated",
+        ),
+        ("e.sh", Format::Pyshtools, "0 0 1 0\n1 1 1 0\n", "no coefficient of degree 1, order 0"),
         ("f.sh", Format::Pyshtools, "0 0 1 0\n1 0 1 0\n1 1 1 0\n1 0 2 0\n", "degree 1, order 0 twice"),
         ("c.sh", Format::Pyshtools, "0 0 nan 0\n", "a number on line 1"),
         ("a.1D", Format::Afni, "1 0\n2 3\n", "L + 1 rows"),
@@ -146,7 +151,7 @@ fn text_of_other_programs_is_read() {
         ("a.csv", Format::Csv, "l,m,x\n0,0,1\n1,0,2\n", "degree 1, order -1 on line 3"),
         ("b.csv", Format::Csv, "l,m,x_re\n0,0,1\n", "NAME_re and NAME_im"),
         ("a.json", Format::Json, "{\"convention\": \"other\", \"coefficients\": [[1]]}", "convention"),
-        ("b.json", Format::Json, "{\"coefficients\": [[1], [2, 3]]}", "rows of 1 numbers"),
+        ("b.json", Format::Json, "{\"coefficients\": [[1], [2, 3]]}", "1 number in row 1 (counted from 0), found 2"),
     ] {
         let error = read(&write(name, text), format).unwrap_err().to_string();
         assert!(error.contains(why) && error.contains(name) && !error.contains('\n'), "{name}: {error}");

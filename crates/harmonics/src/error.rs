@@ -5,7 +5,7 @@
 #[non_exhaustive]
 pub enum HarmonicsError {
     /// A degree above [`MAX_DEGREE`](crate::MAX_DEGREE).
-    #[error("degree {degree} is above {max}, the highest at which the scaled recurrence is safe")]
+    #[error("degree {degree} is above {max}, the highest supported degree")]
     DegreeTooHigh {
         /// The requested degree.
         degree: usize,

@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::error::ModelError;
 
 /// Identity of an input file of a model.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileRecord {
     /// Path of the file, as given by the user.
     pub path: String,
@@ -20,12 +20,20 @@ pub struct FileRecord {
     /// Label from which the surface was extracted, if the file is a volume.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label: Option<i64>,
+    /// Number of the volume's channel, from 1, if the user chose one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub channel: Option<usize>,
+    /// Number of the volume's time point, from 1, if the user chose one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<usize>,
 }
 
 impl fmt::Display for FileRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.path)?;
-        self.label.map_or(Ok(()), |label| write!(f, " label {label}"))
+        self.label.map_or(Ok(()), |label| write!(f, " label {label}"))?;
+        self.channel.map_or(Ok(()), |channel| write!(f, " channel {channel}"))?;
+        self.time.map_or(Ok(()), |time| write!(f, " time {time}"))
     }
 }
 
@@ -44,13 +52,26 @@ impl FileRecord {
         let mut hasher = blake3::Hasher::new();
         hasher.update_reader(spharm_files::open(path).map_err(refuse)?).map_err(refuse)?;
         let (bytes, blake3) = (hasher.count(), hasher.finalize().to_hex().to_string());
-        Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, label: None })
+        Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, ..Self::default() })
     }
 
-    /// Returns whether two files have the same contents and label, regardless of their paths.
+    /// Adds the label of a volume, and the numbers of the channel and the time point that it was read from.
+    #[must_use]
+    pub fn with_label(self, label: i64, [channel, time]: [Option<usize>; 2]) -> Self {
+        Self { label: Some(label), channel, time, ..self }
+    }
+
+    /// Returns what distinguishes the contents: the file's hash, the label, and the numbers of the channel and the time
+    /// point. Without a choice the file has only one image, whose numbers are 1.
+    #[must_use]
+    pub fn contents(&self) -> (&str, Option<i64>, [usize; 2]) {
+        (&self.blake3, self.label, [self.channel, self.time].map(|number| number.unwrap_or(1)))
+    }
+
+    /// Returns whether two files have the same contents, label and image, regardless of their paths.
     #[must_use]
     pub fn same_contents(&self, other: &Self) -> bool {
-        (self.bytes, &self.blake3, self.label) == (other.bytes, &other.blake3, other.label)
+        (self.bytes, self.contents()) == (other.bytes, other.contents())
     }
 }
 

@@ -68,12 +68,6 @@ pub struct Provenance {
     /// Whether the input is a volume of probabilities.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub probability: bool,
-    /// Number of the volume's channel, from 1, if the user chose one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub channel: Option<usize>,
-    /// Number of the volume's time, from 1, if the user chose one.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub time: Option<usize>,
     /// Whether repairing the label or mesh was requested, even if no repair was needed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,
@@ -264,7 +258,7 @@ mod tests {
                 path: "sub-01/lh.pial".to_owned(),
                 bytes: 7,
                 blake3: "ab".repeat(32),
-                label: None,
+                ..FileRecord::default()
             }),
             sphere: Some("lh.sphere.reg".to_owned()),
             settings: Some(Settings {

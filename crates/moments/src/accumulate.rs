@@ -78,7 +78,7 @@ pub struct Accumulated {
 #[non_exhaustive]
 pub enum Warning {
     /// Longitudes and latitudes, expected in degrees, are so small that they may be in radians.
-    #[error("longitudes to {longitude} and latitudes to {latitude}: degrees are expected, these look like radians")]
+    #[error("longitudes up to {longitude} and latitudes up to {latitude} look like radians, but degrees are expected")]
     LooksLikeRadians {
         /// Largest absolute longitude.
         longitude: f64,

@@ -207,7 +207,7 @@ pub enum MomentsError {
         what: String,
     },
     /// Shards are missing, so that the parts don't make up the whole.
-    #[error("{} missing: {}", .missing.len(), .missing.join(", "))]
+    #[error("{} missing: {}", ranges(.missing.len()), .missing.join(", "))]
     Missing {
         /// The missing shards.
         missing: Vec<String>,
@@ -230,6 +230,10 @@ pub enum MomentsError {
     /// The computation was cancelled.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
+}
+
+fn ranges(count: usize) -> String {
+    if count == 1 { "1 range of shards is".to_owned() } else { format!("{count} ranges of shards are") }
 }
 
 fn named(columns: &[String]) -> String {

@@ -327,11 +327,14 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
         fits.then_some(Source { key, shard, rows: u64::from_le_bytes(rows) })
     });
     let sources: Option<Vec<Source>> = sources.collect();
-    let sources = sources.ok_or_else(|| corrupt("shard", &"a shard of its number", &"another number"))?;
+    let sources = sources.ok_or_else(|| {
+        let expected = format!("an index below the number of shards, and at most {MOST_SHARDS} shards");
+        corrupt("shard", &expected, &"other numbers")
+    })?;
     let occupied = Occupied::from_bytes(sizes.max_degree, cells)
-        .ok_or_else(|| corrupt("cells", &"those of the degree", &"another number"))?;
+        .ok_or_else(|| corrupt("cells", &"one bit per cell of the degree, then zeros", &"other bytes"))?;
     let channels = decode_names(names, sizes.channels)
-        .ok_or_else(|| corrupt("names of the channels", &"as many as there are channels", &"others"))?;
+        .ok_or_else(|| corrupt("names of the channels", &"one UTF-8 name per channel", &"other bytes"))?;
     let (max_degree, count) = (sizes.max_degree, u64_at(COUNT_AT));
     let sums = SampleSums { max_degree, moments, right_sides: right, squares, weight, count };
     Ok(Moments { channels, sums, rows: u64_at(ROWS_AT), occupied, scheme, sources })

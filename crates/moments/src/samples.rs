@@ -120,7 +120,9 @@ impl Columns {
         let unclear = |problem| MomentsError::Columns { path: path.to_owned(), problem, there: there.to_vec() };
         let positions = match &self.positions {
             Some(positions) => positions.clone(),
-            None => Positions::guess(there).ok_or_else(|| unclear("the columns of the positions are ambiguous"))?,
+            None => Positions::guess(there).ok_or_else(|| {
+                unclear("name the columns of the positions, unless they are x, y, z, or lon, lat, or theta, phi")
+            })?,
         };
         if self.values.is_empty() {
             return Err(unclear("the columns of the values are not given"));
@@ -129,7 +131,7 @@ impl Columns {
         if !vectors
             && (self.values.iter().any(|name| name == RADIUS && !there.contains(name)) || self.centre != [0.0; 3])
         {
-            return Err(unclear("the value radius and a center need positions that are vectors"));
+            return Err(unclear("the value radius and a centre need positions given as vectors (x, y, z)"));
         }
         let (mut names, mut numbers) = (Vec::new(), Vec::new());
         let mut place = |name: &String| -> Result<usize, MomentsError> {
@@ -144,7 +146,7 @@ impl Columns {
         };
         let named = positions.names();
         if (1..named.len()).any(|i| named[..i].contains(&named[i])) {
-            return Err(unclear("a column is given twice as a position"));
+            return Err(unclear("the same column is given twice for the position"));
         }
         // The columns of the position are added first, because a row begins with its position.
         for name in positions.names() {

@@ -71,7 +71,7 @@ fn archives_of_numpy() {
         archive.write_all(&npy("'<u1'", &format!("({rows},)"), &[0, 0, 0][..rows])).unwrap();
     }
     archive.finish().unwrap();
-    refused(&ragged, &["ragged.npz", "3 rows in y, 2 in the array before"]);
+    refused(&ragged, &["ragged.npz", "3 rows in y, but 2 rows in the arrays before it"]);
 }
 
 fn refused(path: &Path, expected: &[&str]) {

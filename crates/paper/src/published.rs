@@ -72,7 +72,9 @@ impl Reference {
         }
         let text =
             spharm_files::read_text(&path, LARGEST).with_context(|| format!("{}: cannot read", path.display()))?;
-        serde_json::from_str(&text).with_context(|| format!("{}: not a reference as the README says", path.display()))
+        serde_json::from_str(&text).with_context(|| {
+            format!("{}: not a reference file in the format that the README describes", path.display())
+        })
     }
 
     /// Returns the expected result of IRF after `pass` passes; `None` if unknown.

@@ -68,18 +68,18 @@ fn opening(settings: &Settings, circumstances: &Circumstances) -> String {
     let version = env!("CARGO_PKG_VERSION");
     let peak = peak.map_or(String::new(), |peak| format!(", {} at the peak", size(peak)));
     let caution = if *quick {
-        "\nA quick run, of a small surface to a low degree: it shows that everything works. Its times and errors are not \
-         to be held against the paper's.\n"
+        "\nThis is a quick run with a small surface and low degrees, which only shows that everything works. Its times \
+         and errors can't be compared with the paper's.\n"
     } else {
         ""
     };
     format!(
         "# The paper's experiments\n\n\
          After L. Shen and M. K. Chung, \"Large-scale modeling of parametric surfaces using spherical harmonics\", 3DPVT \
-         2006. spharm {version}, {threads} threads, {} of memory allowed{peak}, {seconds:.0} s in all.\n{caution}\n\
-         msd and xsd are the mean and the maximum of the squared distances, the bounding box scaled to volume 1. A fit's \
-         seconds are those of its sweeps, in which the basis is read from the store (from the system's cache, where that \
-         holds it); building the basis is figure 3. A basis's seconds are those from nothing to files on disk.\n",
+         2006. spharm {version}, {threads} threads, {} of memory allowed{peak}, {seconds:.0} s in total.\n{caution}\n\
+         msd and xsd are the mean and the maximum of the squared distances, with the bounding box scaled to volume 1. The \
+         seconds of a fit are those of its sweeps, which read the basis from the store (or from the system's cache); \
+         figure 3 shows the time for building the basis, from the start to the files on disk.\n",
         size(*memory as u64),
     )
 }
@@ -124,9 +124,9 @@ fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> Str
     }
     let theirs: Vec<String> = PUBLISHED.iter().map(|p| format!("a {} of {} vertices", p.name, p.vertices)).collect();
     let mut text = format!(
-        "## Beside the paper's numbers\n\n\
-         The paper's are of {}, on a computer of its time. Only head27618 is the paper's own surface, over another \
-         sphere than the paper's; the other surfaces are of the same kind and size, so that times compare and errors \
+        "## Comparison with the paper\n\n\
+         The paper measured {}, on a computer of 2006. Only head27618 is the paper's own surface, over another sphere \
+         than the paper's; the other surfaces are of the same kind and size, so that times can be compared, but errors \
          only in their order of magnitude. The ratio is the paper's seconds over ours. The last column is the relative \
          difference of msd or xsd, whichever is larger, from reference.json.\n\n{}",
         theirs.join(", "),
@@ -187,8 +187,8 @@ fn figures6_7(results: &Results, extent: &Extent) -> String {
         .map_or(String::new(), |worst| format!(" The largest relative difference from reference.json is {worst:.0e}."));
     format!(
         "## Figures 6 and 7: IRF to degree {} over passes p and granularity g\n\n\
-         One fit of {} passes for each g, looked at after every pass: a fit of fewer passes is the beginning of it. The \
-         first pass computes the blocks' factors, the later ones use them.{worst}\n\n{}",
+         Each row is one fit of {} passes, measured after every pass: the state after p passes is the result of a fit \
+         with p passes. The first pass computes the factors of the blocks, and later passes reuse them.{worst}\n\n{}",
         extent.max_degree,
         extent.passes,
         markdown(&rows)
@@ -208,10 +208,10 @@ fn between(results: &Results) -> String {
     }));
     format!(
         "## Between the vertices\n\n\
-         Distances, not squared ones, of the surface and the last fit's reconstruction at four times as many vertices, \
-         from points all over both, the bounding box scaled to volume 1. The surface is taken as its flat triangles, and a \
-         smooth reconstruction bulges over them. Between the points the Hausdorff distance may be more by the bound at \
-         most.\n\n{}",
+         Distances (not squared) between the surface and the reconstruction of the last fit at four times as many \
+         vertices, measured from points all over both, with the bounding box scaled to volume 1. The surface consists of \
+         flat triangles, over which a smooth reconstruction bulges. The true Hausdorff distance exceeds the measured one \
+         by at most the bound.\n\n{}",
         markdown(&rows)
     )
 }
@@ -261,8 +261,8 @@ fn table1(results: &Results) -> String {
     let vertices = results.nlsf.first().map_or(0, |row| row.vertices);
     format!(
         "## Table 1: NLSF, the full least squares, in bounded memory\n\n\
-         The largest degree whose plan keeps to the memory at {vertices} vertices. The paper's reached about degree \
-         {NLSF_DEGREE} at 40962 in its time.\n\n{}",
+         The largest degree whose planned memory is within the limit, at {vertices} vertices. In 2006 the paper reached \
+         about degree {NLSF_DEGREE} at 40962 vertices.\n\n{}",
         markdown(&rows)
     )
 }

@@ -73,7 +73,9 @@ pub(crate) fn among(data: &Path, monitor: &dyn Monitor) -> Result<Vec<Surface>> 
     for (name, surface, sphere, kind, subdivided) in KNOWN {
         let (surface, sphere) = (data.join(surface), data.join(sphere));
         match [&surface, &sphere].into_iter().find(|path| !path.exists()) {
-            Some(missing) => monitor.note(Level::Info, format_args!("{name} is left out: no {}", missing.display())),
+            Some(missing) => {
+                monitor.note(Level::Info, format_args!("{name} is skipped: {} doesn't exist", missing.display()))
+            }
             None => found.push(read(name, kind, &surface, &sphere, subdivided)?),
         }
     }

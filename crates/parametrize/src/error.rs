@@ -84,8 +84,7 @@ pub enum ParametrizeError {
 
     /// A voxel's value isn't a label.
     #[error(
-        "{}: expected whole numbers of 32 bits as labels, found {value}, value {voxel} of the file, counted \
-         from 0",
+        "{}: expected 32-bit integers as labels, found {value} (voxel {voxel} of the file, counted from 0)",
         path.display()
     )]
     NotLabels {
@@ -99,7 +98,7 @@ pub enum ParametrizeError {
 
     /// A voxel's value isn't a probability.
     #[error(
-        "{}: expected probabilities from 0 to 1, found {}, value {voxel} of the file, counted from 0",
+        "{}: expected probabilities from 0 to 1, found {} (voxel {voxel} of the file, counted from 0)",
         path.display(), spharm_monitor::number(*value)
     )]
     NotProbability {
@@ -113,8 +112,8 @@ pub enum ParametrizeError {
 
     /// The file has several images and none is chosen, or the chosen image doesn't exist.
     #[error(
-        "{}: expected one channel and one time, found {channels} channels and {times} times ({chosen} chosen)",
-        path.display()
+        "{}: the file has {} and {}; choose one channel and one time ({chosen} chosen)",
+        path.display(), counted(*channels, "channel"), counted(*times, "time point")
     )]
     SeveralImages {
         /// Path of the file.
@@ -210,6 +209,10 @@ pub enum ParametrizeError {
         /// The value given.
         found: String,
     },
+}
+
+fn counted(count: usize, noun: &str) -> String {
+    format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
 impl From<SurfaceError> for ParametrizeError {

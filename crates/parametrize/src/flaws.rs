@@ -51,7 +51,10 @@ impl Flaws {
         let remedy = match genus {
             Some(_) => "collapse or remesh the triangles concerned",
             None if topology.components > 1 => "keep one piece, usually the largest, and close its holes",
-            None => "weld equal vertices, fill holes and orient the triangles alike (with MeshLab or pymeshfix)",
+            None => {
+                "weld duplicate vertices, fill holes and orient the triangles consistently (for example with MeshLab or \
+                 pymeshfix)"
+            }
         };
         Ok(Self { problems, remedy, genus })
     }

@@ -103,9 +103,9 @@ impl Method {
             Self::Conformal(params) => conformal(mesh, params, monitor),
             Self::Stretch(params) => stretch(mesh, params, monitor),
             Self::EqualArea(_) => Err(ParametrizeError::Argument {
-                what: "surface for equal-area",
-                expected: "the quadrangles around a label of a volume",
-                found: "a mesh of triangles".to_owned(),
+                what: "method equal-area",
+                expected: "a label of a volume",
+                found: "a mesh; choose another method for meshes".to_owned(),
             }),
             Self::Deform { .. } if let Some(([scaled], exponent)) = scaled_meshes([mesh]) => {
                 let mut found = self.run(&scaled, monitor)?;

@@ -225,9 +225,10 @@ impl std::fmt::Display for Warning {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::FellBack { method, cause } => write!(f, "the method {method} was tried first and failed: {cause}"),
-            Self::CentringStopped => {
-                f.write_str("the last centring stopped early: going further would have flipped triangles")
-            }
+            Self::CentringStopped => f.write_str(
+                "the final centring (a Moebius transformation) stopped early, because a larger step would have \
+                 flipped triangles",
+            ),
             Self::Smoothed { vertices: 1 } => f.write_str("1 vertex was smoothed where triangles intersected"),
             Self::Smoothed { vertices } => write!(f, "{vertices} vertices were smoothed where triangles intersected"),
             Self::SelfIntersections { pairs } => {

@@ -41,9 +41,7 @@ pub enum RegisterError {
         vertices: usize,
     },
     /// All of the template is masked.
-    #[error(
-        "every triangle of the template is masked: leave triangles unmasked that have a counterpart on the subjects"
-    )]
+    #[error("every triangle of the template is masked: unmask the triangles with a counterpart on the subjects")]
     AllMasked,
     /// Equations without a finite solution.
     #[error("the registration's equations have no finite solution: coordinates may be too large or too small")]

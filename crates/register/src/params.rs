@@ -31,7 +31,7 @@ pub struct RegisterParams {
     pub drift_rounds: usize,
     /// Relative change of sigma below which a stage of the drift ends.
     pub drift_tolerance: f64,
-    /// Weights of the thin plate, one per round of nearest points.
+    /// Weights of the thin plate's bending energy, one for each round of the closest-point iteration.
     pub stiffness: Vec<f64>,
     /// Weight of the subject's points that pull the template, relative to weight 1 of the template's own points.
     pub back: f64,

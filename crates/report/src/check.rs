@@ -111,10 +111,24 @@ fn row((index, subject): (usize, &CheckedSubject)) -> String {
     };
     let state = escape(state);
     let cells: String = cells.iter().map(cell).collect();
-    let flags = name(&flags.join("; "));
+    let why = reasons(flags);
     format!(
-        "<tr class=\"{state}\"><th scope=\"row\">{id}</th><td>{state}</td><td class=\"why\">{flags}</td>{cells}</tr>\n"
+        "<tr class=\"{state}\"><th scope=\"row\">{id}</th><td>{state}</td><td class=\"why\">{why}</td>{cells}</tr>\n"
     )
+}
+
+/// Number of reasons that are shown at once if there are more of them; the others unfold on request.
+const SHOWN: usize = 3;
+
+/// Returns the reasons for flags as HTML, one per line.
+fn reasons(flags: &[String]) -> String {
+    let lines = |flags: &[String]| flags.iter().map(|flag| name(flag)).collect::<Vec<_>>().join("<br>");
+    match flags.split_at_checked(SHOWN) {
+        Some((first, others)) if others.len() > 1 => {
+            format!("{}<details><summary>{} more</summary>{}</details>", lines(first), others.len(), lines(others))
+        }
+        _ => lines(flags),
+    }
 }
 
 /// Returns the grid of the subjects' pictures as HTML.
@@ -182,6 +196,16 @@ mod tests {
         assert_eq!(html.matches("very-far").count(), 1, "{html}");
         assert_eq!((html.matches("<figure").count(), html.matches("href=\"#picture-").count()), (2, 2));
         assert!(html.contains("<span>0.8</span>") && html.contains("(at 1/10 of the scale)"));
+        assert!(html.contains("volume 2e6</bdi></td>") && !html.contains("<details>"));
+        let mut more = check();
+        more.subjects[0].flags = ["a", "b", "c", "d", "e<"].map(str::to_owned).to_vec();
+        let html = section(&more).unwrap();
+        assert!(
+            html.contains(
+                "<bdi>c</bdi><details><summary>2 more</summary><bdi>d</bdi><br><bdi>e&lt;</bdi></details></td>"
+            ),
+            "{html}"
+        );
         let mut wrong = check();
         wrong.subjects[1].cells.pop();
         assert!(matches!(section(&wrong), Err(ReportError::Cells { row: 2, expected: 2, found: 1, .. })));

@@ -40,8 +40,8 @@ pub(crate) fn detail(coefficients: &Coefficients) -> Option<String> {
         .collect();
     points.reverse();
     let lines = vec![Line { class: "all", name: String::new(), points, ..Line::default() }];
-    let y = "rms distance that higher degrees make, length";
-    Chart { title: "Detail left out", x: "highest degree", y, lines, scale: Scale::Logarithmic, marks: false }.html()
+    let y = "rms distance caused by omitting higher degrees, length";
+    Chart { title: "Truncation error", x: "highest degree", y, lines, scale: Scale::Logarithmic, marks: false }.html()
 }
 
 /// Returns the power of a degree in channel 0, 1 or 2, or the total power if `channel` is 3.

@@ -32,7 +32,7 @@ pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     Ok(format!(
         "<section class=\"quality\"><h2>Quality of the correspondence</h2>\n<p>Compactness is better when higher, \
          generalisation and specificity when lower. Bands are of 95 %; dashed lines are distances between surfaces by \
-         nearest points. None of them shows that places correspond: landmarks do.</p>\n<div \
+         nearest points. None of these measures proves that directions correspond; only landmarks can show that.</p>\n<div \
          class=\"details\">{charts}</div></section>\n{}",
         table(measured).html()?
     ))

@@ -63,17 +63,13 @@ impl PairDistances {
     pub fn clusters(&self, clusters: Option<usize>) -> Result<Clusters, ShapeError> {
         let setting = |name, expected, found: String| Err(ShapeError::Setting { name, expected, found });
         if self.count < 3 {
-            return setting("models to cluster", "three or more", self.count.to_string());
+            return setting("the number of models to cluster", "it must be at least 3", self.count.to_string());
         }
         if let Some(wanted) = clusters.filter(|wanted| !(2..=self.count).contains(wanted)) {
-            return setting(
-                "the number of clusters",
-                "two or more, and at most one for each model",
-                wanted.to_string(),
-            );
+            return setting("the number of clusters", "it must be from 2 to the number of models", wanted.to_string());
         }
-        if self.values.iter().any(|value| !value.is_finite()) {
-            return setting("distances between models", "finite numbers", "others".to_owned());
+        if let Some(value) = self.values.iter().find(|value| !value.is_finite()) {
+            return setting("a distance between models", "all distances must be finite", value.to_string());
         }
         let tree = kodama::linkage(&mut self.values.clone(), self.count, kodama::Method::Ward);
         let partition = |clusters: usize| {

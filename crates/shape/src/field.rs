@@ -38,12 +38,13 @@ impl Field {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`] for an odd number of models.
+    /// [`ShapeError::Setting`] for an odd number of models.
     pub fn differences(self) -> Result<Self, ShapeError> {
         let models = self.values.nrows();
         let half = models / 2;
         if models % 2 == 1 {
-            return Err(ShapeError::Differ { what: "number of models", expected: half + 1, found: half });
+            let (found, expected) = (models.to_string(), "it must be even");
+            return Err(ShapeError::Setting { name: "the number of paired models", found, expected });
         }
         let values = &self.values.slice(s![..half, ..]) - &self.values.slice(s![half.., ..]);
         Ok(Self { values, ..self })

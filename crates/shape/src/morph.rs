@@ -52,8 +52,8 @@ impl Morph {
         if keep_pose && pose.mirrors() {
             return Err(ShapeError::Setting {
                 name: "the pose of a mirrored surface",
-                found: "to be kept".to_owned(),
-                expected: "there is no rotation from a surface to its mirror image; morph in the target's pose",
+                found: "impossible to keep".to_owned(),
+                expected: "no rotation turns a surface into its mirror image, so morph in the target's pose",
             });
         }
         let degree = alignment.coefficients.max_degree().min(to.max_degree());

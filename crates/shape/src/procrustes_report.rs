@@ -121,9 +121,8 @@ impl ProcrustesWarning {
         match self {
             Self::Mirrored { rmsd, mirrored, .. } => {
                 format!(
-                    "is {rmsd:.4} from the other members, and its mirror image {mirrored:.4}: the member may be from \
-                     the \
-                     other side"
+                    "the distance from the other members is {rmsd:.4}, but {mirrored:.4} for its mirror image: the \
+                     member may be from the other side"
                 )
             }
             Self::Member { warning, .. } => warning.to_string(),
@@ -176,8 +175,7 @@ impl fmt::Display for ProcrustesWarning {
                 write!(f, "the members have degrees {lowest} to {highest}; degrees up to {lowest} were compared")
             }
             Self::Sides { .. } => f.write_str(&self.naming(|member| member.to_string())),
-            Self::Mirrored { member, .. } => write!(f, "member {member} {}", self.of_member()),
-            Self::Member { member, .. } | Self::NoArea { member } => {
+            Self::Mirrored { member, .. } | Self::Member { member, .. } | Self::NoArea { member } => {
                 write!(f, "member {member}: {}", self.of_member())
             }
             Self::Surfaces(warning) => warning.fmt(f),
@@ -188,7 +186,11 @@ impl fmt::Display for ProcrustesWarning {
                  the orientation of the group is unreliable"
             ),
             Self::NotConverged { change } => {
-                write!(f, "the rounds were used up while the spread still fell by a relative {change:.1e}")
+                write!(
+                    f,
+                    "the alignment did not converge within the maximum number of rounds: the last round reduced the \
+                     spread by a relative {change:.1e}"
+                )
             }
         }
     }

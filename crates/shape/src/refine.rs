@@ -46,8 +46,8 @@ pub(crate) struct Fit {
     pub(crate) orthogonal: Matrix3,
     /// Distance |Q R f - g| after the refinement.
     pub(crate) distance: f64,
-    /// Smallest second derivative along any direction, relative to the direction's squared length; about zero if the
-    /// two surfaces can be rotated without changing the distance.
+    /// Smallest second derivative of the distance along any direction in the space of rotations, divided by the squared
+    /// length of the direction. It is about zero if some rotation leaves the distance unchanged.
     pub(crate) stiffness: f64,
     /// Singular values of `sum g (R f)^T`, the last one with the sign of the determinant.
     pub(crate) singular_values: [f64; 3],

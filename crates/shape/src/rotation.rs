@@ -100,7 +100,7 @@ impl Rotation {
         // The axis is scaled first, so that no square overflows or underflows.
         let largest = axis.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         if !(axis.iter().all(|v| v.is_finite()) && angle.is_finite() && largest > 0.0) {
-            let problem = format!("the axis {axis:?} with the angle {angle} says no rotation");
+            let problem = format!("the axis {axis:?} has length zero, or the axis or the angle {angle} isn't finite");
             return Err(ShapeError::NotARotation { problem });
         }
         let axis = axis.map(|v| v / largest);
@@ -117,7 +117,7 @@ impl Rotation {
     pub fn from_quaternion(quaternion: [f64; 4]) -> Result<Self, ShapeError> {
         let largest = quaternion.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         if !(quaternion.iter().all(|v| v.is_finite()) && largest > 0.0) {
-            let problem = format!("the quaternion {quaternion:?} says no rotation");
+            let problem = format!("the quaternion {quaternion:?} has length zero or isn't finite");
             return Err(ShapeError::NotARotation { problem });
         }
         let q = quaternion.map(|v| v / largest);

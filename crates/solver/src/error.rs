@@ -18,7 +18,7 @@ pub enum SolverError {
     #[error(transparent)]
     Transform(#[from] spharm_transform::TransformError),
     /// A memory budget that is too small for the fit.
-    #[error("a memory budget of {} is too small for this fit; the smallest that works is {} MiB", size(*.budget), .needed.div_ceil(1 << 20))]
+    #[error("a memory budget of {} is too small; at least {} MiB are needed", size(*.budget), .needed.div_ceil(1 << 20))]
     Budget {
         /// The budget in bytes.
         budget: usize,
@@ -98,7 +98,7 @@ pub enum SolverError {
         found: f64,
     },
     /// A numerically singular block that is too wide for a rank-revealing solve within the budget.
-    #[error("degrees {first} to {last} together are numerically singular on this sampling, and solving them safely needs {} MiB of memory", .needed.div_ceil(1 << 20))]
+    #[error("the block of degrees {first} to {last} is numerically singular on this sampling; solving it safely needs {} MiB of memory", .needed.div_ceil(1 << 20))]
     Singular {
         /// First degree of the block.
         first: usize,
@@ -167,7 +167,7 @@ pub enum SolverError {
     },
     /// A Gram matrix that isn't numerically positive definite, so that it has no Cholesky factor.
     #[error(
-        "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column}, of degree {degree}. The sampling does not determine the coefficients from there on; choose a lower degree, add a smoothness penalty, or use the minimum-norm solution"
+        "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column} (degree {degree}). The sampling does not determine all coefficients of this and higher degrees; choose a lower degree, add a smoothness penalty, or use the minimum-norm solution"
     )]
     NotPositiveDefinite {
         /// Column, counted from 0.
@@ -204,7 +204,7 @@ mod tests {
         assert!(budget(512, 1).contains("a memory budget of 512 bytes is too small"));
         assert!(budget((1 << 20) - 1, 1).contains("budget of 1048575 bytes"));
         assert!(budget(1 << 20, 1).contains("budget of 1 MiB"));
-        assert!(budget(3 << 20, (5 << 20) + 1).ends_with("the smallest that works is 6 MiB"));
-        assert!(budget(3 << 20, 5 << 20).ends_with("the smallest that works is 5 MiB"));
+        assert!(budget(3 << 20, (5 << 20) + 1).ends_with("at least 6 MiB are needed"));
+        assert!(budget(3 << 20, 5 << 20).ends_with("at least 5 MiB are needed"));
     }
 }

@@ -135,7 +135,7 @@ pub enum Error {
         vertices: usize,
     },
     /// A memory budget that is too small for the fit.
-    #[error("a memory budget of {}MiB is too small for this fit; the smallest that works is {}MiB", .budget >> 20, .needed.div_ceil(1 << 20))]
+    #[error("a memory budget of {}MiB is too small; at least {}MiB are needed", .budget >> 20, .needed.div_ceil(1 << 20))]
     Memory {
         /// The budget in bytes.
         budget: usize,

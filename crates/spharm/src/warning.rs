@@ -104,9 +104,9 @@ impl fmt::Display for FitWarning {
             Self::Singular { max_degree, breaks_at, norm, optimality } => {
                 write!(f, "degree {max_degree} isn't determined by this sampling")?;
                 if let Some([column, degree]) = breaks_at {
-                    write!(f, "; the Gram matrix breaks at column {column}, of degree {degree}")?;
+                    write!(f, "; the Gram matrix breaks down at column {column} (degree {degree})")?;
                 }
-                write!(f, "; used the solution of least norm, which is {norm:.3e}, with optimality {optimality:.1e}")
+                write!(f, "; the solution of minimum norm was used (norm {norm:.3e}, optimality {optimality:.1e})")
             }
             Self::FewVertices { vertices, functions, suitable_degree } => write!(
                 f,
@@ -121,7 +121,7 @@ impl fmt::Display for FitWarning {
             Self::RankDeficient { first_degree, last_degree, rank, columns } => write!(
                 f,
                 "degrees {first_degree} to {last_degree}: rank {rank} of {columns} columns: the sampling doesn't \
-                 determine all coefficients of these degrees; the solution of least norm was used"
+                 determine all coefficients of these degrees; the solution of minimum norm was used"
             ),
             Self::FactorUnusable { reason } => write!(f, "{reason}; solving without this factor"),
             Self::Gap { max_degree, samples, functions, largest_gap, resolved } => write!(

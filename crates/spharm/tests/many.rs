@@ -128,7 +128,8 @@ fn targets_that_fail_are_handed_over_and_change_no_other() {
     assert!(none == [None, None, None] && report.batches.is_empty());
 }
 
-/// If a batch misses the tolerance, each target that meets the tolerance when fitted separately gets its fit.
+/// If a batch misses the tolerance, its targets are fitted separately, and each that then meets the tolerance keeps
+/// this fit.
 #[test]
 fn a_fit_that_does_not_converge_is_named_alone() {
     let sphere = sphere();

@@ -144,7 +144,7 @@ pub enum StoreError {
         found: usize,
     },
     /// The store has the scheme, but lacks a basis file of some degree up to the requested one.
-    #[error("{}: scheme {key} holds {}, but degree {missing} is missing", .store.display(), degrees_there(.complete_to))]
+    #[error("{}: scheme {key} has {}", .store.display(), degrees_there(*.complete_to, *.missing))]
     DegreeMissing {
         /// Path of the store.
         store: PathBuf,
@@ -182,7 +182,7 @@ pub enum StoreError {
         free: u64,
     },
     /// The memory budget is too small for the computation.
-    #[error("a memory budget of {budget} bytes is too small; the smallest that works is {needed} bytes ({} MiB)", needed.div_ceil(1 << 20))]
+    #[error("a memory budget of {budget} bytes is too small; at least {needed} bytes ({} MiB) are needed", needed.div_ceil(1 << 20))]
     Budget {
         /// The budget in bytes.
         budget: usize,
@@ -262,9 +262,9 @@ fn factors_there(names: &[String]) -> String {
     if names.is_empty() { "the store has no factors".to_owned() } else { format!("the store has {}", names.join(", ")) }
 }
 
-fn degrees_there(complete_to: &Option<usize>) -> String {
+fn degrees_there(complete_to: Option<usize>, missing: usize) -> String {
     match complete_to {
-        Some(degree) => format!("degrees 0 to {degree}"),
+        Some(degree) => format!("degrees 0 to {degree}, but degree {missing} is missing"),
         None => "no degree 0".to_owned(),
     }
 }
@@ -296,8 +296,8 @@ mod tests {
             let (scalar, missing, wanted) = (None, 3, 5);
             StoreError::DegreeMissing { store: store(), key, scalar, complete_to, missing, wanted }.to_string()
         };
-        assert!(degree(Some(2)).ends_with("holds degrees 0 to 2, but degree 3 is missing"));
-        assert!(degree(None).ends_with("holds no degree 0, but degree 3 is missing"));
+        assert!(degree(Some(2)).ends_with("has degrees 0 to 2, but degree 3 is missing"));
+        assert!(degree(None).ends_with("has no degree 0"));
         let space = StoreError::Space { path: store(), what: "basis", needed: 2_500_000_000, free: 1_000_000_000 };
         let expected = "the basis needs 2500000000 bytes (2.5 GB), but the disk has 1000000000 free (1.0 GB)";
         assert!(space.to_string().ends_with(expected), "{space}");

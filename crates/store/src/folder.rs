@@ -115,8 +115,8 @@ fn free_space(store: &Path) -> Result<u64, StoreError> {
     // If the store's folder doesn't exist, use its nearest existing ancestor.
     let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
-    let statistics =
-        rustix::fs::statvfs(existing).map_err(|e| StoreError::io(existing, "cannot ask for space")(e.into()))?;
+    let statistics = rustix::fs::statvfs(existing)
+        .map_err(|e| StoreError::io(existing, "cannot determine the free disk space")(e.into()))?;
     Ok(statistics.f_bavail.saturating_mul(statistics.f_frsize))
 }
 

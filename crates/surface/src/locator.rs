@@ -93,7 +93,10 @@ impl SphereLocator {
             return Err(wrong("no triangle".to_owned()));
         }
         if let Some(face) = sphere.faces.iter().position(|f| f.iter().any(|&v| v as usize >= vertices)) {
-            return Err(wrong(format!("triangle {face} names {:?} of {vertices} vertices", sphere.faces[face])));
+            return Err(wrong(format!(
+                "triangle {face} with vertices {:?}, but only {vertices} vertices (counted from 0)",
+                sphere.faces[face]
+            )));
         }
         let corner = |v: u32| directions.as_slice()[v as usize];
         let mut corners: Vec<[Vec3; 3]> = sphere.faces.iter().map(|face| face.map(corner)).collect();

@@ -89,7 +89,7 @@ impl SphereSampling {
             return wrong("none".to_owned());
         }
         if let Some(vertex) = faces.iter().flatten().find(|&&v| v as usize >= unit.len()) {
-            return wrong(format!("vertex {vertex} of {}", unit.len()));
+            return wrong(format!("vertex {vertex}, but only {} vertices (counted from 0)", unit.len()));
         }
         let cuts: Vec<Cut> = faces.par_iter().map(|&face| Cut::new(unit, face, spacing)).collect();
         let mut end = 0;

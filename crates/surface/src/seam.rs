@@ -45,13 +45,16 @@ impl Seam {
     pub fn checked(self, vertices: usize, faces: usize) -> Result<Self, String> {
         if self.vertices.checked_add(self.copies.len()).is_none_or(|known| known > vertices) {
             let copies = self.copies.len();
-            return Err(format!("{} vertices and {copies} copies of {vertices} vertices", self.vertices));
+            return Err(format!(
+                "expected at least {} vertices plus {copies} copies, found {vertices} vertices",
+                self.vertices
+            ));
         }
         if self.faces > faces {
-            return Err(format!("{} of {faces} triangles", self.faces));
+            return Err(format!("expected at least {} triangles, found {faces}", self.faces));
         }
         match self.copies.iter().find(|&&v| v as usize >= self.vertices) {
-            Some(v) => Err(format!("a copy of vertex {v} of {}", self.vertices)),
+            Some(v) => Err(format!("expected copies of vertices below {}, found a copy of vertex {v}", self.vertices)),
             None => Ok(self),
         }
     }
@@ -85,7 +88,7 @@ impl Seam {
         };
         let triangle = |(face, &[a, b, c]): (usize, &[u32; 3])| {
             let vertices = own(a).zip(own(b)).zip(own(c)).map(|((a, b), c)| [a, b, c]);
-            vertices.ok_or_else(|| format!("triangle {face} is over a vertex of a filling"))
+            vertices.ok_or_else(|| format!("triangle {face} of the original surface uses a vertex of a filling"))
         };
         let faces: Result<Vec<[u32; 3]>, String> = cut.faces[..faces].iter().enumerate().map(triangle).collect();
         Ok(Welded { mesh: Mesh { vertices: welded, faces: faces?, meta: cut.meta.clone() }, gap: gap.sqrt() })
@@ -138,9 +141,12 @@ mod tests {
             assert_eq!((Seam::of(&meta), meta.file_metadata.len()), (Some(seam()), 3));
         }
         let refused = |seam: Seam| seam.weld(&cut()).unwrap_err();
-        assert!(refused(Seam { vertices: usize::MAX, ..seam() }).contains("2 copies of 6 vertices"));
-        assert!(refused(Seam { faces: 3, ..seam() }).contains("3 of 2 triangles"));
-        assert!(refused(Seam { copies: vec![3], ..seam() }).contains("a copy of vertex 3 of 3"));
-        assert!(refused(Seam { faces: 2, ..seam() }).contains("triangle 1 is over a vertex of a filling"));
+        assert!(refused(Seam { vertices: usize::MAX, ..seam() }).contains("2 copies, found 6 vertices"));
+        assert!(refused(Seam { faces: 3, ..seam() }).contains("3 triangles, found 2"));
+        assert!(refused(Seam { copies: vec![3], ..seam() }).contains("below 3, found a copy of vertex 3"));
+        assert!(
+            refused(Seam { faces: 2, ..seam() })
+                .contains("triangle 1 of the original surface uses a vertex of a filling")
+        );
     }
 }

@@ -70,12 +70,14 @@ impl fmt::Display for SphereWarning {
                 let percent = 100.0 * (max - min) / max;
                 write!(
                     f,
-                    "radii from {min:.4} to {max:.4}, {percent:.1} % apart; is this a sphere centered at the origin?"
+                    "the radii range from {min:.4} to {max:.4} ({percent:.1} % apart); check that this is a sphere \
+                     centred at the origin"
                 )
             }
             Self::NotClosed(topology) => write!(f, "not a closed sphere: {}", topology.problems().join("; ")),
             Self::Inwards => f.write_str("the triangles wind inwards"),
-            Self::RepeatedDirections { count } => write!(f, "{count} directions repeat earlier ones"),
+            Self::RepeatedDirections { count: 1 } => f.write_str("1 direction is equal to an earlier direction"),
+            Self::RepeatedDirections { count } => write!(f, "{count} directions are equal to earlier directions"),
         }
     }
 }

@@ -24,7 +24,7 @@ pub(crate) struct Layout {
     pub(crate) stride: usize,
     /// Number of margin rows before the first row, and number of those after the last one.
     pub(crate) margin: usize,
-    /// Number of rows of a strip. Points are sorted by strips, and strips are distributed among threads.
+    /// Number of rows per strip. Points are sorted by strips, and strips are distributed among threads.
     pub(crate) strip: usize,
 }
 

@@ -122,7 +122,7 @@ impl MomentOperator {
         self.norm
     }
 
-    /// Computes `A^T diag(w) A x`: (K, c) for the coefficients x, (K, c).
+    /// Computes `A^T diag(w) A x` for coefficients x. Both x and the result are (K, c).
     ///
     /// # Errors
     ///

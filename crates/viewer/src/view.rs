@@ -36,7 +36,7 @@ pub struct View {
 #[non_exhaustive]
 pub enum ViewError {
     /// [`View::plan`] must succeed first.
-    #[error("no model was given yet")]
+    #[error("the directions and triangles must be planned first")]
     NoPlan,
     /// An array whose length doesn't match the other arrays.
     #[error("{what}: expected {expected} numbers, found {found}")]
@@ -49,7 +49,7 @@ pub enum ViewError {
         found: usize,
     },
     /// A triangle that refers to a missing vertex.
-    #[error("a triangle names vertex {vertex}, there are {vertices}")]
+    #[error("a triangle refers to vertex {vertex}, but there are only {vertices} vertices (counted from 0)")]
     Face {
         /// Index of the vertex.
         vertex: u32,

@@ -124,7 +124,10 @@ fn volumes(folder: &Path, input: &[u8]) {
     let Some((name, bytes)) = choice(input, NAMES.len()) else { return };
     let path = file(folder, NAMES[name], bytes);
     let values = [VoxelValues::Labels, VoxelValues::Level(0.5), VoxelValues::Probability][bytes.len() % 3];
-    let image = ImageChoice { channel: (bytes.len() % 5 == 0).then_some(1), time: (bytes.len() % 7 == 0).then_some(1) };
+    let image = ImageChoice {
+        channel: (bytes.len() % 5 == 0).then(|| 1 + bytes.len() / 5 % 3),
+        time: (bytes.len() % 7 == 0).then(|| 1 + bytes.len() / 7 % 3),
+    };
     let reading = VolumeReading { voxel_size: (name >= 4).then_some([1.0; 3]), values, image };
     if let Ok(volume) = LabelVolume::read_with(&path, reading, &Silent) {
         for label in volume.labels().into_keys().take(2) {

@@ -90,7 +90,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     if cli.strict && flagged > 0 {
         let flagged = counted(flagged, "subject");
-        bail!("{}: {flagged} flagged; mend their surfaces, or leave their models out", cli.output.display());
+        bail!("{}: {flagged} flagged; repair their surfaces, or exclude their models", cli.output.display());
     }
     Ok(())
 }

@@ -127,8 +127,8 @@ fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
     let mut warnings = Vec::new();
     if found.unreached > LACKING {
         warnings.push(format!(
-            "the mean of the group misses {:.1} % of this surface, by at most {:.4}: the surface may be of another \
-             kind, or have parts that the group lacks",
+            "the mean of the group doesn't reach {:.1} % of this surface (largest distance {:.4}): the surface may be \
+             of another kind, or have parts that the group lacks",
             100.0 * found.unreached,
             found.cover_farthest
         ));

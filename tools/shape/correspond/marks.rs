@@ -48,10 +48,11 @@ impl Errors {
         let of_guide = self.guide.as_ref().map_or_else(String::new, |guide| {
             let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
             let (guided, left_out) = (mean(&guide.guided), mean(&guide.left_out));
-            format!("; landmarks used as guides end at a distance of {guided:.3}, and of {left_out:.3} when left out")
+            format!("; mean error of guiding landmarks: {guided:.3}, or {left_out:.3} if excluded from guiding")
         });
         format!(
-            "landmarks apart: mean {mean:.3}, median {median:.3} of {carried} carried, {unreached} not reached{of_guide}"
+            "landmark error: mean {mean:.3}, median {median:.3} over {carried} carried landmarks, {unreached} without a \
+             counterpart{of_guide}"
         )
     }
 }

@@ -54,8 +54,8 @@ use super::outputs::finish;
     &[
         help::MESHES,
         help::VOLUMES,
-        "The folder has a model of each surface and the mean in the group's frame, places/ with the places that correspond, \
-         members/ with each one's transform and how well it is covered, and group.json.",
+        "The folder has a model of each surface and the mean in the group's frame, places/ with the corresponding positions, \
+         members/ with each member's transform and coverage, and group.json.",
     ],
 ))]
 pub(super) struct Cli {
@@ -290,13 +290,14 @@ fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) ->
     let template = cli.template.as_deref().map(FileRecord::of).transpose()?;
     let CorrespondParams { max_degree, subdivisions, rounds, pose, register, guide, mirrored, .. } = params;
     let settings = format!("{max_degree} {subdivisions:?} {rounds} {pose:?} {register:?} {guide:?} {mirrored:?}");
-    let contents = |record: &FileRecord| json!([record.blake3, record.label]);
+    let contents = |record: &FileRecord| json!(record.contents());
     let key = json!({
         "version": env!("CARGO_PKG_VERSION"),
         "surfaces": origins.iter().map(|origin| origin.input.as_ref().map(contents)).collect::<Vec<_>>(),
         "voxel_size": cli.volume.voxel_size.map(|size| size.0),
         "threshold": cli.volume.threshold,
         "probability": cli.volume.probability,
+        "image": [cli.volume.channel, cli.volume.time],
         "smooth_radius": cli.volume.smooth_radius,
         "template": template.as_ref().map(contents),
         "settings": settings,
@@ -327,7 +328,7 @@ fn member_json(surface: &Surface, member: &MemberReport, similarity: &spharm_sur
 
 /// Returns the rows of the table, one per member.
 fn rows<'a>(members: impl Iterator<Item = (&'a str, &'a MemberReport)>) -> Vec<Vec<String>> {
-    let names = ["member", "pose", "cover rms", "99 %", "farthest", "unreached %", "turned", "model rms"];
+    let names = ["member", "pose distance", "coverage rms", "99 %", "largest", "not reached %", "flipped", "model rms"];
     let mut rows = vec![names.map(str::to_owned).to_vec()];
     for (name, found) in members {
         let lengths = [found.pose_distance, found.cover_rms, found.cover_most, found.cover_farthest];

@@ -106,7 +106,8 @@ pub(super) fn find_signals(surfaces: &mut [Surface], with: &[With], table: Optio
 impl Surface {
     /// Returns the record of the file from which the surface is read.
     pub(super) fn record(&self) -> Result<FileRecord> {
-        Ok(FileRecord { label: self.label, ..FileRecord::of(&self.path)? })
+        let (record, image) = (FileRecord::of(&self.path)?, self.reading.image);
+        Ok(FileRecord { label: self.label, channel: image.channel, time: image.time, ..record })
     }
 
     /// Reads the signals, each with one value per vertex.

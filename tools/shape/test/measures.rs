@@ -98,10 +98,10 @@ impl Read {
                         cells[order[at]]
                     );
                     match (wanted.is_empty(), values.is_empty()) {
-                        (false, _) => bail!("{text}; leave the subject or the measure out"),
+                        (false, _) => bail!("{text}; exclude the subject or the measure"),
                         (true, true) => continue,
                         (true, false) => {
-                            warn(format!("{text}; the measure is left out"));
+                            warn(format!("{text}; the measure is skipped"));
                             continue;
                         }
                     }

@@ -221,12 +221,13 @@ fn repeated(table: &Table, covariates: &[Term]) -> Option<String> {
         let twice: HashSet<&str> = cells.iter().copied().filter(|cell| !seen.insert(*cell)).collect();
         let first = cells.iter().find(|cell| twice.contains(*cell))?;
         Some(format!(
-            "{name} {first} has {} rows, and {} of {} subjects more than one: rows have to be independent subjects, and p \
-             values are too small; test the differences of two models of each (--minus), or, for an effect within subjects, \
-             account for them (--covariates {name} --categorical {name})",
-            cells.iter().filter(|cell| *cell == first).count(),
+            "{} of {} subjects {} more than one row ({name} {first} has {}), but the test assumes independent rows, so p \
+             values are too small; test the differences between two models of each subject (--minus), or, for an effect \
+             within subjects, add the subjects as a covariate (--covariates {name} --categorical {name})",
             twice.len(),
             seen.len(),
+            if twice.len() == 1 { "has" } else { "have" },
+            cells.iter().filter(|cell| *cell == first).count(),
         ))
     })
 }

@@ -133,7 +133,9 @@ impl fmt::Display for Flag {
             Self::Far { measure, value, median, z } => {
                 write!(f, "{} {} (median {}, robust z {z:.1}", measure.name(), number(*value), number(*median))?;
                 match unit_factor(*measure, *value / *median) {
-                    Some(factor) => write!(f, ", as if lengths were {factor} those of the others)"),
+                    Some(factor) => {
+                        write!(f, "; the lengths may be in another unit: about {factor} those of the others)")
+                    }
                     None => f.write_str(")"),
                 }
             }

@@ -43,8 +43,8 @@ pub enum RunError {
     },
     /// A mask for signals is given for a surface.
     #[error(
-        "{}: this is a surface, and a signal_mask ({}) limits the values that are read of a signal; --mask leaves \
-         vertices of surfaces out",
+        "{}: signal_mask ({}) applies only to signals, but this file is a surface; use --mask to exclude vertices of \
+         surfaces",
         .path.display(), .mask.display()
     )]
     MaskedSurface {

@@ -131,10 +131,9 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
         let width = (high - low).max(1e-6 * low.abs().max(high.abs()));
         if least < low - width || most > high + width {
             return Ok(Some(format!(
-                "{name}: at the excluded vertices the model ranges from {least:.4} to {most:.4}, at all others from \
-                 {low:.4} to {high:.4}: the data don't determine the model there, which affects means, modes and maps \
-                 of \
-                 whole models; lower the degree, or set a smoothness"
+                "{name}: the model ranges from {least:.4} to {most:.4} at excluded vertices, but only from {low:.4} to \
+                 {high:.4} at the others, because the data don't determine it there; this affects means, modes and \
+                 maps of whole models: lower the degree or set a smoothness"
             )));
         }
     }

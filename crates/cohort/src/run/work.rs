@@ -143,7 +143,11 @@ impl<'a> Work<'a> {
         }
         let row = &self.cohort.rows[number];
         let label = self.label(row, sphere.is_some())?;
-        let record = FileRecord { label, ..self.record_of(&row.surface)? };
+        let (record, image) = (self.record_of(&row.surface)?, self.params.preparation.reading.image);
+        let record = match label {
+            Some(label) => record.with_label(label, [image.channel, image.time]),
+            None => record,
+        };
         lock(&self.inputs).add_row(row, &record);
         let model = row.model(&self.cohort.folder);
         let item = Item::decide(row, model.clone(), record, sphere, params, self.params, self.ledger.observer)?;

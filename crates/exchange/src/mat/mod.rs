@@ -54,8 +54,8 @@ fn sphere(vertices: &Matrix, faces: Option<&Matrix>) -> Result<Sphere, Flaw> {
         };
         let triangle = |row| Some([corner(row, 0)?, corner(row, 1)?, corner(row, 2)?]);
         let triangles: Option<Vec<[u32; 3]>> = (0..faces.rows).map(triangle).collect();
-        sphere.faces =
-            triangles.ok_or_else(|| Flaw::new(format!("faces of vertices 1 to {}", vectors.len()), "others"))?;
+        let expected = || format!("vertex numbers from 1 to {} in `faces`", vectors.len());
+        sphere.faces = triangles.ok_or_else(|| Flaw::new(expected(), "other numbers"))?;
     }
     Ok(sphere)
 }

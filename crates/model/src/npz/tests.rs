@@ -103,9 +103,9 @@ fn where_a_surface_was_cut_returns_and_must_fit() {
     };
     for (found, expected) in [
         (refused(&[2, 0], "(2,)", None), "no array `seam`"),
-        (refused(&[2, 0], "(2,)", Some(2)), "a copy of vertex 2 of 2"),
-        (refused(&[3, 0], "(2,)", Some(0)), "3 vertices and 1 copies of 3 vertices"),
-        (refused(&[2, 9], "(2,)", Some(0)), "9 of 0 triangles"),
+        (refused(&[2, 0], "(2,)", Some(2)), "below 2, found a copy of vertex 2"),
+        (refused(&[3, 0], "(2,)", Some(0)), "3 vertices plus 1 copies, found 3 vertices"),
+        (refused(&[2, 9], "(2,)", Some(0)), "9 triangles, found 0"),
         (refused(&[2, -1], "(2,)", Some(0)), "expected two numbers"),
         (refused(&[2, 0, 0], "(3,)", Some(0)), "expected two numbers"),
     ] {

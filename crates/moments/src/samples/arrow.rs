@@ -33,7 +33,7 @@ pub(super) struct Batches {
     names: Vec<String>,
     start: Option<Start>,
     rows: Option<Result<Rows, String>>,
-    /// For each value of a resulting row, the index of its column in a batch.
+    /// For each value of an output row, the index of the batch's column from which it is read.
     places: Vec<usize>,
     /// Number of rows to skip, because the batches contain rows before the shard.
     skip: u64,
@@ -152,7 +152,12 @@ impl Table for Batches {
         let width = self.places.len().max(1);
         while self.pending.len() < most * width && self.left > 0 {
             if !self.more()? {
-                return Err(malformed(&self.path, self.format, &format_args!("{} rows fewer", self.left)));
+                return Err(MomentsError::Malformed {
+                    path: self.path.clone(),
+                    format: self.format,
+                    expected: format!("{} more {}", self.left, if self.left == 1 { "row" } else { "rows" }),
+                    found: "the end of the table".to_owned(),
+                });
             }
         }
         let count = self.pending.len().min(most * width);

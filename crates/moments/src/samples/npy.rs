@@ -80,7 +80,8 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
 pub(super) fn of_stream(path: &Path, mut input: Box<dyn Read + Send>) -> Result<(Records, u64), MomentsError> {
     let header = read_header(path, &mut input)?;
     if header.bytes().is_none() {
-        return Err(malformed(path, "a possible number of rows".to_owned(), format!("{} rows", header.rows)));
+        let found = format!("{} rows of {} bytes", header.rows, header.row);
+        return Err(malformed(path, "fewer than 2^64 bytes of rows".to_owned(), found));
     }
     if header.fortran && header.fields.len() > 1 {
         return Err(malformed(path, "an array in C order on standard input".to_owned(), "Fortran order".to_owned()));

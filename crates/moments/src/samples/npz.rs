@@ -41,11 +41,12 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
             return Err(malformed("arrays in C order", format!("{} in Fortran order", entry.name)));
         }
         if header.bytes().is_none() {
-            return Err(malformed("a possible number of rows", format!("{} rows of {}", header.rows, entry.name)));
+            let found = format!("{} rows of {} bytes in {}", header.rows, header.row, entry.name);
+            return Err(malformed("fewer than 2^64 bytes of rows", found));
         }
         let expected = *rows.get_or_insert(header.rows);
         if header.rows != expected {
-            let found = format!("{} rows in {}, {expected} in the array before", header.rows, entry.name);
+            let found = format!("{} rows in {}, but {expected} rows in the arrays before it", header.rows, entry.name);
             return Err(malformed("arrays with the same number of rows", found));
         }
         names.extend(named(&entry.name, &header));

@@ -55,7 +55,7 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
     while at < end {
         input.seek(SeekFrom::Start(at)).map_err(|error| error.to_string())?;
         let mut header = Compact { input: input.by_ref().take((end - at).min(HEADER)), read: 0 };
-        let page = header.page().map_err(|error| format!("no header of a page at byte {at} ({error})"))?;
+        let page = header.page().map_err(|error| format!("no valid page header at byte {at} ({error})"))?;
         let body = at + header.read;
         let wrong = || format!("a page of {} bytes at byte {at}, outside its column", page.compressed);
         let compressed = u64::try_from(page.compressed).map_err(|_| wrong())?;
@@ -118,7 +118,7 @@ impl<R: Read> Compact<R> {
                 *found = true;
             }
         }
-        if found == [true; 3] { Ok(page) } else { Err(invalid("no size in it")) }
+        if found == [true; 3] { Ok(page) } else { Err(invalid("its type or a size is missing")) }
     }
 
     /// Reads the beginning of a field. Returns its number and type; `None` at the end of the structure. `last` is the

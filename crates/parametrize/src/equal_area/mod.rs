@@ -51,7 +51,11 @@ pub fn equal_area(
     let started = Instant::now();
     if quads.components() != 1 || quads.euler_characteristic() != 2 || quads.pinched_edges() > 0 {
         let (count, chi) = (quads.components(), quads.euler_characteristic());
-        let problems = format!("{count} surfaces of Euler characteristic {chi} in all, of 1 and 2");
+        let problems = format!(
+            "expected 1 surface of Euler characteristic 2 without pinched edges, found {count} (Euler characteristic \
+             {chi} in total, {} pinched edges)",
+            quads.pinched_edges()
+        );
         return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy: "repair the label" });
     }
     monitor.check()?;

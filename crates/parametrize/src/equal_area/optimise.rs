@@ -338,8 +338,8 @@ struct System<'a> {
 impl<'a> System<'a> {
     fn new(quads: &'a [[u32; 4]], vertices: usize) -> Result<Self, ParametrizeError> {
         let failed = |found: String| ParametrizeError::Argument {
-            what: "equal-area system",
-            expected: "memory for its factor",
+            what: "linear system of equal-area",
+            expected: "enough memory for its Cholesky factor",
             found,
         };
         let mut entries = Vec::with_capacity(36 * quads.len() + 2 * vertices);

@@ -64,7 +64,10 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     }
     let mut complex = Complex::new(surface);
     let cuts = rounds::cut_all(&mut complex, genus, monitor)?;
-    let cuts = cuts.ok_or_else(|| left_over(format!("found no loop around at least one of the {genus} handles")))?;
+    let cuts = cuts.ok_or_else(|| {
+        let which = if genus == 1 { "the handle" } else { &format!("at least one of the {genus} handles") };
+        left_over(format!("no loop was found around {which}"))
+    })?;
     let mut cut = Mesh::new(complex.positions.clone(), complex.own_triangles().collect());
     cut.meta.clone_from(&surface.meta);
     let (normals, outward) = (normals(surface), is_outward(surface));

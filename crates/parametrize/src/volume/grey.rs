@@ -156,7 +156,7 @@ impl Grey {
     /// count as 0 or 1.
     fn expected_volume(&self, mask: &Mask) -> f64 {
         let steps: Vec<isize> = around().map(|d| mask.step(d)).collect();
-        // All neighbours of a voxel inside are in the box.
+        // The box has a rim, so it contains all neighbours of the voxels inside the mask.
         let mut near = vec![false; mask.inside.len()];
         for index in (0..near.len()).filter(|&index| mask.inside[index]) {
             for next in steps.iter().map(|step| index.wrapping_add_signed(*step)).filter(|&next| !mask.inside[next]) {

@@ -15,7 +15,7 @@ use std::io::Read;
 
 use super::affine::Affine;
 use super::source::Source;
-use super::values::{Layout, Scalar, Volume, cut_short};
+use super::values::{Layout, Scalar, Volume, cut_short, skip};
 use crate::error::ParametrizeError;
 
 /// Number of bytes of the header.
@@ -60,11 +60,11 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let layout = Layout { size, scalar, little_endian: false, scaling: None };
     let skipped = layout.bytes().saturating_mul(frame as u64);
     if layout.bytes().saturating_add(skipped) > most {
-        let found = format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
+        let bits = 8 * scalar.width();
+        let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
         return Err(not_mgh(found));
     }
-    let skip = std::io::copy(&mut (&mut stream).take(skipped), &mut std::io::sink());
-    skip.map_err(|error| cut_short(path, &error.to_string()))?;
+    skip(source, &mut stream, skipped)?;
     let voxels = layout.read(source, &mut stream)?;
     // Reads to the end of the compressed data, which ends in a checksum. Tags may follow the values.
     let rest = std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink());
@@ -84,7 +84,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     };
     let affine = Affine([row(0), row(1), row(2)]);
     if !affine.is_valid() {
-        return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
+        return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }
     Ok(Volume { size, affine, voxels })
 }

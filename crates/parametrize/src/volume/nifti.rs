@@ -9,7 +9,7 @@ use nifti::{Endianness, NiftiHeader, NiftiType};
 
 use super::affine::Affine;
 use super::source::Source;
-use super::values::{Layout, Scalar, Volume, cut_short};
+use super::values::{Layout, Scalar, Volume, cut_short, skip};
 use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
 
@@ -47,19 +47,20 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let offset = (f64::from(header.vox_offset).max(352.0) as u64).saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
         let [x, y, z] = size;
-        let width = scalar.width();
-        let found = format!("{x} x {y} x {z} voxels of {width} bytes, more than the file can hold");
+        let bits = 8 * scalar.width();
+        let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
         return Err(not_nifti(&found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
     // Skips extensions between the header and the values.
-    std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
+    skip(source, &mut stream, offset - HEADER as u64)?;
     let voxels = layout.read(source, &mut stream)?;
-    // Reads to the end of the compressed data, which ends in a checksum. Other data may follow the values.
+    // Read to the end of the compressed stream, so that its checksum is verified. Other data may follow the voxels'
+    // values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let affine = Forms::of(&header).affine();
     if !affine.is_valid() {
-        return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
+        return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }
     Ok(Volume { size, affine, voxels })
 }

@@ -17,7 +17,7 @@ use std::io::Read;
 
 use super::nifti::{Forms, image};
 use super::source::Source;
-use super::values::{Layout, Scalar, Volume, cut_short};
+use super::values::{Layout, Scalar, Volume, cut_short, skip};
 use crate::error::ParametrizeError;
 
 const HEADER: usize = 540;
@@ -95,11 +95,12 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let start = header.long(168).max(HEADER as i64 + 4) as u64;
     let offset = start.saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
-        let found = format!("{x} x {y} x {z} voxels of {} bytes, more than the file can hold", scalar.width());
+        let bits = 8 * scalar.width();
+        let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
         return Err(not_nifti(found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
-    std::io::copy(&mut (&mut stream).take(offset - HEADER as u64), &mut std::io::sink()).map_err(broken)?;
+    skip(source, &mut stream, offset - HEADER as u64)?;
     let voxels = layout.read(source, &mut stream)?;
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
     let code = |at| i32::from_le_bytes(header.bytes(at));
@@ -111,7 +112,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     };
     let affine = forms.affine();
     if !affine.is_valid() {
-        return Err(wrong("voxels with a volume", format!("the matrix {:?}", affine.0)));
+        return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }
     Ok(Volume { size, affine, voxels })
 }

@@ -51,7 +51,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let (header, start) =
         Header::read(bytes).ok_or_else(|| source.wrong("an NRRD header of text", "something else".to_owned()))?;
     let scalar = scalar(header.get("type").unwrap_or_default())
-        .ok_or_else(|| source.wrong("numbers", format!("type {:?}", header.get("type"))))?;
+        .ok_or_else(|| source.wrong("numbers", format!("type {:?}", header.get("type").unwrap_or("none"))))?;
     let sizes: Option<Vec<u16>> = header.get("sizes").and_then(|sizes| words(sizes).map(|n| n.parse().ok()).collect());
     let Some([x, y, z]) = sizes.as_deref().and_then(<[u16]>::as_array) else {
         let found = format!("sizes {:?}; extract one volume", header.get("sizes").unwrap_or("none"));
@@ -60,22 +60,23 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     source.image(1, 1)?;
     let size = [*x, *y, *z].map(usize::from);
     for field in ["lineskip", "byteskip"] {
-        if header.get(field).is_some_and(|skip| skip != "0") {
-            return Err(source.wrong("values right after the header", format!("{field} {:?}", header.get(field))));
+        if let Some(skip) = header.get(field).filter(|&skip| skip != "0") {
+            return Err(source.wrong("values directly after the header", format!("{field}: {skip}")));
         }
     }
     let little_endian = match header.get("endian").map(str::to_ascii_lowercase).as_deref() {
         Some("little") => true,
         Some("big") => false,
         None if scalar.width() == 1 => true,
-        other => return Err(source.wrong("endian: little or big", format!("{other:?}"))),
+        other => return Err(source.wrong("endian: little or big", other.unwrap_or("none").to_owned())),
     };
     let layout = Layout { size, scalar, little_endian, scaling: None };
     let other = header.get("datafile").map(|name| beside(source, name)).transpose()?;
     let values = other.as_deref().or(bytes.get(start..)).unwrap_or_default();
     let too_many = |most: u64| {
-        let found = format!("{x} x {y} x {z} voxels, but at most {most} bytes of values");
-        Err(source.wrong("values of the sizes in the header", found))
+        let bits = 8 * scalar.width();
+        let found = format!("at most {most} bytes of values for {x} x {y} x {z} voxels of {bits} bits");
+        Err(source.wrong("a value for each voxel of the header", found))
     };
     let voxels = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {
         Some("raw") if layout.bytes() > values.len() as u64 => return too_many(values.len() as u64),
@@ -155,7 +156,7 @@ fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<Affine, Parametriz
     if affine.is_valid() {
         Ok(affine)
     } else {
-        Err(source.wrong("voxels with a volume", format!("the matrix {:?}", affine.0)))
+        Err(source.wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)))
     }
 }
 

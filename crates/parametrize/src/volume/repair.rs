@@ -72,7 +72,7 @@ impl Repair {
             handles => (format!("{handles} handles"), "them"),
         };
         Some(format!(
-            "the repair removed {number}, so there was no handle left to cut; without the repair the label keeps {kept}"
+            "the repair removed {number}, so no handle was left to cut; run without the repair to keep {kept}"
         ))
     }
 }
@@ -96,7 +96,7 @@ impl std::fmt::Display for Repair {
         }
         if self.voxels_changed > 0 {
             let changed = voxels(self.voxels_changed);
-            let contacts = "contacts at edges or corners only";
+            let contacts = "contacts of voxels at an edge or corner only";
             changes.push(match self.handles_removed {
                 0 => format!("{changed} {done} to remove {contacts}"),
                 handles => format!("{changed} {done} to remove {} and {contacts}", count(handles, "handle", "handles")),

@@ -34,7 +34,10 @@ impl Source<'_> {
             .or(found)
             .ok_or_else(|| ParametrizeError::NoVoxelSize { path: self.path.to_owned(), format })?;
         let affine = Affine::of_voxel_size(size);
-        if affine.is_valid() { Ok(affine) } else { Err(self.wrong("voxels with a volume", format!("sizes {size:?}"))) }
+        if !affine.is_valid() {
+            return Err(self.wrong("voxels of finite, nonzero volume", format!("sizes {size:?}")));
+        }
+        Ok(affine)
     }
 
     /// Returns the indices from 0 of the channel and the time to read.

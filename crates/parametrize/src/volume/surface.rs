@@ -51,7 +51,9 @@ impl LabelSurface {
             }
             ("smooth", radius) => Ok(Self::Smooth { radius: radius.unwrap_or(HALF_A_VOXEL) }),
             ("voxels", None) => Ok(Self::Voxels),
-            ("voxels", Some(radius)) => refused("smooth_radius", "none for a surface of voxels", radius.to_string()),
+            ("voxels", Some(radius)) => {
+                refused("smooth_radius", "no radius with label_surface = voxels", radius.to_string())
+            }
             (other, _) => refused("label_surface", "smooth or voxels", other.to_owned()),
         }
     }
@@ -198,7 +200,7 @@ fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problem
         let sizes: Vec<String> = found.sizes.iter().take(5).map(ToString::to_string).collect();
         let more = if found.sizes.len() > 5 { ", ..." } else { "" };
         let count = found.sizes.len();
-        problems.push(format!("{count} pieces that share no face of a voxel (of {}{more} voxels)", sizes.join(", ")));
+        problems.push(format!("{count} pieces not connected by voxel faces ({}{more} voxels)", sizes.join(", ")));
     }
     let hollow = cavities(mask, monitor)?.sizes;
     if !hollow.is_empty() {

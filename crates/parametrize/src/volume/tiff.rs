@@ -38,11 +38,13 @@ struct Description {
     times: usize,
     /// Order of the pages: the axes Z, C and T, the one that varies fastest first.
     order: [u8; 3],
+    /// Whether the description has pages in another order, or in other files.
+    elsewhere: bool,
 }
 
 impl Description {
     /// The description of a file of one image.
-    const ONE: Self = Self { voxel_size: None, slices: None, channels: 1, times: 1, order: *b"ZCT" };
+    const ONE: Self = Self { voxel_size: None, slices: None, channels: 1, times: 1, order: *b"ZCT", elsewhere: false };
 
     /// Returns the indices of a page's slice, channel and time in a file of `slices` slices.
     fn place(&self, page: usize, slices: usize) -> [usize; 3] {
@@ -75,6 +77,10 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let several = description.channels.saturating_mul(description.times) > 1;
     // Files of one image may have any number of pages; in others, a missing number of slices is one.
     let slices = description.slices.or(several.then_some(1));
+    if several && description.elsewhere {
+        let found = "a description with pages in another order or in other files".to_owned();
+        return Err(source.wrong("pages in the order of DimensionOrder", found));
+    }
     let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let plane = u64::from(width) * u64::from(height);
@@ -93,17 +99,21 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
             continue;
         }
         if decoder.dimensions().map_err(broken)? != (width, height) {
-            return Err(source.wrong("slices of one size", format!("another one at slice {pages}")));
+            let found = format!("a different size in slice {pages} (counted from 0)");
+            return Err(source.wrong("slices of equal size", found));
         }
         match decoder.colortype().map_err(broken)? {
             ColorType::Gray(_) => {}
-            other => return Err(source.wrong("one whole number a pixel", format!("{other:?} at slice {pages}"))),
+            other => {
+                let found = format!("{other:?} in slice {pages} (counted from 0)");
+                return Err(source.wrong("greyscale pages with one number per pixel", found));
+            }
         }
         let voxels = (found.len() as u64).saturating_add(plane);
         if voxels > 2 * most {
             return Err(source.wrong(
-                "a stack that its file can hold",
-                format!("more than {pages} slices in {} bytes", bytes.len()),
+                "fewer slices for a file of this size",
+                format!("more than {pages} slices in {} bytes; the file may be damaged", bytes.len()),
             ));
         }
         found.check_room(voxels)?;
@@ -117,9 +127,13 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     }
     source.monitor.end();
     let size = [width as usize, height as usize, pages];
-    if slices.is_some_and(|slices| slices != pages) || found.len() as u64 != plane * pages as u64 {
-        let told = slices.unwrap_or(pages);
-        return Err(source.wrong("as many pages as slices", format!("{pages} pages, {told} slices in the description")));
+    if let Some(slices) = slices.filter(|&slices| slices != pages) {
+        let found = format!("{pages} pages but {slices} slices in the description");
+        return Err(source.wrong("one page per slice", found));
+    }
+    let expected = plane * pages as u64;
+    if found.len() as u64 != expected {
+        return Err(source.wrong("one value per pixel", format!("{} values for {expected} pixels", found.len())));
     }
     found.slices(pages);
     Ok(Volume { size, affine, voxels: found.finish()? })
@@ -192,13 +206,40 @@ fn of_ome(text: &str) -> Option<Description> {
     let voxel_size = (|| Some([length('X')?, length('Y')?, length('Z')?]))();
     let order = get("DimensionOrder".to_owned()).and_then(|order| order.strip_prefix("XY")?.as_bytes().try_into().ok());
     let is_complete = |order: &[u8; 3]| b"ZCT".iter().all(|axis| order.contains(axis));
-    Some(Description {
+    let description = Description {
         voxel_size,
-        slices: count('Z'),
+        slices: count('Z').map(|slices| slices.max(1)),
         channels: count('C').unwrap_or(1).max(1),
         times: count('T').unwrap_or(1).max(1),
         order: order.filter(is_complete).unwrap_or(*b"ZCT"),
-    })
+        elsewhere: false,
+    };
+    let elsewhere = places_differ(&mut reader, &description);
+    Some(Description { elsewhere, ..description })
+}
+
+/// Returns whether an element `TiffData` places a page at another slice, channel or time than its number says. If the
+/// pages of an image are in several files, their numbers in these files repeat, so this is the case, too.
+fn places_differ(reader: &mut Reader<&[u8]>, description: &Description) -> bool {
+    let slices = description.slices.unwrap_or(1);
+    loop {
+        match reader.read_event() {
+            Ok(Event::Start(tag) | Event::Empty(tag)) if is(tag.local_name().as_ref().as_ref(), b"TiffData") => {
+                let number = |name: &[u8]| {
+                    let found =
+                        tag.attributes().flatten().find(|attribute| is(attribute.key.as_ref().as_ref(), name))?;
+                    found.normalized_value(quick_xml::XmlVersion::Implicit1_0).ok()?.parse::<usize>().ok()
+                };
+                let place = [b"FirstZ", b"FirstC", b"FirstT"].map(|name| number(name).unwrap_or(0));
+                if description.place(number(b"IFD").unwrap_or(0), slices) != place {
+                    return true;
+                }
+            }
+            Ok(Event::End(tag)) if is(tag.local_name().as_ref().as_ref(), b"Pixels") => return false,
+            Ok(Event::Eof) | Err(_) => return false,
+            Ok(_) => {}
+        }
+    }
 }
 
 /// Parses ImageJ's description, lines of `key=value`. `pitches` are the width and height of a pixel in ImageJ's unit.
@@ -210,7 +251,7 @@ fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
     let voxel_size = (|| Some([pitches[0]? * unit?, pitches[1]? * unit?, spacing?.abs() * unit?]))();
     let (channels, times) = (count("channels").unwrap_or(1).max(1), count("frames").unwrap_or(1).max(1));
     let images = count("images").filter(|_| channels == 1 && times == 1);
-    Description { voxel_size, slices: count("slices").or(images), channels, times, order: *b"CZT" }
+    Description { voxel_size, slices: count("slices").or(images), channels, times, order: *b"CZT", elsewhere: false }
 }
 
 /// Returns the number of micrometres in a unit; `None` for an unknown unit.

@@ -126,7 +126,7 @@ impl<'a> Collector<'a> {
                 true => "no values".to_owned(),
                 false => format!("values from {} to {}, all {side} the level {level}", number(low), number(high)),
             };
-            return Err(self.wrong("voxels inside and outside of a body", found));
+            return Err(self.wrong("values on both sides of the level", found));
         }
         Ok(Voxels { labels: self.labels.finish().map_err(|room| no_room(path, room))?, values: self.values })
     }
@@ -179,6 +179,22 @@ impl Scalar {
     }
 }
 
+/// Reads past a number of bytes.
+pub(super) fn skip(source: &Source<'_>, stream: &mut impl Read, bytes: u64) -> Result<(), ParametrizeError> {
+    let mut left = bytes;
+    while left > 0 {
+        source.monitor.check()?;
+        let part = left.min(CHUNK as u64);
+        let skipped = std::io::copy(&mut stream.take(part), &mut std::io::sink());
+        let skipped = skipped.map_err(|error| cut_short(source.path, &error.to_string()))?;
+        if skipped < part {
+            return Err(cut_short(source.path, "fewer bytes than the header states"));
+        }
+        left -= part;
+    }
+    Ok(())
+}
+
 /// Layout of a file's values, as described by its header.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
@@ -217,7 +233,7 @@ impl Layout {
             (&mut stream).take(wanted).read_to_end(&mut bytes).map_err(|error| cut_short(path, &error.to_string()))?;
             if (bytes.len() as u64) < wanted {
                 let there = self.bytes() - left + bytes.len() as u64;
-                return Err(cut_short(path, &format!("{there} bytes of values instead of {}", self.bytes())));
+                return Err(cut_short(path, &format!("{there} of {} bytes of values", self.bytes())));
             }
             if self.scaling.is_none() && bytes.iter().all(|&byte| byte == 0) {
                 voxels.background(bytes.len() / self.scalar.width())?;
@@ -254,6 +270,6 @@ fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError>
 
 /// Returns the error for a file that is truncated or damaged.
 pub(super) fn cut_short(path: &Path, found: &str) -> ParametrizeError {
-    let found = format!("a file that is cut short or damaged ({found})");
+    let found = format!("a truncated or damaged file ({found})");
     ParametrizeError::NotAVolume { path: path.to_owned(), expected: "a volume", found }
 }

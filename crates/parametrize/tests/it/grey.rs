@@ -124,7 +124,10 @@ fn unusable_values_are_refused() {
     let grey = values(|at| 5.0 - distance(at, CENTRE));
     assert!(refused(&grey, VoxelValues::Probability).contains("probabilities from 0 to 1, found -"), "range");
     let high = refused(&grey, VoxelValues::Level(9.0));
-    assert!(high.contains("inside and outside of a body, found values from -") && high.ends_with("level 9"), "{high}");
+    assert!(
+        high.contains("values on both sides of the level, found values from -") && high.ends_with("level 9"),
+        "{high}"
+    );
     assert!(refused(&grey, VoxelValues::Level(-99.0)).ends_with("all at or above the level -99"), "low");
     assert!(refused(&vec![f64::NAN; grey.len()], VoxelValues::Level(0.0)).contains("found no values"), "NaN");
     assert!(refused(&grey, VoxelValues::Level(f64::NAN)).contains("threshold: expected a number"), "level");

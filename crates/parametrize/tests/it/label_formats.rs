@@ -90,7 +90,7 @@ fn nifti_2() {
     }
     let mut huge = plain.clone();
     huge[24..32].copy_from_slice(&60_000_i64.to_le_bytes());
-    folder.refused("huge.nii", &huge, "more than the file can hold");
+    folder.refused("huge.nii", &huge, "which don't fit in the file");
     huge[24..32].copy_from_slice(&i64::MAX.to_le_bytes());
     folder.refused("huge.nii", &huge, "voxels");
     for at in 0..544 {
@@ -127,14 +127,20 @@ fn nrrd_attached_and_detached() {
         ("encoding: bzip2\nspacings: 1 1 1\n", "encoding: raw or gzip"),
         ("encoding: raw\n", "doesn't record the voxel size"),
         ("encoding: raw\nspacings: 1 1\n", "doesn't record the voxel size"),
-        ("encoding: raw\nspacings: 1 nan 1\n", "voxels with a volume"),
-        ("encoding: raw\nspacings: 1 1 1\nline skip: 3\n", "right after the header"),
+        ("encoding: raw\nspacings: 1 nan 1\n", "voxels of finite, nonzero volume"),
+        ("encoding: raw\nspacings: 1 1 1\nline skip: 3\n", "directly after the header"),
         ("encoding: raw\nspacings: 1 1 1\ndata file: ../values.raw\n", "in the header's folder"),
         ("encoding: raw\nspacings: 1 1 1\ndata file: LIST\n", "one file of values"),
         ("encoding: raw\nspace: 4D\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n", "RAS, LPS or LAS"),
         ("encoding: raw\nspacings: 1 1 1\nsizes: 3 2 2 2\n", "three dimensions"),
-        ("encoding: raw\nspacings: 1 1 1\nsizes: 60000 60000 60000\n", "but at most"),
-        ("encoding: gzip\nspacings: 1 1 1\nsizes: 60000 60000 60000\n", "but at most"),
+        (
+            "encoding: raw\nspacings: 1 1 1\nsizes: 60000 60000 60000\n",
+            "a value for each voxel of the header, found at most",
+        ),
+        (
+            "encoding: gzip\nspacings: 1 1 1\nsizes: 60000 60000 60000\n",
+            "a value for each voxel of the header, found at most",
+        ),
         ("encoding: raw\nspacings: 1 1 1\ntype: short\n", "endian"),
         ("encoding: raw\nspacings: 1 1 1\ntype: block\n", "numbers"),
     ] {
@@ -178,7 +184,7 @@ fn tiff_stacks() {
     let path = folder.0.path().join("c.tif");
     check(&LabelVolume::read_with(&path, of_size(SIZE), &Silent).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     assert!(LabelVolume::read_with(&path, of_size([1.0, 0.0, 1.0]), &Silent).is_err());
-    folder.refused("d.tif", &tiff(ome, 3), "as many pages as slices");
+    folder.refused("d.tif", &tiff(ome, 3), "one page per slice");
     folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time");
     let whole = tiff(imagej, 2);
     for length in (0..whole.len()).step_by(3) {
@@ -232,6 +238,19 @@ fn one_of_several_channels_and_times() {
     let pages = (0..12).map(|at| page(at / 6, at / 3 % 2, at % 3));
     check_images(&folder, "tcz.ome.tif", &tiff_of(&ome("XYTCZ"), pages.clone()), [0.4, 0.3, 0.6]);
     folder.refused("t.ome.tif", &tiff_of(&ome("XYTCZ"), pages.take(9)), "one channel and one time");
+    // Elements TiffData may say the same as the order; another order, and other files, are refused.
+    let with = |data: &str| ome("XYZCT").replace("/></Image>", &format!(">{data}</Pixels></Image>"));
+    let pages = || (0..12).map(|at| page(at % 2, at / 2 % 2, at / 4));
+    let same = "<TiffData IFD=\"0\"/><TiffData IFD=\"7\" FirstZ=\"1\" FirstC=\"1\" FirstT=\"1\"/>";
+    check_images(&folder, "same.ome.tif", &tiff_of(&with(same), pages()), [0.4, 0.3, 0.6]);
+    let path = folder.0.path().join("other.ome.tif");
+    for other in ["<TiffData IFD=\"0\" FirstC=\"1\"/>", "<TiffData IFD=\"3\" FirstZ=\"0\" FirstC=\"1\"/>"] {
+        std::fs::write(&path, tiff_of(&with(other), pages())).unwrap();
+        let image = ImageChoice { channel: Some(2), time: Some(2) };
+        let reading = VolumeReading { image, ..VolumeReading::default() };
+        let error = LabelVolume::read_with(&path, reading, &Silent).unwrap_err().to_string();
+        assert!(error.contains("another order or in other files"), "{error}");
+    }
     // NIfTI has times along the fourth axis, and channels along the fifth.
     let mut nifti = nifti2();
     for (axis, count) in [(0, 5_i64), (4, 3), (5, 2)] {
@@ -278,7 +297,7 @@ fn arrays_of_numpy() {
     for (bytes, why) in [
         (npy("|u1", "True", "(12,)", &VALUES), "three dimensions"),
         (npy("<c8", "True", "(3, 2, 2)", &VALUES), "numbers"),
-        (npy("|u1", "True", "(3, 2, 99999999999)", &VALUES), "more than the file can hold"),
+        (npy("|u1", "True", "(3, 2, 99999999999)", &VALUES), "which don't fit in the file"),
         (npy("|u1", "True", "(3, 2, 1)", &VALUES), "more bytes than the shape allows"),
         (npy("|u1", "True", "(-3, 2, 2)", &VALUES), "not understood"),
     ] {

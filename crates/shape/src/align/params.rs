@@ -38,8 +38,8 @@ pub struct AlignParams {
     pub scale: bool,
     /// Whether mirror images may be matched; by default no.
     pub mirror: bool,
-    /// Bandwidth B of the grid of rotations, 2 to 64: the grid has 2B x B x 2B rotations. By default 8, or L + 1
-    /// below degree 7.
+    /// Bandwidth B of the grid of rotations, 2 to 64: the grid has 2B x B x 2B rotations. The default is 8, or L + 1 if
+    /// L < 7.
     pub bandwidth: Option<usize>,
     /// Number of local maxima of the grid that are refined, at least 1; by default 6.
     pub starts: usize,
@@ -139,8 +139,8 @@ impl fmt::Display for AlignWarning {
             ),
             Self::PoseInDoubt { distance, second } => write!(
                 f,
-                "the pose is in doubt: the distance between the surfaces is {distance:.4}, and {second:.4} in another \
-                 pose"
+                "the pose is doubtful: the distance between the surfaces is {distance:.4}, but another pose has a \
+                 similar distance of {second:.4}"
             ),
             Self::PlacesDiffer { rmsd, distance } => write!(
                 f,

@@ -121,8 +121,8 @@ fn fixed_parameters_leave_the_sphere_alone() {
     assert!(apart(&surface, &found.coefficients) < 1e-13);
 }
 
-/// With the best of 4 x 4 half turns, the distances equal those in shape.md. The frame of a round surface is
-/// arbitrary and causes a warning.
+/// Of the four orientations of each ellipsoid's axes, the pair with the smallest distance is taken; these distances are
+/// those in shape.md. A round surface causes a warning, because its axes are arbitrary.
 #[test]
 fn ellipsoid_frames_are_no_better_than_known() {
     let params = AlignParams { method: Method::FirstOrderEllipsoid, ..Default::default() };

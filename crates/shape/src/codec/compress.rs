@@ -191,7 +191,7 @@ impl Trials<'_> {
         }
         best.ok_or_else(|| CodecError::Parameter {
             what: "tolerance",
-            expected: "one that some step keeps".to_owned(),
+            expected: "a tolerance that some step can reach".to_owned(),
             found: tolerance.to_string(),
         })
     }
@@ -269,7 +269,8 @@ impl Writer<'_> {
             }
         }
         let bytes = encoder.finish();
-        // A degree may be coded without adding a byte to the stream; it then doesn't complete a level.
+        // Coding a degree may add no byte to the stream. A level that ends where the stream ends is the last one, which
+        // is added below.
         ends.retain(|&(_, end)| end < bytes.len());
         if top > 0 {
             ends.push((top, bytes.len()));

@@ -187,7 +187,7 @@ impl Fields<'_> {
         if !plausible(max_degree, top, channels, file) {
             return Err(CodecError::damaged(
                 "number of coefficients",
-                format!("no more than {file} bytes may have"),
+                format!("at most as many as a file of {file} bytes may declare"),
                 basis_size(max_degree).saturating_mul(channels),
             ));
         }
@@ -249,7 +249,7 @@ impl Fields<'_> {
                 return Ok(number);
             }
         }
-        Err(CodecError::damaged(what, "a number of 64 bits", "a longer one"))
+        Err(CodecError::damaged(what, "a number of at most 64 bits", "more bits"))
     }
 
     fn number(&mut self, what: &'static str, least: usize, most: usize) -> Result<usize, CodecError> {

@@ -116,7 +116,10 @@ fn read(head: &Head, bytes: &[u8], degree: usize) -> Result<Quantised, CodecErro
     let mut values = vec![0; head.channels];
     for l in 1..=degree.min(head.top) {
         values.resize(basis_size(l) * head.channels, 0);
-        let ended = |_| CodecError::damaged("stream", format!("degrees up to {}", head.top), format!("its end at {l}"));
+        let ended = |_| {
+            let expected = format!("degrees up to {}", head.top);
+            CodecError::damaged("stream", expected, format!("the end of the stream at degree {l}"))
+        };
         stream.degree(&mut values, &mut decoder).map_err(ended)?;
     }
     values.resize(basis_size(degree) * head.channels, 0);
@@ -128,8 +131,9 @@ fn restore(head: &Head, quantised: &Quantised, bytes: usize) -> Result<Model, Co
     if let Some(value) = values.iter().find(|value| !value.is_finite()) {
         return Err(CodecError::damaged("coefficients", "finite numbers", value));
     }
+    let rows = values.nrows();
     let coefficients = Coefficients::new(values)
-        .map_err(|error| CodecError::damaged("number of coefficients", "those of some degree", error))?;
+        .map_err(|_| CodecError::damaged("number of coefficients", "(L + 1)^2 for a degree L", rows))?;
     let (mut provenance, scheme_key) = match &head.metadata {
         Some(text) => described(text)?,
         None => (Provenance::default(), None),

@@ -118,8 +118,8 @@ pub fn groupwise(
         if params.normals > 0.0 { vec![0, width - 3] } else { vec![0] }
     });
     if let Some(place) = params.held.iter().find(|place| !place.is_within(directions.len())) {
-        let (found, expected) = (format!("{:?}", place.corners), "corners among the sphere's directions are needed");
-        return Err(ShapeError::Setting { name: "a place that is held", found, expected });
+        let (found, expected) = (format!("{:?}", place.corners), "its corners must be directions of the sphere");
+        return Err(ShapeError::Setting { name: "the triangle of a fixed point", found, expected });
     }
     let stages = params.stages.clone().unwrap_or_else(|| StageParams::up_to(max_degree));
     let mut flows = vec![Flow::default(); members.len()];

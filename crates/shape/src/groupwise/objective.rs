@@ -38,7 +38,7 @@ const ROWS: usize = 32;
 /// Minimum of delta, as a fraction of the mean area: the variance of deviations of 1e-8 times the area's square root.
 const ROUNDING: f64 = 1e-16;
 
-/// Triangles and weights, which are constant during a descent.
+/// Objective of the group's alignment: the triangles and weights, which a descent doesn't change.
 pub(super) struct Objective<'a> {
     /// Triangles of the sphere.
     pub(super) faces: &'a [[u32; 3]],

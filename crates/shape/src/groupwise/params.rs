@@ -85,7 +85,7 @@ impl GroupwiseParams {
             ("delta", self.delta, f64::MIN_POSITIVE),
             ("the weight of the elastic energy", self.elasticity, 0.0),
             ("the weight of the normals", self.normals, 0.0),
-            ("the weight of places that are held", self.hold, 0.0),
+            ("the weight of fixed points", self.hold, 0.0),
             ("the tolerance", self.tolerance, 0.0),
         ];
         for (name, value, least) in numbers {

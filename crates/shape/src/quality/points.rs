@@ -63,8 +63,8 @@ impl Points {
             weights.iter_mut().zip(share).for_each(|(weight, share)| *weight += share / points.members.len() as f64);
         }
         if !weights.iter().all(|weight| weight.is_finite()) {
-            let expected = "some area that is compared is needed";
-            return Err(ShapeError::Setting { name: "the mask", found: "none".to_owned(), expected });
+            let expected = "the mask must keep some area of every surface";
+            return Err(ShapeError::Setting { name: "the compared area", found: "0".to_owned(), expected });
         }
         points.weights = weights;
         points.centre();

@@ -157,9 +157,9 @@ fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Resul
     let unlike =
         |expected, found: &str| ShapeError::Setting { name: "variance_groups", found: found.to_owned(), expected };
     match (&params.variance_groups, components) {
-        (Some(_), _) if params.welch => Err(unlike("expected none together with Welch's test", "both")),
+        (Some(_), _) if params.welch => Err(unlike("use only one of them", "given together with Welch's test")),
         (Some(of), _) if of.len() != n => Err(differ("variance_groups", of.len())),
-        (Some(_), 2..) => Err(unlike("expected values of one component", "positions")),
+        (Some(_), 2..) => Err(unlike("it needs values of one component", "given for positions")),
         _ => match params.errors {
             Some(errors) if params.welch && errors != Resampling::SignFlips => Err(ShapeError::Setting {
                 name: "errors",

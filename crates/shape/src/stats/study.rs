@@ -136,8 +136,8 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
         },
     };
     if tested.levels.is_empty() && !order.is_empty() {
-        let (found, expected) = (order.join(", "), "expected none, for an effect of numbers");
-        return Err(ShapeError::Setting { name: "levels", found, expected });
+        let (found, expected) = (order.join(", "), "an effect of numbers has no levels");
+        return Err(ShapeError::Setting { name: "the order of levels", found, expected });
     }
     let [own, covariates] = expanded(Some(effect), covariates);
     let design = assemble(tested.base, tested.slopes, &covariates)?;
@@ -236,8 +236,8 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
             return Err(ShapeError::EmptyCell { interaction: names.join(":"), levels: [a.clone(), b.clone()] });
         }
         if cells.iter().any(|(other, _)| *other == cell) {
-            let expected = "expected levels whose pairs, joined by colons, differ";
-            return Err(ShapeError::Setting { name: "levels", found: cell, expected });
+            let (name, found) = ("a pair of levels joined by a colon", format!("{cell}, as is another pair"));
+            return Err(ShapeError::Setting { name, found, expected: "rename levels that contain colons" });
         }
         cells.push((cell, members));
     }

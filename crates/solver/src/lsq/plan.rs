@@ -107,9 +107,12 @@ impl fmt::Display for Step {
                 if *precondition == Precondition::Density {
                     f.write_str(", with the density of uneven samples")?;
                 }
-                write!(f, ", at most {at_most} in all")?;
+                write!(f, ", at most {at_most} in total")?;
                 let Some(Leave { after, most, .. }) = leave_for_factor else { return Ok(()) };
-                write!(f, "; after {after} iterations a factor is used if more than {most:.0} seem to remain")
+                write!(
+                    f,
+                    "; after {after} iterations, switches to a factor if more than {most:.0} are predicted to remain"
+                )
             }
             Self::Factor { from: Factor::Stored { reciprocal }, .. } => {
                 write!(f, "the stored factor, of a reciprocal condition number of {reciprocal:.1e}")

@@ -112,7 +112,7 @@ pub struct LsqSeconds {
 #[non_exhaustive]
 pub enum LsqWarning {
     /// A factor would have helped, but there is no memory for one.
-    #[error("no factor was made: {reason}")]
+    #[error("no factor was computed: {reason}")]
     NoFactor {
         /// Reason why no factor was computed.
         reason: String,
@@ -134,7 +134,7 @@ pub enum LsqWarning {
     },
     /// There are fewer vertices with nonzero weight than coefficients, and no penalty.
     #[error(
-        "{rows} vertices don't determine {columns} coefficients; used the solution of least norm, which is {norm:.3e}"
+        "{rows} vertices don't determine {columns} coefficients; the solution of minimum norm was used (norm {norm:.3e})"
     )]
     Underdetermined {
         /// Number of vertices with nonzero weight.

@@ -23,7 +23,7 @@ mod tests {
         let sum: f64 = (0..10_000).map(sign).sum();
         let pairs: f64 = (0..10_000).map(|place| sign(place) * sign(place + 1)).sum();
         let far: f64 = (0..10_000).map(|place| sign(place) * sign(place + 64)).sum();
-        // The absolute sum of 10,000 independent signs is below three standard deviations, 300.
+        // The absolute value of a sum of 10,000 independent signs is below three standard deviations, 300.
         assert!([sum, pairs, far].iter().all(|sum| sum.abs() < 300.0), "{sum} {pairs} {far}");
     }
 }

@@ -167,7 +167,7 @@ fn too_little_memory_or_disk_is_said_before_any_work() {
         build_factor(&store, &spec(600, 10), &Unasked, params, &Silent).unwrap_err().to_string()
     };
     let params = FactorParams { memory: 64 << 20, ..FactorParams::default() };
-    assert!(build(&params).contains("the smallest that works is"));
+    assert!(build(&params).contains("is too small; at least"));
     // The factor would take 522 GB.
     let line = build(&FactorParams { memory: 4 << 30, ..params });
     assert!(line.contains("the factor needs") && line.contains(&store.display().to_string()), "{line}");

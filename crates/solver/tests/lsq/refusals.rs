@@ -45,7 +45,7 @@ fn bad_input_gets_typed_errors() {
     let found = solver.fit(&good, std::slice::from_ref(&(0..2)), &Silent).unwrap_err();
     assert!(matches!(found, SolverError::NoGram), "{found}");
     let found = error(&good, &|params| (params.strategy, params.memory) = (Strategy::Cholesky, 1000));
-    assert!(found.to_string().contains("the smallest that works is"), "{found}");
+    assert!(found.to_string().contains("is too small; at least"), "{found}");
 }
 
 #[test]

@@ -167,7 +167,7 @@ fn plans_are_noted_and_the_report_has_the_steps_that_were_taken_and_why() {
     assert_eq!(notes.len(), 5, "{notes:?}");
     assert_eq!(notes[0], "step 1: moments of the samples");
     let (steps, _) = taken(LsqParams { memory: 1 << 20, max_iterations: 100, ..params(Strategy::Auto) });
-    assert!(steps[2].0 == "factor" && steps[2].1.starts_with("no factor was made"), "{steps:?}");
+    assert!(steps[2].0 == "factor" && steps[2].1.starts_with("no factor was computed"), "{steps:?}");
     assert_eq!(steps[3..], of(&[("iterations by moments", "all iterations are used up"), ("confirmation", "")]));
     let (steps, notes) = taken(LsqParams { max_iterations: 5, ..params(Strategy::Cg) });
     let expected = [("moments", ""), ("iterations by moments", "all iterations are used up"), ("confirmation", "")];

@@ -40,7 +40,8 @@ impl GuideLandmarks {
     pub(super) fn check(&self, count: usize, template: bool) -> Result<(), Error> {
         let refused = |expected, found: String| Err(Error::Setting { what: "guiding by landmarks", expected, found });
         if self.members.len() != count {
-            return refused("landmarks of each surface", format!("those of {} for {count}", self.members.len()));
+            let found = format!("{} sets for {count} surfaces", self.members.len());
+            return refused("landmarks for each of the surfaces", found);
         }
         let all = || self.members.iter().chain(&self.template);
         let p = self.members.first().map_or(0, Vec::len);
@@ -48,14 +49,14 @@ impl GuideLandmarks {
             return refused("at least 1 landmark", "none".to_owned());
         }
         if let Some(other) = all().find(|points| points.len() != p) {
-            return refused("the same number for each surface", format!("{p} and {}", other.len()));
+            return refused("the same number of landmarks for each surface", format!("{p} and {}", other.len()));
         }
         if let Some(point) = all().flatten().find(|point| !point.iter().all(|value| value.is_finite())) {
             return refused("finite coordinates", format!("{point:?}"));
         }
         match (&self.template, template) {
-            (None, true) => refused("the template's landmarks, too", "none".to_owned()),
-            (Some(_), false) => refused("landmarks of a template that is given", "no template".to_owned()),
+            (None, true) => refused("landmarks for the template", "none".to_owned()),
+            (Some(_), false) => refused("a template for the template's landmarks", "none".to_owned()),
             _ => Ok(()),
         }
     }

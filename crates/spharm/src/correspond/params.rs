@@ -110,8 +110,8 @@ impl CorrespondParams {
         if let Some(signals) = &self.signals {
             if self.refinement.is_none() {
                 return Err(Error::Setting {
-                    what: "signals as channels",
-                    expected: "the refinement, which they are channels of",
+                    what: "the list of signals",
+                    expected: "a refinement (without one, signals have no effect)",
                     found: "none".to_owned(),
                 });
             }

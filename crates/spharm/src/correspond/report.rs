@@ -119,8 +119,8 @@ impl CorrespondWarning {
         match self {
             Self::Pose(warning) => warning.of_member(),
             Self::Unreached { share, farthest, .. } => format!(
-                "the template misses {:.1} % of this surface, by at most {farthest:.4}: the surface has parts that the \
-                 template lacks",
+                "the template doesn't reach {:.1} % of this surface (largest distance {farthest:.4}): the surface has \
+                 parts that the template lacks",
                 100.0 * share
             ),
             Self::Lacks { share, .. } => format!(

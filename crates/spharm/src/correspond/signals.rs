@@ -42,10 +42,10 @@ impl fmt::Debug for Signals {
 
 impl Signals {
     pub(super) fn check(&self) -> Result<(), Error> {
-        let refused = |expected, found: String| Err(Error::Setting { what: "signals as channels", expected, found });
+        let refused = |what, expected, found: String| Err(Error::Setting { what, expected, found });
         match self.weights.iter().find(|weight| !(**weight > 0.0 && weight.is_finite())) {
-            Some(weight) => refused("a weight above 0", weight.to_string()),
-            None if self.weights.is_empty() => refused("at least 1 signal", "none".to_owned()),
+            Some(weight) => refused("each signal", "a weight above 0", weight.to_string()),
+            None if self.weights.is_empty() => refused("the list of signals", "at least 1 signal", "none".to_owned()),
             None => Ok(()),
         }
     }
@@ -93,15 +93,17 @@ impl Signals {
     }
 
     fn check_values(&self, values: &[Vec<f64>], vertices: usize) -> Result<(), Error> {
-        let refused = |expected, found: String| Err(Error::Setting { what: "signals as channels", expected, found });
+        let refused = |what, expected, found: String| Err(Error::Setting { what, expected, found });
         if values.len() != self.weights.len() {
-            return refused("the same signals of each surface", format!("{} for {}", values.len(), self.weights.len()));
+            let found = format!("{} instead of {}", values.len(), self.weights.len());
+            return refused("the list of signals", "the same number of signals for each surface", found);
         }
         if let Some(values) = values.iter().find(|values| values.len() != vertices) {
-            return refused("one value per vertex", format!("{} of {vertices} vertices", values.len()));
+            let found = format!("{} for {vertices} vertices", values.len());
+            return refused("each signal", "one value per vertex", found);
         }
         match values.iter().flatten().find(|value| !value.is_finite()) {
-            Some(value) => refused("finite values", value.to_string()),
+            Some(value) => refused("each signal", "finite values", value.to_string()),
             None => Ok(()),
         }
     }
@@ -128,8 +130,8 @@ impl Signals {
             let mean = sum(&|value| value);
             let deviation = sum(&|value| (value - mean).powi(2)).sqrt();
             if deviation <= 1e-12 * mean.abs() {
-                let (expected, found) = ("values that differ", format!("{mean} everywhere"));
-                return Err(Error::Setting { what: "signals as channels", expected, found });
+                let (expected, found) = ("different values on the surfaces", format!("{mean} everywhere"));
+                return Err(Error::Setting { what: "each signal", expected, found });
             }
             for row in values.iter_mut().flat_map(|values| values.chunks_exact_mut(channels)) {
                 row[channel] = (row[channel] - mean) * weight * length / deviation;
@@ -143,8 +145,8 @@ impl Signals {
 pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {
-        what: "signals as channels",
-        expected: "as many coefficients as positions have",
+        what: "each signal",
+        expected: "as many coefficients as the positions",
         found: signals.values().nrows().to_string(),
     })
 }

@@ -126,7 +126,8 @@ impl FitParams {
             return refuse("the method lsq", self.method.name().to_owned());
         }
         if self.smoothness != Smoothness::Default {
-            return refuse("no smoothness, which is another penalty", format!("smoothness {}", self.smoothness.name()));
+            let found = format!("smoothness {}", self.smoothness.name());
+            return refuse("a fit without a smoothness penalty (it has its own penalty)", found);
         }
         Ok(())
     }

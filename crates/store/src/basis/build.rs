@@ -96,7 +96,7 @@ pub fn build(
     plan.damaged.iter().try_for_each(|(path, _)| folder::remove_damaged(path))?;
     let present = params.max_degree + 1 - plan.missing.len();
     if present > 0 {
-        monitor.note(Level::Info, format_args!("{present} degrees are there already"));
+        monitor.note(Level::Info, format_args!("{present} of {} degrees already exist", params.max_degree + 1));
     }
     let published = if plan.missing.is_empty() {
         Published::default()

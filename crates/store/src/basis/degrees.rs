@@ -135,7 +135,7 @@ fn check(
     let Some(first) = first else { return Ok(()) };
     if header.scalar != first.scalar {
         let (expected, found) = (first.scalar.name(), header.scalar.name());
-        return Err(StoreError::corrupt(path, "scalar type (degree 0's is another)", expected, found));
+        return Err(StoreError::corrupt(path, "scalar type (differs from degree 0)", expected, found));
     }
     if header.chunk_rows != first.chunk_rows {
         let (expected, found) = (first.chunk_rows, header.chunk_rows);

@@ -113,7 +113,7 @@ impl Contents for Header {
         let chunk_rows = u64_at(bytes, CHUNK_ROWS_AT);
         if chunk_rows == 0 || chunk_rows > MAX_CHUNK_ROWS as u64 || !chunk_rows.is_multiple_of(ROW_MULTIPLE as u64) {
             let expected = format!("a multiple of {ROW_MULTIPLE} up to {MAX_CHUNK_ROWS}");
-            return Err(corrupt("rows a chunk", &expected, &chunk_rows));
+            return Err(corrupt("rows per chunk", &expected, &chunk_rows));
         }
         let chunk_rows = chunk_rows as usize;
         let chunk_len = (chunk_rows * columns * scalar.size()) as u64;

@@ -71,7 +71,7 @@ pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::R
     declares(stored, raw_len as u64)?;
     // zstd also accepts several frames in sequence, and skippable frames; the store format allows only one frame.
     if zstd::zstd_safe::find_frame_compressed_size(stored) != Ok(stored.len()) {
-        return Err(invalid("more or less than one frame".to_owned()));
+        return Err(invalid("expected exactly one zstd frame".to_owned()));
     }
     // The buffer of `raw_len` bytes limits the output: zstd doesn't write past its end, whatever size the frame
     // declares.

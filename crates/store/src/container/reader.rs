@@ -144,7 +144,7 @@ fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) ->
     let mut table = vec![0; table_len as usize];
     source.read_at(footer.table_offset, &mut table)?;
     if root(C::KIND.root_context, header, &table) != footer.root {
-        return Err(StoreError::corrupt(path, "root hash", "that of header and table", "another"));
+        return Err(StoreError::corrupt(path, "root hash", "the hash of header and table", "a different hash"));
     }
     Ok((table, footer.table_offset))
 }

@@ -70,7 +70,7 @@ fn a_report_counts_what_was_built_and_what_was_there() {
         let padding = 3 * 64 * report.built as u64;
         assert!(total <= report.bytes_written && report.bytes_written <= total + padding, "{total} {report:?}");
         let notes = listening.notes.into_inner().expect("a lock");
-        assert_eq!(notes.iter().any(|note| note.contains("there already")), report.present > 0, "{notes:?}");
+        assert_eq!(notes.iter().any(|note| note.contains("already exist")), report.present > 0, "{notes:?}");
         (report.built, report.present)
     };
     assert_eq!(built(2), (3, 0));
@@ -98,7 +98,7 @@ fn what_the_format_or_the_budget_has_no_room_for_is_refused_before_anything_is_m
         panic!("a byte is enough")
     };
     let below = refused(&BuildParams { memory: needed - 1, ..params() });
-    assert!(below.to_string().contains(&format!("the smallest that works is {needed} bytes")), "{below}");
+    assert!(below.to_string().contains(&format!("at least {needed} bytes")), "{below}");
     let report = build(folder.path(), &directions(), &BuildParams { memory: needed, ..params() }, &Silent);
     let report = report.expect("what the refusal named");
     assert_eq!((report.threads, report.memory), (1, needed));

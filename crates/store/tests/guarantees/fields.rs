@@ -39,9 +39,9 @@ const BASIS: &[Lie] = &[
     ("scalar type", |h| put32(h, 64, 3)),
     ("decoded length of a chunk", |h| put32(h, 64, 2)),
     ("codec", |h| put32(h, 68, 2)),
-    ("rows a chunk", |h| put64(h, 72, 0)),
-    ("rows a chunk", |h| put64(h, 72, 7)),
-    ("rows a chunk", |h| put64(h, 72, (1 << 20) + 8)),
+    ("rows per chunk", |h| put64(h, 72, 0)),
+    ("rows per chunk", |h| put64(h, 72, 7)),
+    ("rows per chunk", |h| put64(h, 72, (1 << 20) + 8)),
     ("chunk size", |h| {
         put64(h, 72, 1 << 20);
         put32(h, 56, 2000);

@@ -64,12 +64,15 @@ pub(super) fn read_curv(bytes: &[u8]) -> Result<Signal, Flaw> {
     magic(&mut cursor, CURV_MAGIC)?;
     let vertices = count(&mut cursor, "vertices")?;
     count(&mut cursor, "triangles")?;
-    let channels = count(&mut cursor, "values a vertex")?;
+    let channels = count(&mut cursor, "values per vertex")?;
     // The counts are below 2^31 each, so their product doesn't overflow.
     if (vertices * channels).checked_mul(4) != Some(cursor.remaining() as u64) {
         return Err(Flaw::new(
             format!("{vertices} x {channels} values of 4 bytes to the end of the file"),
-            format!("{} bytes (surfaces of quadrangles, which start alike, are not read)", cursor.remaining()),
+            format!(
+                "{} bytes (FreeSurfer's old quadrangle surfaces begin with the same bytes and aren't supported)",
+                cursor.remaining()
+            ),
         ));
     }
     let (raw, _) = cursor.rest().as_chunks();
@@ -139,7 +142,11 @@ pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) 
 }
 
 fn write_i32(out: &mut dyn Write, n: usize) -> io::Result<()> {
-    let n = i32::try_from(n)
-        .map_err(|_| io::Error::other("FreeSurfer's formats count to 2^31 - 1: write the surface as .ply instead"))?;
+    let n = i32::try_from(n).map_err(|_| {
+        io::Error::other(
+            "FreeSurfer's formats hold at most 2^31 - 1 vertices or triangles; write a surface as .ply, values as \
+             .func.gii",
+        )
+    })?;
     out.write_all(&n.to_be_bytes())
 }

@@ -107,7 +107,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Signal, Flaw> {
 pub(super) fn write(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) -> io::Result<()> {
     const FLOAT: i32 = 3;
     let count = |n: usize| {
-        i32::try_from(n).map_err(|_| io::Error::other("MGH counts to 2^31 - 1: write the values as .func.gii instead"))
+        i32::try_from(n).map_err(|_| {
+            io::Error::other(
+                "MGH files hold at most 2^31 - 1 vertices and channels; write the values as .func.gii instead",
+            )
+        })
     };
     for n in [1, count(signal.vertices)?, 1, 1, count(signal.channels)?, FLOAT, 0] {
         out.write_all(&n.to_be_bytes())?;

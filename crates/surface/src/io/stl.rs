@@ -113,7 +113,8 @@ impl Welder {
 
 /// Writes a binary file. Each triangle is stored with its unit normal, or with a zero normal if it has no area.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
-    let count = u32::try_from(mesh.faces.len()).map_err(|_| io::Error::other("STL counts triangles to 2^32 - 1"))?;
+    let count =
+        u32::try_from(mesh.faces.len()).map_err(|_| io::Error::other("STL files hold at most 2^32 - 1 triangles"))?;
     let mut header = [b' '; HEADER];
     let title = b"binary STL by spharm";
     header[..title.len()].copy_from_slice(title);

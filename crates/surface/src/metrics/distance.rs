@@ -203,7 +203,7 @@ impl Samples {
         monitor: &dyn Monitor,
     ) -> Result<Self, SurfaceError> {
         let wrong = |found: String| SurfaceError::Argument {
-            what: "surface to measure the distance of",
+            what: "surface whose distance is measured",
             expected: "finite coordinates and an area above 0",
             found,
         };
@@ -218,7 +218,8 @@ impl Samples {
         let pieces = grid.triangles.par_iter().flat_map_iter(|&(corners, n)| centroids(corners, n));
         let mut points: Vec<Vec3> = pieces.collect();
         points.extend_from_slice(&mesh.vertices);
-        let distances = nearest_distances(other, &points, |_| wrong("no triangle to be near to".to_owned()), monitor)?;
+        let distances =
+            nearest_distances(other, &points, |_| wrong("no triangle at a finite distance".to_owned()), monitor)?;
         let mut worst = (f64::NEG_INFINITY, [0.0; 3]);
         for (&distance, &point) in distances.iter().zip(&points) {
             if distance > worst.0 {

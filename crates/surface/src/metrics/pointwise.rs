@@ -59,7 +59,7 @@ pub fn distances_to_surface(
     }
     let tree = TriangleTree::new(surface);
     let none = |point: Vec3| SurfaceError::Argument {
-        what: "point to measure the distance of a surface from",
+        what: "point whose distance from a surface is measured",
         expected: "finite coordinates, and a surface with triangles",
         found: format!("{point:?}, and {} triangles", surface.faces.len()),
     };

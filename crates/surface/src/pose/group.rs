@@ -59,7 +59,7 @@ pub struct GroupPoses {
 }
 
 /// First words of messages about doubtful poses.
-pub const IN_DOUBT: &str = "the pose is in doubt";
+pub const IN_DOUBT: &str = "the pose is doubtful";
 
 /// A reason to doubt the pose of a member.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -109,8 +109,8 @@ impl GroupPoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Doubtful { distance, second, .. } => format!(
-                "{IN_DOUBT}: the distance from the other surfaces is {distance:.4}, and {second:.4} in \
-                 another pose"
+                "{IN_DOUBT}: the distance from the other surfaces is {distance:.4}, but another pose has a similar \
+                 distance of {second:.4}"
             ),
             Self::Far { distance, median, .. } => format!(
                 "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \

@@ -1,0 +1,106 @@
+//! Volumes of several time points: which one is fitted, recorded, kept and refused.
+
+use std::fs;
+use std::path::Path;
+
+use spharm::Model;
+
+use crate::common::{fail, finish, succeed, text, tool};
+
+/// Writes a NIfTI-1 file of 16^3 labels at two time points: a ball of radius 4, and one of radius 6.
+fn write_times(path: &Path) {
+    let mut bytes = vec![0; 352];
+    let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
+    put(0, &348_i32.to_le_bytes());
+    for (axis, count) in [4_i16, 16, 16, 16, 2, 1, 1, 1].into_iter().enumerate() {
+        put(40 + 2 * axis, &count.to_le_bytes());
+    }
+    // Type and number of bits of a value: unsigned, 8 bits.
+    put(70, &2_i16.to_le_bytes());
+    put(72, &8_i16.to_le_bytes());
+    for axis in 0..4 {
+        put(76 + 4 * axis, &1_f32.to_le_bytes());
+    }
+    put(108, &352_f32.to_le_bytes());
+    put(344, b"n+1\0");
+    for radius in [4.0_f64, 6.0] {
+        for at in 0..16_usize.pow(3) {
+            let [x, y, z] = [at % 16, at / 16 % 16, at / 256].map(|x| x as f64 - 7.4);
+            bytes.push(u8::from(x * x + y * y + z * z <= radius * radius));
+        }
+    }
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn one_time_of_several_is_fitted_and_recorded() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_times(&at("v.nii"));
+    let run = |arguments: &[&str]| {
+        let mut command = tool(arguments[0]);
+        command.args(&arguments[1..]).current_dir(folder.path());
+        command
+    };
+    let fit = |more: &[&str]| run(&[&["fit", "v.nii", "--max-degree", "6", "-o", "m.spharm.npz"][..], more].concat());
+    let refused = fail(&mut fit(&[]));
+    assert!(refused.contains("give --time N from 1 to 2"), "{refused}");
+    assert!(fail(&mut fit(&["--time", "3"])).contains("time 3"));
+    let zero = finish(&mut fit(&["--time", "0"]));
+    assert!(zero.status.code() == Some(2) && text(&zero).contains("expected a number from 1"));
+    succeed(&mut fit(&["--time", "1"]));
+    let input = Model::read(at("m.spharm.npz")).unwrap().provenance.input.unwrap();
+    assert_eq!((input.label, input.channel, input.time), (Some(1), None, Some(1)));
+    succeed(&mut fit(&["--time", "1", "--skip-existing"]));
+    // The model of another time is another model.
+    let other = fail(&mut fit(&["--time", "2", "--skip-existing"]));
+    assert!(other.contains("m.spharm.npz"), "{other}");
+    succeed(&mut fit(&["--time", "2", "--update"]));
+    let input = Model::read(at("m.spharm.npz")).unwrap().provenance.input.unwrap();
+    assert_eq!(input.time, Some(2));
+    for (time, name) in [("1", "one"), ("2", "two")] {
+        succeed(&mut run(&["volumes", "v.nii", "--time", time, "--max-degree", "6", "-o", name]));
+    }
+    let voxels = |name: &str| -> f64 {
+        let table = fs::read_to_string(at(name).join("volumes.tsv")).unwrap();
+        let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split('\t').collect()).collect();
+        let column = rows[0].iter().position(|head| *head == "voxels").unwrap();
+        rows[1][column].parse().unwrap()
+    };
+    let balls = voxels("two") / voxels("one");
+    assert!((balls / 1.5_f64.powi(3) - 1.0).abs() < 0.05, "{balls}");
+}
+
+/// Two time points of one file are different subjects: quality control doesn't call them equal, and all stages read
+/// the chosen one.
+#[test]
+fn time_points_of_one_file_form_a_group() {
+    let folder = tempfile::tempdir().unwrap();
+    let site = folder.path();
+    write_times(&site.join("v.nii"));
+    let run = |arguments: &[&str]| {
+        let mut command = tool(arguments[0]);
+        command.args(&arguments[1..]).current_dir(site);
+        command
+    };
+    for time in ["1", "2"] {
+        let model = format!("models/t{time}.spharm.npz");
+        fs::create_dir_all(site.join("models")).unwrap();
+        succeed(&mut run(&["fit", "v.nii", "--time", time, "--max-degree", "6", "-o", &model]));
+    }
+    fs::copy(site.join("models/t2.spharm.npz"), site.join("models/t3.spharm.npz")).unwrap();
+    let output = run(&["shape", "check", "models", "-o", "check.tsv"]).output().unwrap();
+    let table = fs::read_to_string(site.join("check.tsv")).unwrap_or_else(|_| panic!("{}", text(&output)));
+    let row = |id: &str| table.lines().find(|line| line.starts_with(id)).unwrap().to_owned();
+    assert!(!row("t1").contains("same input") && row("t3").contains("same input"), "{table}");
+    let correspond =
+        |time: &str| run(&["shape", "correspond", "v.nii", "--to", "group", "--time", time, "-o", "joined"]);
+    let group = ["a.nii", "b.nii", "c.nii"];
+    group.iter().for_each(|name| drop(fs::copy(site.join("v.nii"), site.join(name)).unwrap()));
+    let all = [&["shape", "correspond"][..], &group, &["--time", "1", "--max-degree", "6", "-o", "group"]].concat();
+    succeed(&mut run(&all));
+    succeed(&mut correspond("1"));
+    let present = succeed(&mut correspond("1"));
+    let other = fail(&mut correspond("2"));
+    assert!(other.contains("made from another file"), "{present} {other}");
+}
