@@ -96,7 +96,9 @@ fn time_points_of_one_file_form_a_group() {
     let correspond =
         |time: &str| run(&["shape", "correspond", "v.nii", "--to", "group", "--time", time, "-o", "joined"]);
     let group = ["a.nii", "b.nii", "c.nii"];
-    group.iter().for_each(|name| drop(fs::copy(site.join("v.nii"), site.join(name)).unwrap()));
+    for name in group {
+        fs::copy(site.join("v.nii"), site.join(name)).unwrap();
+    }
     let all = [&["shape", "correspond"][..], &group, &["--time", "1", "--max-degree", "6", "-o", "group"]].concat();
     succeed(&mut run(&all));
     succeed(&mut correspond("1"));

@@ -70,11 +70,11 @@ class Values:
     def _combined(self, other: Any, sign: float) -> Self:
         if not isinstance(other, Values):
             return NotImplemented
-        if self.is_surface != other.is_surface:
-            raise ValueError("models: expected two surfaces or two signals, found one of each")
         mine, theirs = self.coefficients, other.coefficients
         if mine.shape[1] != theirs.shape[1]:
             raise ValueError(f"models: expected equal numbers of channels, found {mine.shape[1]} and {theirs.shape[1]}")
+        if self.is_surface != other.is_surface:
+            raise ValueError("models: expected two surfaces or two signals, found one of each")
         total = np.zeros((max(len(mine), len(theirs)), mine.shape[1]))
         total[: len(mine)] = mine
         total[: len(theirs)] += sign * theirs

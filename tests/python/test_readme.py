@@ -20,4 +20,4 @@ def test_the_readmes_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for block in blocks:
         # Use a lower degree, to save time.
         exec(compile(block.replace("max_degree=60", "max_degree=20"), "README.md", "exec"), {})
-    assert {path.name for path in tmp_path.iterdir()} == {"folded.ply", "python.spharm.npz", "folded20.ply"}
+    assert {path.name for path in tmp_path.iterdir()} == {"folded.ply", "python.spharm.npz", "folded20.ply", "folded20.png"}
