@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numbers
-from typing import TYPE_CHECKING, Any, Iterator
+from typing import TYPE_CHECKING, Any, Iterator, SupportsIndex
 
 import numpy as np
 
@@ -45,7 +45,7 @@ class Values:
     def __iter__(self) -> Iterator[Floats]:
         return (self[degree] for degree in range(len(self)))
 
-    def __getitem__(self, index: int | tuple[int, int]) -> Floats:
+    def __getitem__(self, index: SupportsIndex | tuple[SupportsIndex, SupportsIndex]) -> Floats:
         degree, order = index if isinstance(index, tuple) and len(index) == 2 else (index, None)
         if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)):
             raise TypeError(f"model[l] or model[l, m]: expected whole numbers, found {index!r}")
@@ -96,7 +96,7 @@ class Values:
     def __mul__(self, factor: Any) -> Self:
         if not isinstance(factor, numbers.Real):
             return NotImplemented
-        if not np.isfinite(factor):
+        if not np.isfinite(float(factor)):
             raise ValueError(f"factor: expected a finite number, found {factor}")
         return self._with(float(factor) * self.coefficients)
 
