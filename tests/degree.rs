@@ -107,7 +107,7 @@ fn a_degree_is_one_that_all_surfaces_determine_and_that_of_existing_models() {
     succeed(tool("generate").args(["--subdivisions", "2", "-q", "--surface"]).arg(&small));
     let output = finish(tool("fit").args(["large.ply", "small.ply", "-o", "models"]).current_dir(folder.path()));
     let said = text(&output);
-    assert!(output.status.success() && said.contains("warning: degree 11: of 2 surfaces, 2 would need"), "{said}");
+    assert!(output.status.success() && said.contains("warning: degree 11: 2 of 2 surfaces would need"), "{said}");
     // 162 vertices determine at most degree 11, with 144 coefficients.
     assert_eq!(degree(&folder.path().join("models/large.spharm.npz")), 11);
     // A surface added later gets the degree of the existing models.

@@ -16,8 +16,8 @@ pub struct VolumeArgs {
     pub voxel_size: Option<VoxelSize>,
     /// Read grey values: the body is the voxels of LEVEL or more
     ///
-    /// The surface runs where linear interpolation between voxels reaches LEVEL, without detail smaller than a voxel.
-    /// Values that aren't numbers are outside. The body has label 1; --fix keeps its largest piece.
+    /// The surface runs where linear interpolation between voxels reaches LEVEL, and has no detail smaller than a
+    /// voxel. NaN is outside. The body has label 1; --fix keeps its largest piece.
     #[arg(long, value_name = "LEVEL", allow_negative_numbers = true, value_parser = finite, hide_short_help = true)]
     pub threshold: Option<f64>,
     /// Read probabilities, or the share of each voxel inside the body, from 0 to 1

@@ -77,7 +77,8 @@ pub struct Provenance {
     /// Changes made by the repair: to a label of nonzero genus before its surface was extracted, or to a mesh.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Map<String, Value>>,
-    /// Cuts and fillings, if the surface had handles: genus, loops and areas.
+    /// Record of the handles that were cut, if the surface had any: the genus, the loops of the cuts, and the areas of
+    /// the fillings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handles: Option<Map<String, Value>>,
     /// Position of the input surface in its volume, from the input's file.

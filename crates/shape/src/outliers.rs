@@ -1,7 +1,7 @@
 //! Finds values of a group that lie far from the others, members that dominate a mode, and duplicate members.
 //!
-//! The robust z of a value is its distance from the median, in units of a spread s of the group that a few values
-//! hardly influence:
+//! The robust z of a value is its deviation from the median, divided by a measure s of the group's spread that a few
+//! extreme values hardly affect:
 //!
 //! ```text
 //! z = (x - median) / s,  s = 1.4826 MAD

@@ -84,7 +84,7 @@ fn each_of_ten_thousand_shapes_is_found() {
     }
 }
 
-/// Five hippocampi are recognised after SPHARM-MAT rotated them in space and in their parameters.
+/// Five hippocampi are still recognised after SPHARM-MAT has rotated them, both in space and in parameter space.
 #[test]
 fn hippocampi_are_known_after_another_package_turned_them() {
     let Some(folder) = spharm_testdata::shared("shape") else { return };

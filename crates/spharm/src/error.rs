@@ -1,4 +1,4 @@
-//! Errors from reading a surface to writing its model.
+//! Errors of all steps, from reading a surface to writing its model.
 
 use std::path::PathBuf;
 

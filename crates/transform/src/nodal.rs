@@ -134,7 +134,7 @@ impl NodalSums {
         own + scratch + Accumulator::bytes(max_degree, 0).max(transform)
     }
 
-    /// Returns the bytes of all patches.
+    /// Returns the size of all patches in bytes.
     #[must_use]
     pub fn patch_bytes(&self) -> usize {
         8 * self.incidence.patch_values()

@@ -93,8 +93,9 @@ pub(crate) struct Located {
 }
 
 impl Grey {
-    /// Returns the values in the box from voxel `low` to `high`, inclusive, and one voxel around it; `None` for
-    /// labels. `all` has the differences from the level for a volume of `whole` voxels, with x varying fastest.
+    /// Returns the values in the box from voxel `low` to voxel `high`, inclusive, enlarged by a margin of one voxel;
+    /// `None` if the volume has labels. `all` has each voxel's value minus the level, for a volume of size `whole`,
+    /// with x varying fastest.
     pub(super) fn around(
         all: &[f32],
         whole: [usize; 3],

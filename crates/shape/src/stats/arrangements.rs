@@ -41,7 +41,7 @@ pub(crate) fn identity(subjects: usize) -> Relabelling {
 #[derive(Debug, Clone)]
 struct Set {
     units: Vec<Unit>,
-    /// Index of one unit for each class of units with equal rows.
+    /// For each class of units with equal rows, the index of one of them.
     distinct: Vec<usize>,
     /// Number of units in each class.
     counts: Vec<u64>,

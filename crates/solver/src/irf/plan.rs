@@ -133,7 +133,7 @@ impl Needs {
         // Arrays of the fit: residual, coefficients, a block's right-hand sides and solution with the transposes of
         // both, and the roots of the weights.
         let size = basis_size(params.max_degree);
-        // Accelerated fits also need s and q, (n, c), and z and p, (K, c).
+        // Accelerated fits also need s and q, of shape (n, channels), and z and p, of shape (K, channels).
         let more = if params.accelerate { 2 * (n + size) * channels } else { 0 };
         let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
         // If a source provides the Gram matrices, threads neither sum Gram matrices nor pack chunks for them, but

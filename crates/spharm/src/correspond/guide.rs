@@ -22,7 +22,7 @@ const PARTS: usize = 5;
 pub struct GuideLandmarks {
     /// The p landmarks of each member, in the member's own frame.
     pub members: Vec<Vec<Vec3>>,
-    /// The p landmarks of the given template, in the template's frame; `None` without a given template.
+    /// The p landmarks of the given template, in the template's frame; `None` if no template is given.
     pub template: Option<Vec<Vec3>>,
 }
 

@@ -88,7 +88,7 @@ impl Joining {
         Ok(member)
     }
 
-    /// Adds a surface, without changing the group.
+    /// Brings a surface into correspondence with the group, and returns it as a new member. The group isn't changed.
     ///
     /// # Errors
     ///

@@ -50,7 +50,7 @@ fn interactions_compare_slopes_and_differences() {
     assert!(matches!(&found, ShapeError::Constant { column, .. } if column == "age in b"), "{found}");
     let order = ["1".to_owned(), "2".to_owned()];
     let found = question(&interaction(("group", "1 1 1 2 2"), ("age", "1 2 3 7 7")), &order, &[]).unwrap_err();
-    assert!(matches!(found, ShapeError::Setting { name: "levels", .. }), "{found}");
+    assert!(matches!(found, ShapeError::Setting { name: "the order of levels", .. }), "{found}");
 }
 
 #[test]
