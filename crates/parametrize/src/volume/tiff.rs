@@ -85,17 +85,17 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let plane = u64::from(width) * u64::from(height);
     let mut found = Collector::new(source, [width as usize, height as usize, 0]);
-    let (mut pages, mut page) = (0, 0);
+    let mut pages = 0;
     source.monitor.begin(Stage::counted("reading", "slices"), slices.unwrap_or(0) as u64);
-    loop {
+    for page in 0.. {
         source.monitor.check()?;
-        let of_image = !several || description.place(page, slices.unwrap_or(1).max(1))[1..] == image;
-        page += 1;
-        if !of_image {
+        if page > 0 {
             if !decoder.more_images() {
                 break;
             }
             decoder.next_image().map_err(broken)?;
+        }
+        if several && description.place(page, slices.unwrap_or(1).max(1))[1..] != image {
             continue;
         }
         if decoder.dimensions().map_err(broken)? != (width, height) {
@@ -120,10 +120,6 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         append(source, decoder.read_image().map_err(broken)?, &mut found)?;
         pages += 1;
         source.monitor.step(1);
-        if !decoder.more_images() {
-            break;
-        }
-        decoder.next_image().map_err(broken)?;
     }
     source.monitor.end();
     let size = [width as usize, height as usize, pages];
