@@ -188,6 +188,26 @@ fn surfaces_of_different_triangles_are_compared_and_drawn_by_their_distance() {
 }
 
 #[test]
+fn a_mask_limits_what_is_compared() {
+    let site = Site::new();
+    site.fit("m.npz");
+    succeed(&mut site.reconstruct(&["m.npz"], &[], "again.ply"));
+    let vertices = 20;
+    let rows: String = (0..vertices).map(|vertex| format!("{vertex} 0 0 0 0\n")).collect();
+    std::fs::write(site.path("part.label"), format!("#!ascii label\n{vertices}\n{rows}")).unwrap();
+    let mask = site.path("part.label");
+    let arguments = ["--mask", mask.to_str().unwrap(), "--json"];
+    let part: Value = serde_json::from_str(&succeed(&mut site.compare("again.ply", &arguments))).unwrap();
+    let all: Value = serde_json::from_str(&succeed(&mut site.compare("again.ply", &["--json"]))).unwrap();
+    assert_eq!(part["vertices"], vertices);
+    assert!(part["scale"] == all["scale"] && part["worst_vertex"].as_u64().unwrap() < vertices);
+    assert!(part["max_raw"].as_f64() <= all["max_raw"].as_f64() && part["msd"] != all["msd"]);
+    succeed(&mut site.reconstruct(&["m.npz"], &["--icosphere", "2"], "lod.ply"));
+    let error = fail(&mut site.compare("lod.ply", &["--surface-distance", arguments[0], arguments[1]]));
+    assert!(error.contains("--mask") && error.contains("the same triangles"), "{error}");
+}
+
+#[test]
 fn earlier_spellings_of_options_are_understood() {
     let site = Site::new();
     site.fit("m.npz");

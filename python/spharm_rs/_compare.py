@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
 from ._progress import Progress, callback
-from ._surface import as_surface
+from ._surface import Path, as_surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,7 @@ def compare(
     *,
     surface_distance: bool = False,
     samples: int = 100_000,
+    mask: ArrayLike | Path | None = None,
     memory: int | str | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -63,6 +65,9 @@ def compare(
         Also measure the distance over the entire surfaces, which may have different triangles.
     samples : int
         Approximate number of points on each surface for ``surface_distance``.
+    mask : array_like of bool, (n,), or path, optional
+        Vertices to compare, for meshes with the same triangles; a file as for `fit`. With ``surface_distance``, points are on
+        the triangles whose three corners are kept, and their distances are those from the entire other surface.
     memory : int or str, optional
         Bytes that ``surface_distance`` may use, or ``"512MiB"``; by default the free memory.
     threads : int, optional
@@ -88,6 +93,10 @@ def compare(
     """
     first, second = as_surface(surface), as_surface(other)
     arrays = first.vertices, first.faces, second.vertices, second.faces
+    kept = _arrays.mask(mask, len(first.vertices))
+    corresponding = len(first.vertices) == len(second.vertices) and np.array_equal(first.faces, second.faces)
+    if kept is not None and not corresponding:
+        raise ValueError(f"mask: expected meshes with the same triangles, found {first!r} and {second!r}")
     between: dict[str, Any] | None = None
     each: Floats | None = None
     if surface_distance:
@@ -95,12 +104,12 @@ def compare(
         text, each = _core.surface_distance(
             *arrays,
             samples=_arrays.whole("samples", samples, 1),
+            mask=kept,
             memory=_arrays.size(memory),
             threads=count,
             progress=callback(progress),
         )
         between = json.loads(text)
-    corresponding = len(first.vertices) == len(second.vertices) and np.array_equal(first.faces, second.faces)
     if between is not None and each is not None and not corresponding:
         nan = float("nan")
         return Distances(nan, nan, nan, nan, between["scale"], each, between)
@@ -109,5 +118,5 @@ def compare(
             f"other: the triangles of {second!r} differ from the triangles of {first!r}; "
             "surface_distance=True compares surfaces with different triangles"
         )
-    (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays)
+    (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays, kept)
     return Distances(msd, xsd, rms, largest, scale, by_vertex if each is None else each, between)

@@ -361,7 +361,7 @@ def resample(
 ) -> _Mapped: ...
 def quality(vertices: _Floats, faces: _Triangles, sphere: _Floats) -> str: ...
 def compare(
-    vertices: _Floats, faces: _Triangles, others: _Floats, other_faces: _Triangles
+    vertices: _Floats, faces: _Triangles, others: _Floats, other_faces: _Triangles, mask: NDArray[np.bool_] | None
 ) -> tuple[list[float], int, _Floats]: ...
 def surface_distance(
     vertices: _Floats,
@@ -370,6 +370,7 @@ def surface_distance(
     other_faces: _Triangles,
     *,
     samples: int,
+    mask: NDArray[np.bool_] | None = None,
     memory: int | None = None,
     threads: int | None = None,
     progress: _Progress | None = None,

@@ -116,6 +116,13 @@ def test_distances_are_those_of_the_definition(study: Study) -> None:
     assert np.isnan(other.msd) and len(other.per_vertex) == 162
     with pytest.raises(ValueError):
         sp.compare(surface, sp.icosphere(2))
+    kept = surface.vertices[:, 2] > 0
+    half = sp.Surface(surface.vertices + np.outer(kept, [0.5, 0, 0]), surface.faces)
+    part, rest = (sp.compare(surface, half, surface_distance=True, mask=mask) for mask in (kept, ~kept))
+    assert part.rms == pytest.approx(0.5) and rest.max == 0 and sp.compare(surface, half).rms < 0.5
+    assert part.surface is not None and rest.surface is not None and part.surface["rms"] > 0.1 > rest.surface["rms"]
+    with pytest.raises(ValueError, match="mask: expected meshes with the same triangles"):
+        sp.compare(surface, sp.icosphere(2), surface_distance=True, mask=kept)
 
 
 def test_what_memory_doesnt_allow_is_refused(study: Study) -> None:

@@ -21,6 +21,7 @@ use spharm_surface::metrics::SurfaceDistanceParams;
         "spharm compare bunny.ply bunny60.ply",
         "spharm compare bunny.ply lod.ply --surface-distance --json",
         "spharm compare bunny.ply bunny60.ply -o error.glb --range 0.5",
+        "spharm compare lh.white lh.white60.gii --mask label/lh.cortex.label",
     ],
     &[help::MESHES],
 ))]
@@ -36,6 +37,12 @@ pub(crate) struct Cli {
     /// Mean, root mean square, 95th percentile and Hausdorff distance, from points all over both surfaces.
     #[arg(long, help_heading = METHOD)]
     pub(super) surface_distance: bool,
+    /// File of the original's vertices to compare: those with nonzero values, or those of a FreeSurfer label
+    ///
+    /// The reconstruction must have the original's triangles. With --surface-distance, points are on the triangles
+    /// whose three corners are kept, and their distances are those from the entire other surface.
+    #[arg(long, value_name = "FILE", help_heading = METHOD)]
+    pub(super) mask: Option<PathBuf>,
     /// Number of points on each surface, with --surface-distance
     ///
     /// The approximate number in addition to the vertices; the points are spread evenly.

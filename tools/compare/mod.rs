@@ -3,15 +3,15 @@
 mod args;
 mod output;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use spharm_cli::memory::{Budget, round_numbers_below};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
 use spharm_surface::Mesh;
-use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mesh, write_painted};
+use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mask, read_mesh, write_painted};
 use spharm_surface::metrics::{
-    SurfaceDistanceParams, colors, compare, correspond, distances_to_surface, distances_to_surface_bytes,
-    surface_distance, surface_distance_bytes, vertex_distances,
+    SurfaceDistanceParams, colors, compare_at, correspond, distances_to_surface, distances_to_surface_bytes,
+    surface_distance_at, surface_distance_bytes, vertex_distances,
 };
 
 pub(crate) use self::args::Cli;
@@ -56,16 +56,22 @@ fn work(cli: &Cli) -> Result<()> {
     let reconstruction = read_mesh(&cli.reconstruction)?;
     check_memory(cli, &original, &reconstruction, budget)?;
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
+    let corresponds = correspond(&original, &reconstruction);
+    let mask = cli.mask.as_ref().map(|path| read_mask(path, original.vertices.len())).transpose()?;
+    let mask = mask.as_deref();
+    if mask.is_some() && !corresponds {
+        bail!("{}: --mask compares the same vertices of both surfaces, which need the same triangles", pair());
+    }
     let surfaces = if cli.surface_distance {
         let params = SurfaceDistanceParams { samples: cli.samples };
-        Some(surface_distance(&original, &reconstruction, &params, &monitor).with_context(pair)?)
+        Some(surface_distance_at(&original, &reconstruction, mask, &params, &monitor).with_context(pair)?)
     } else {
         None
     };
     // Meshes with different numbers of vertices or different triangles are an error, unless --surface-distance is
     // given.
-    let vertexwise = if surfaces.is_none() || correspond(&original, &reconstruction) {
-        Some(compare(&original, &reconstruction).with_context(pair)?)
+    let vertexwise = if surfaces.is_none() || corresponds {
+        Some(compare_at(&original, &reconstruction, mask).with_context(pair)?)
     } else {
         None
     };
@@ -81,7 +87,8 @@ fn work(cli: &Cli) -> Result<()> {
         prepare(output)?;
         write_painted(output, &reconstruction, &attributes, &options)?;
     }
-    let report = Report::new(original.vertices.len(), vertexwise, surfaces);
+    let vertices = mask.map_or(original.vertices.len(), |mask| mask.iter().filter(|keep| **keep).count());
+    let report = Report::new(vertices, vertexwise, surfaces);
     if let Some(path) = &cli.report {
         write_json(path, cli.force, &report)?;
     }

@@ -7,7 +7,7 @@ use spharm_surface::metrics::{Directed, Distances, SurfaceDistance};
 /// Distances between two surfaces.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
-    /// Number of vertices of the original.
+    /// Number of compared vertices of the original.
     vertices: usize,
     /// Distances at the vertices; present if the meshes share their triangles.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]

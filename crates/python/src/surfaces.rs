@@ -3,16 +3,13 @@
 use std::path::PathBuf;
 
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use spharm::generate::{Cortex, cortex};
 use spharm::io::{WriteOptions, read_mesh, read_signal, write_mesh, write_signal};
-use spharm::metrics::{
-    SurfaceDistanceParams, compare as compare_meshes, distances_to_surface, surface_distance as between_surfaces,
-    vertex_distances,
-};
+use spharm::metrics::{SurfaceDistanceParams, compare_at, distances_to_surface, surface_distance_at, vertex_distances};
 use spharm::parametrize::quality::Quality;
 use spharm::parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
@@ -250,10 +247,12 @@ fn compare<'py>(
     faces: Faces<'py>,
     others: Positions<'py>,
     other_faces: Faces<'py>,
+    mask: Option<PyReadonlyArray1<'py, bool>>,
 ) -> PyResult<([f64; 5], usize, Bound<'py, PyArray1<f64>>)> {
     let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
+    let mask = mask.map(|mask| mask.as_array().to_vec());
     let (found, each) = run(py, None, None, move |_| {
-        let found = compare_meshes(&first, &second)?;
+        let found = compare_at(&first, &second, mask.as_deref())?;
         Ok((found, vertex_distances(&first.vertices, &second.vertices)?))
     })?;
     let figures = [found.msd, found.xsd, found.rms_raw, found.max_raw, found.scale];
@@ -263,7 +262,7 @@ fn compare<'py>(
 /// Measures the distance between two surfaces over their whole area. Returns the figures as JSON, and the distances of
 /// the second surface's vertices from the first surface.
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, others, other_faces, *, samples, memory = None, threads = None, progress = None))]
+#[pyo3(signature = (vertices, faces, others, other_faces, *, samples, mask = None, memory = None, threads = None, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn surface_distance<'py>(
     py: Python<'py>,
@@ -272,15 +271,17 @@ fn surface_distance<'py>(
     others: Positions<'py>,
     other_faces: Faces<'py>,
     samples: usize,
+    mask: Option<PyReadonlyArray1<'py, bool>>,
     memory: Option<usize>,
     threads: Option<usize>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<(String, Bound<'py, PyArray1<f64>>)> {
+    let mask = mask.map(|mask| mask.as_array().to_vec());
     let (first, second) = (mesh("surface", &vertices, &faces)?, mesh("other surface", &others, &other_faces)?);
     let (found, each) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let params = SurfaceDistanceParams { samples };
         check_distance([&first, &second], &params, memory)?;
-        let found = between_surfaces(&first, &second, &params, monitor)?;
+        let found = surface_distance_at(&first, &second, mask.as_deref(), &params, monitor)?;
         Ok((found, distances_to_surface(&first, &second.vertices, monitor)?))
     })?;
     let figures = json!({

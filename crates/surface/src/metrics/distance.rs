@@ -31,7 +31,7 @@ use rayon::prelude::*;
 use spharm_monitor::Monitor;
 
 use super::pointwise::nearest_distances;
-use super::vertexwise::bounding_box_scale;
+use super::vertexwise::{bounding_box_scale, check_mask};
 use crate::error::SurfaceError;
 use crate::geometry::{Vec3, add, dot, face_normal, scale, sub};
 use crate::mesh::Mesh;
@@ -114,12 +114,39 @@ pub fn surface_distance(
     params: &SurfaceDistanceParams,
     monitor: &dyn Monitor,
 ) -> Result<SurfaceDistance, SurfaceError> {
+    surface_distance_at(first, second, None, params, monitor)
+}
+
+/// Returns the distances between two surfaces with the same triangles, from the points of each surface that a mask of
+/// the vertices keeps to the entire other surface; or from all points, as [`surface_distance`]. A triangle is kept if
+/// its three corners are. The scale is that of the entire first surface.
+///
+/// # Errors
+///
+/// As for [`surface_distance`], also if no triangle is kept; [`LengthMismatch`](SurfaceError::LengthMismatch) if a mask
+/// is given and the surfaces or the mask differ in their numbers of triangles or vertices.
+///
+/// # Panics
+///
+/// When a triangle's index is out of range.
+pub fn surface_distance_at(
+    first: &Mesh,
+    second: &Mesh,
+    mask: Option<&[bool]>,
+    params: &SurfaceDistanceParams,
+    monitor: &dyn Monitor,
+) -> Result<SurfaceDistance, SurfaceError> {
     if let Some(([first, second], exponent)) = scaled_meshes([first, second]) {
-        return Ok(surface_distance(&first, &second, params, monitor)?.times(exponent));
+        return Ok(surface_distance_at(&first, &second, mask, params, monitor)?.times(exponent));
     }
+    let parts = match mask {
+        Some(mask) => Some([kept(first, mask)?, kept(second, mask)?]),
+        None => None,
+    };
+    let [from_first, from_second] = parts.as_ref().map_or([first, second], |parts| parts.each_ref());
     let scale = bounding_box_scale(&first.vertices)?;
-    let there = Samples::towards(first, &TriangleTree::new(second), params, monitor)?;
-    let back = Samples::towards(second, &TriangleTree::new(first), params, monitor)?;
+    let there = Samples::towards(from_first, &TriangleTree::new(second), params, monitor)?;
+    let back = Samples::towards(from_second, &TriangleTree::new(first), params, monitor)?;
     let (forward, backward) = (there.summary(), back.summary());
     let area = there.area + back.area;
     // A sum of two terms doesn't depend on their order, so exchanging the surfaces doesn't change the result.
@@ -129,6 +156,26 @@ pub fn surface_distance(
     let percentile95 = percentile(there.weighted.iter().chain(&back.weighted).copied().collect(), 0.95);
     let hausdorff = forward.max.max(backward.max);
     Ok(SurfaceDistance { mean, rms: square.sqrt(), percentile95, hausdorff, forward, backward, bound, scale })
+}
+
+/// Returns the vertices that a mask keeps, and the triangles between them.
+fn kept(mesh: &Mesh, mask: &[bool]) -> Result<Mesh, SurfaceError> {
+    check_mask(Some(mask), mesh.vertices.len())?;
+    let mut index = Vec::with_capacity(mask.len());
+    let mut count = 0;
+    for keep in mask {
+        index.push(count);
+        count += u32::from(*keep);
+    }
+    let vertices = mesh.vertices.iter().zip(mask).filter(|(_, keep)| **keep).map(|(vertex, _)| *vertex).collect();
+    let faces = mesh.faces.iter().filter(|face| face.iter().all(|v| mask[*v as usize]));
+    let faces: Vec<[u32; 3]> = faces.map(|face| face.map(|v| index[v as usize])).collect();
+    if faces.is_empty() {
+        let found = format!("none of {}", mesh.faces.len());
+        let expected = "at least one triangle whose three corners are kept";
+        return Err(SurfaceError::Argument { what: "mask", expected, found });
+    }
+    Ok(Mesh::new(vertices, faces))
 }
 
 impl Directed {

@@ -6,6 +6,8 @@ mod pointwise;
 mod vertexwise;
 
 pub use colormap::{DIVERGING, colors, colors_by, diverging, viridis};
-pub use distance::{Directed, SurfaceDistance, SurfaceDistanceParams, surface_distance, surface_distance_bytes};
+pub use distance::{
+    Directed, SurfaceDistance, SurfaceDistanceParams, surface_distance, surface_distance_at, surface_distance_bytes,
+};
 pub use pointwise::{correspond, distances_to_surface, distances_to_surface_bytes, vertex_distances};
-pub use vertexwise::{Distances, bounding_box_scale, compare, squared_distances};
+pub use vertexwise::{Distances, bounding_box_scale, compare, compare_at, squared_distances};

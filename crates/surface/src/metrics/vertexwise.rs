@@ -80,6 +80,17 @@ pub fn squared_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> 
 /// [`TopologyDiffers`](SurfaceError::TopologyDiffers) or [`LengthMismatch`](SurfaceError::LengthMismatch) if the meshes
 /// don't have the same triangles or numbers of vertices; [`FlatBox`](SurfaceError::FlatBox).
 pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, SurfaceError> {
+    compare_at(original, reconstruction, None)
+}
+
+/// Returns the distances between a surface and its reconstruction at the vertices that a mask keeps, or at all
+/// vertices. The scale is that of the entire original.
+///
+/// # Errors
+///
+/// As for [`compare`]; [`LengthMismatch`](SurfaceError::LengthMismatch) for a mask of another number of vertices;
+/// [`Argument`](SurfaceError::Argument) for one that keeps no vertex.
+pub fn compare_at(original: &Mesh, reconstruction: &Mesh, mask: Option<&[bool]>) -> Result<Distances, SurfaceError> {
     if original.faces.len() != reconstruction.faces.len() {
         return Err(SurfaceError::LengthMismatch {
             what: "triangles of the reconstruction",
@@ -100,7 +111,8 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
         None => ([original, reconstruction], 0),
     };
     let squared = squared_distances(&original.vertices, &reconstruction.vertices)?;
-    let found = summarise(&squared, bounding_box_scale(&original.vertices)?);
+    check_mask(mask, squared.len())?;
+    let found = summarise(&squared, mask, bounding_box_scale(&original.vertices)?);
     Ok(Distances {
         msd_raw: times_within(found.msd_raw, 2 * exponent),
         xsd_raw: times_within(found.xsd_raw, 2 * exponent),
@@ -111,12 +123,26 @@ pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, Surf
     })
 }
 
-/// Summarises squared distances by their mean, their maximum and the vertex of the maximum. Any NaN makes the mean and
-/// the maximum NaN, so that a broken reconstruction isn't reported as a good one.
-fn summarise(squared: &[f64], scale: f64) -> Distances {
-    let msd_raw = squared.iter().sum::<f64>() / squared.len() as f64;
+/// Refuses a mask of another number of vertices, and one that keeps none.
+pub(super) fn check_mask(mask: Option<&[bool]>, vertices: usize) -> Result<(), SurfaceError> {
+    let Some(mask) = mask else { return Ok(()) };
+    if mask.len() != vertices {
+        return Err(SurfaceError::LengthMismatch { what: "values of the mask", expected: vertices, found: mask.len() });
+    }
+    if !mask.contains(&true) {
+        let found = format!("none of {vertices}");
+        return Err(SurfaceError::Argument { what: "mask", expected: "at least one vertex that is kept", found });
+    }
+    Ok(())
+}
+
+/// Summarises squared distances at the kept vertices by their mean, their maximum and the vertex of the maximum. Any
+/// NaN makes the mean and the maximum NaN, so that a broken reconstruction isn't reported as a good one.
+fn summarise(squared: &[f64], mask: Option<&[bool]>, scale: f64) -> Distances {
+    let kept = || squared.iter().enumerate().filter(|(i, _)| mask.is_none_or(|mask| mask[*i]));
+    let msd_raw = kept().map(|(_, d)| d).sum::<f64>() / kept().count() as f64;
     let mut worst = (0, f64::NEG_INFINITY);
-    for (i, &d) in squared.iter().enumerate() {
+    for (i, &d) in kept() {
         if d.is_nan() {
             worst = (i, d);
             break;

@@ -3,7 +3,8 @@
 use spharm_monitor::Silent;
 use spharm_surface::generate::icosphere;
 use spharm_surface::metrics::{
-    bounding_box_scale, colors, compare, distances_to_surface, squared_distances, vertex_distances, viridis,
+    SurfaceDistanceParams, bounding_box_scale, colors, compare, compare_at, distances_to_surface, squared_distances,
+    surface_distance_at, vertex_distances, viridis,
 };
 use spharm_surface::{Mesh, SurfaceError};
 
@@ -27,6 +28,40 @@ fn msd_and_xsd_are_the_papers() {
     assert!((d.xsd - 9.0 / 16.0).abs() < 1e-14 && (d.msd - 10.0 / 96.0).abs() < 1e-14);
     let same = compare(&original, &original).unwrap();
     assert_eq!((same.msd, same.xsd), (0.0, 0.0));
+}
+
+#[test]
+fn a_mask_leaves_out_vertices_and_the_triangles_at_them() {
+    let original = icosphere(3);
+    // The cap above z = 0.5 moves out by 0.1, and the rest by 0.01.
+    let is_cap: Vec<bool> = original.vertices.iter().map(|v| v[2] > 0.5).collect();
+    let grown = |v: &[f64; 3]| v.map(|x| if v[2] > 0.5 { 1.1 * x } else { 1.01 * x });
+    let moved = original.with_vertices(original.vertices.iter().map(grown).collect());
+    let rest: Vec<bool> = is_cap.iter().map(|cap| !cap).collect();
+    let of = |mask: &[bool]| compare_at(&original, &moved, Some(mask)).unwrap();
+    let (cap, others, all) = (of(&is_cap), of(&rest), compare(&original, &moved).unwrap());
+    assert!((cap.rms_raw - 0.1).abs() < 1e-12 && (others.max_raw - 0.01).abs() < 1e-12);
+    assert!(is_cap[cap.worst_vertex] && rest[others.worst_vertex] && cap.scale == all.scale);
+    let count = is_cap.iter().filter(|cap| **cap).count() as f64;
+    let total = count * cap.msd + (rest.len() as f64 - count) * others.msd;
+    assert!((total / rest.len() as f64 / all.msd - 1.0).abs() < 1e-12);
+
+    let params = SurfaceDistanceParams { samples: 20_000 };
+    let between = |mask: Option<&[bool]>| surface_distance_at(&original, &moved, mask, &params, &Silent).unwrap();
+    let (cap, others, all) = (between(Some(&is_cap)), between(Some(&rest)), between(None));
+    assert!((0.08..0.101).contains(&cap.rms) && (0.009..0.0101).contains(&others.rms), "{} {}", cap.rms, others.rms);
+    assert!(cap.forward.worst[2] > 0.49 && others.forward.worst[2] < 0.51 && cap.scale == all.scale);
+    assert!(all.rms < cap.rms && others.rms < all.rms);
+    let everything = between(Some(&vec![true; rest.len()]));
+    assert_eq!(everything, all);
+
+    let one: Vec<bool> = (0..rest.len()).map(|vertex| vertex == 5).collect();
+    let no_triangle = surface_distance_at(&original, &moved, Some(&one), &params, &Silent);
+    assert!(matches!(no_triangle, Err(SurfaceError::Argument { what: "mask", .. })));
+    let none = compare_at(&original, &moved, Some(&vec![false; rest.len()]));
+    assert!(matches!(none, Err(SurfaceError::Argument { what: "mask", .. })));
+    let short = compare_at(&original, &moved, Some(&rest[1..]));
+    assert!(matches!(short, Err(SurfaceError::LengthMismatch { expected: 642, found: 641, .. })));
 }
 
 #[test]
