@@ -159,6 +159,18 @@ fn a_subject_that_fails_is_named_and_the_others_make_the_study() {
     let found = made(site.path());
     assert!(found.contains_key(Path::new("report.html")) && !found.contains_key(Path::new("group/b02.spharm.npz")));
     assert!(String::from_utf8_lossy(&found[Path::new(".study/subjects.tsv")]).contains("b02\tfailed\t"));
+    let methods = String::from_utf8_lossy(&found[Path::new("methods.md")]);
+    assert!(
+        methods.contains("of 5 subjects") && methods.contains("1 subject could not be modelled (b02)"),
+        "{methods}"
+    );
+    // A subject that fails again is no difference.
+    let mut again = tool("study");
+    again.args(["--again", "out/provenance.json"]).current_dir(site.path());
+    let output = finish(&mut again);
+    let printed = text(&output);
+    assert!(printed.contains("warning: b02: ") && printed.contains("1 subject of 6 failed"), "{printed}");
+    assert!(output.status.success() && printed.contains("the same bytes as recorded"), "{printed}");
 }
 
 #[test]

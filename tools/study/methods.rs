@@ -5,6 +5,7 @@ use std::fmt::Write;
 use anyhow::Result;
 use serde_json::Value;
 use spharm::parametrize::volume::is_volume;
+use spharm::shape::outliers;
 use spharm_cli::output::counted;
 use spharm_cohort::Row;
 
@@ -49,8 +50,16 @@ const CITED: [(&str, &str); 8] = [
     ),
 ];
 
+/// Ids of subjects that the text has to mention.
+pub(super) struct Remarkable {
+    /// Subjects that could not be fitted.
+    pub(super) failed: Vec<String>,
+    /// Subjects that the quality control flagged, except for accepted ones.
+    pub(super) flagged: Vec<String>,
+}
+
 /// Returns the text for a study; `subjects` is the number of subjects that could be fitted.
-pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
+pub(super) fn text(plan: &Plan, subjects: usize, remarkable: &Remarkable) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let of_what = match &study.subjects.sides[..] {
         [first, second] => {
@@ -77,8 +86,15 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     };
     text += ". ";
     text += &of_volumes(plan);
-    text += "Outliers were looked for by robust z scores, from median and median absolute deviation, of volume, area, \
-             sphericity, residual, distance from the mean and scores on the modes of variation, beyond 3.5. ";
+    let Remarkable { failed, flagged } = remarkable;
+    if !failed.is_empty() {
+        let count = counted(failed.len(), plan.row_noun());
+        let _ = write!(text, "{count} could not be modelled ({}). ", failed.join(", "));
+    }
+    if subjects >= outliers::LEAST {
+        text += "Outliers were looked for by robust z scores, from median and median absolute deviation, of volume, area, \
+                 sphericity, residual, distance from the mean and scores on the modes of variation, beyond 3.5. ";
+    }
     if !plan.excluded.is_empty() {
         let reasons = with_reasons(plan.excluded.iter().map(|(row, reason)| (row.id.as_str(), reason.as_str())));
         let _ = write!(text, "{} excluded ({reasons}). ", counted_were(plan.excluded.len(), plan.row_noun()));
@@ -86,7 +102,11 @@ pub(super) fn text(plan: &Plan, subjects: usize) -> Result<String> {
     if !study.subjects.accept.is_empty() {
         let accepted = with_reasons(study.subjects.accept.iter().map(|of| (of.id.as_str(), of.reason.as_str())));
         let count = counted(study.subjects.accept.len(), plan.row_noun());
-        let _ = write!(text, "{count} that might be flagged as outliers remained in the group ({accepted}). ");
+        let _ = write!(text, "{count} remained in the group whether flagged or not ({accepted}). ");
+    }
+    if !flagged.is_empty() {
+        let count = counted(flagged.len(), plan.row_noun());
+        let _ = write!(text, "{count} remained in the group although flagged ({}). ", flagged.join(", "));
     }
     let (scale, mirror) = (study.align.scale, study.align.mirror);
     text += match plan.method {

@@ -259,17 +259,25 @@ impl Call<'_> {
         self.plan.write_warnings(&self.warnings)?;
         let made = self.record(subjects.len(), &stages.iter().chain([page]).collect::<Vec<_>>())?;
         self.stage(page)?;
-        self.finish()?;
+        let finished = self.finish();
         print_line(&format!("page: {}", self.plan.page().display()))?;
-        self.compared = self.recorded.map(|recorded| ending::Compared::new(recorded, &made));
-        self.compared.as_ref().map_or(Ok(()), ending::tell)
+        let Some(recorded) = self.recorded else { return finished };
+        // Subjects that failed in the recorded run, too, are no difference; others lack results, which are compared.
+        if let Err(error) = finished {
+            self.console.warn(error);
+        }
+        let compared = self.compared.insert(ending::Compared::new(recorded, &made));
+        ending::tell(compared)
     }
 
     /// Writes the paragraph on methods and the record of the study.
     fn record(&self, subjects: usize, stages: &[&Stage]) -> Result<Provenance> {
         let (plan, output) = (self.plan, &self.plan.output);
         let made = Provenance::of(plan, self.cli.resources.threads.count(), stages)?;
-        let methods = methods::text(plan, subjects)?;
+        let ids = |of: &[(String, String)]| of.iter().map(|(id, _)| id.clone()).collect::<Vec<_>>();
+        let flagged: Vec<String> = self.flagged.iter().map(|flagged| flagged.id.clone()).collect();
+        let left = methods::Remarkable { failed: ids(&self.failed), flagged };
+        let methods = methods::text(plan, subjects, &left)?;
         for (name, text) in [(methods::FILE, methods), (provenance::FILE, made.text()?)] {
             plan::write_changed(&output.join(name), &text)?;
         }
@@ -280,6 +288,9 @@ impl Call<'_> {
     /// stages.
     fn stop<'s>(&mut self, later: impl IntoIterator<Item = &'s Stage>) -> Result<()> {
         later.into_iter().try_for_each(|stage| stage.clear(&self.plan.records()))?;
+        for name in [methods::FILE, provenance::FILE] {
+            tidy::file(&self.plan.output.join(name))?;
+        }
         self.warnings.clear();
         let ended = self.finish();
         let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());

@@ -107,6 +107,16 @@ fn model(folder: &Path, id: &str) -> Result<bool> {
     Ok(true)
 }
 
+/// Removes a file of an earlier run, if it exists.
+pub(super) fn file(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| path.display().to_string())
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Removes the rows with these ids from a status file, unless another process is writing to the file.
 fn forget(path: &Path, gone: &HashSet<&str>) -> Result<()> {
     let text = spharm_files::read(path, MOST_OWN)?;

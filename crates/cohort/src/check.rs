@@ -138,8 +138,8 @@ pub fn check(facts: &[Facts]) -> Vec<Checked> {
         flags.extend(notes.into_iter().map(Flag::Note));
         result.remarks = remarks;
         flags.sort_by(|a, b| b.severity().total_cmp(&a.severity()));
-        // Another voxel size explains the other flags, so it comes first.
-        flags.sort_by_key(|flag| !matches!(flag, Flag::VoxelSize { .. }));
+        // Causes explain unusual values, so they come first.
+        flags.sort_by_key(Flag::rank);
     }
     checked
 }

@@ -114,6 +114,16 @@ pub enum Flag {
 }
 
 impl Flag {
+    /// Returns the place of the flag among those of a subject: another size of the voxels, other causes, then unusual
+    /// values, which may be their effects.
+    pub(super) fn rank(&self) -> u8 {
+        match self {
+            Self::VoxelSize { .. } => 0,
+            Self::Far { .. } | Self::FarScore { .. } | Self::MakesMode { .. } => 2,
+            _ => 1,
+        }
+    }
+
     /// Returns a number that determines the order of flags. It is 1 at the threshold of a robust z, and 1 to 2 for
     /// flags without a robust z.
     #[must_use]

@@ -32,6 +32,10 @@ impl Design {
             for (weight, column) in summands(text.as_ref(), names)? {
                 weights[column] += weight;
             }
+            if weights.iter().all(|weight| *weight == 0.0) {
+                let expected = "a combination of columns that isn't zero";
+                return Err(ShapeError::Contrast { expected, found: format!("{:?}", text.as_ref()) });
+            }
         }
         Ok(Contrast { weights })
     }
