@@ -334,7 +334,7 @@ def study(seed, bump):
 
 
 def found_places(models, groups, permutations=999):
-    test = sp.shape.test(models, groups=groups, sphere=4, permutations=permutations)
+    test = sp.shape.group_test(models, groups=groups, sphere=4, permutations=permutations)
     return int((np.asarray(test.p_fwe) <= 0.05).sum())
 
 

@@ -42,10 +42,10 @@ def values(seed, n=10, vertices=642):
 
 def against_others():
     y, groups = values(0), ["a"] * 5 + ["b"] * 5
-    found = sp.shape.test(y, groups=groups)
+    found = sp.shape.group_test(y, groups=groups)
     t, p = scipy.stats.ttest_ind(y[:5], y[5:])
     bar("4a t and p / SciPy's, relative", 1e-12, max(abs(found.statistic / t - 1).max(), abs(found.p / p - 1).max()))
-    welch = sp.shape.test(y, groups=groups, welch=True, permutations=0)
+    welch = sp.shape.group_test(y, groups=groups, welch=True, permutations=0)
     t, p = scipy.stats.ttest_ind(y[:5], y[5:], equal_var=False)
     bar("   Welch's", 1e-12, max(abs(welch.statistic / t - 1).max(), abs(welch.p / p - 1).max()))
     bar("   q / statsmodels' Benjamini-Hochberg", 1e-12, abs(found.q - multipletests(found.p, method="fdr_bh")[1]).max())
@@ -67,7 +67,7 @@ def means():
     nilearn."""
     y = values(3, 10, 60) + 0.4
     age = np.random.default_rng(4).uniform(20, 80, 10)
-    found = sp.shape.test(y, mean=True, covariates={"age": age})
+    found = sp.shape.group_test(y, mean=True, covariates={"age": age})
     design = np.column_stack([np.ones(10), age - age.mean()])
     fits = [OLS(column, design).fit() for column in y.T]
     bar("a mean with a covariate: t / statsmodels', relative", 1e-11, abs(found.statistic / [fit.tvalues[0] for fit in fits] - 1).max())
@@ -107,12 +107,12 @@ def calibration(studies=1000):
 def speed():
     y = values(1, 100, 10_242)
     start = time.perf_counter()
-    found = sp.shape.test(y, groups=[0] * 50 + [1] * 50, permutations=10_000)
+    found = sp.shape.group_test(y, groups=[0] * 50 + [1] * 50, permutations=10_000)
     seconds = time.perf_counter() - start
     bar("10,000 permutations, 2 x 50 at 10,242 vertices, s", 20, seconds, f"{found.relabellings} relabellings")
     y = values(2, 100, 3 * 10_242).reshape(100, 10_242, 3)
     start = time.perf_counter()
-    sp.shape.test(y, groups=[0] * 50 + [1] * 50, permutations=10_000)
+    sp.shape.group_test(y, groups=[0] * 50 + [1] * 50, permutations=10_000)
     bar("   of positions (Hotelling's T-squared), s", 20, time.perf_counter() - start)
 
 
@@ -131,7 +131,7 @@ def hippocampi():
             q = rng.normal(size=(2, 4))
             posed.append(sp.shape.rotate(model, parameters=q[0] / np.linalg.norm(q[0]), object=q[1] / np.linalg.norm(q[1])))
         group = sp.shape.procrustes(posed)
-        found = sp.shape.test(group.models, groups=["a", "a", "a", "b", "b"], sphere=5, permutations=0)
+        found = sp.shape.group_test(group.models, groups=["a", "a", "a", "b", "b"], sphere=5, permutations=0)
         maxima.append(abs(found.statistic).max())
     bar("4e largest |t| of two random poses, relative", 1e-6, abs(maxima[0] / maxima[1] - 1), f"{maxima[0]:.6f}")
 

@@ -80,7 +80,7 @@ def main():
         for kind, values, arguments in studies(rng, lambda n: smooth(rng.normal(size=(n, 162)), mean)):
             if given.kind not in kind:
                 continue
-            found = sp.shape.test(
+            found = sp.shape.group_test(
                 values, **arguments, surface=sphere, tfce=True, cluster=0.01, permutations=499, seed=seed
             )
             counts.setdefault(kind, []).append(significant(found))
@@ -105,7 +105,7 @@ def main():
         for seed in range(given.studies // 5):
             values = smooth(np.random.default_rng(seed).normal(size=(30, 642)), mean) / scale
             values[:15, patch] += size
-            result = sp.shape.test(values, groups, surface=sphere, tfce=True, cluster=0.01, permutations=499, seed=seed)
+            result = sp.shape.group_test(values, groups, surface=sphere, tfce=True, cluster=0.01, permutations=499, seed=seed)
             inside = [cluster.p for cluster in result.clusters if patch[cluster.peak]]
             found.append([result.p_fwe[patch].min(), result.p_tfce[patch].min(), min(inside, default=1.0)])
         power = (np.array(found) <= LEVEL).mean(0)
@@ -114,7 +114,7 @@ def main():
     sphere = sp.icosphere(5)
     values = np.random.default_rng(1).normal(size=(100, 10242))
     started = time.perf_counter()
-    sp.shape.test(values, ["a"] * 50 + ["b"] * 50, surface=sphere, tfce=True)
+    sp.shape.group_test(values, ["a"] * 50 + ["b"] * 50, surface=sphere, tfce=True)
     seconds = time.perf_counter() - started
     missed |= seconds > 60
     print(f"\n10,000 relabellings with TFCE, 50 against 50 subjects at 10,242 vertices: {seconds:.1f} s (bar 60)")

@@ -117,7 +117,7 @@ def rate(null: Null, studies: int, fields, seed: int = 0, first: int = 0) -> flo
         if null.sd is not None:
             values *= null.sd[:, None, None]
         values = values[:, :, 0] if null.components == 1 else values
-        found = sp.shape.test(values, **null.arguments(rng), permutations=RELABELLINGS, seed=study, **null.options)
+        found = sp.shape.group_test(values, **null.arguments(rng), permutations=RELABELLINGS, seed=study, **null.options)
         hits += found.p_fwe.min() <= 0.05
     return hits / studies
 
@@ -132,6 +132,6 @@ def power(a: int, b: int, welch: bool, studies: int, fields, components: int = 1
         values = np.stack([fields(rng, a + b) for _ in range(components)], axis=2)
         values[:a, :, 0] += cap
         values = values[:, :, 0] if components == 1 else values
-        found = sp.shape.test(values, groups=[0] * a + [1] * b, welch=welch, permutations=RELABELLINGS, seed=study)
+        found = sp.shape.group_test(values, groups=[0] * a + [1] * b, welch=welch, permutations=RELABELLINGS, seed=study)
         hits += found.p_fwe.min() <= 0.05
     return hits / studies

@@ -82,7 +82,7 @@ def found_of(group, known, surfaces, labels, permutations=999):
     middle = places[as_most].mean(0)
     middle /= np.linalg.norm(middle, axis=1, keepdims=True)
     angle = np.arccos(np.clip(middle @ PLACE / np.linalg.norm(PLACE), -1, 1))
-    test = sp.shape.test(group.models, groups=labels, sphere=LEVEL, permutations=permutations)
+    test = sp.shape.group_test(group.models, groups=labels, sphere=LEVEL, permutations=permutations)
     p, weight = np.asarray(test.p_fwe), bench.points(group.models)[1]
     near, far = angle < 2 * WIDTH, angle > 3 * WIDTH
     share = {name: float(weight[part & (p <= 0.05)].sum() / weight[part].sum()) for name, part in (("bump", near), ("else", far))}

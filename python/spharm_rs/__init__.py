@@ -15,11 +15,12 @@ conventions of other packages.
 """
 
 from . import _load, convert, errors, reports  # noqa: F401  (first, for the kernels)
-from . import shape
+from . import shape, spectra
 from ._cohort import CohortFit, CohortFits, fit_cohort
 from ._compare import Distances, compare
 from ._core import __version__
-from ._fit import choose_degree, fit, fit_many, solve
+from ._fit import choose_degree, fit, solve
+from ._fit_many import fit_each, fit_many
 from ._landmarks import Landmarks, read_landmarks, write_landmarks
 from ._model import Model
 from ._moments import Moments
@@ -77,6 +78,7 @@ __all__ = [
     "example_surface",
     "fit",
     "fit_cohort",
+    "fit_each",
     "fit_many",
     "icosphere",
     "labels",
@@ -90,6 +92,7 @@ __all__ = [
     "resample",
     "shape",
     "solve",
+    "spectra",
     "write_landmarks",
     "write_signal",
     "write_surface",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import warnings as _warnings
 from dataclasses import dataclass
 from pathlib import Path as _Path
 from typing import Any, Iterable, Iterator, Literal, Mapping
@@ -16,6 +15,7 @@ from ._parametrize import _image, _volume_settings
 from ._progress import Progress, callback
 from ._store import Store
 from ._surface import Path
+from ._warnings import warn
 from .reports import FitReport
 
 #: Columns of a table of surfaces.
@@ -80,8 +80,7 @@ class CohortFits:
 
     def __next__(self) -> CohortFit:
         found, texts = self._run.next()
-        for text in texts:
-            _warnings.warn(text, errors.SpharmWarning, stacklevel=2)
+        warn(texts)
         if found is None:
             raise StopIteration
         _, row, state, path, error, report, seconds = found

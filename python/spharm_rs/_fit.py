@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import warnings as _warnings
-from typing import Any, Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +17,7 @@ from ._progress import Progress, callback
 from ._store import Store
 from ._surface import Path, as_surface, named_icosphere
 from ._transform import Transform
+from ._warnings import warn
 from .reports import FitReport
 
 
@@ -92,7 +92,7 @@ def _sphere_of(vertices: int, triangles: Any, sphere: Any) -> tuple[Any, Any, bo
 def _model(fitted: Any) -> Model:
     core, standard_errors, report, problems = fitted
     for kind, text in problems:
-        _warnings.warn(text, getattr(errors, kind), stacklevel=3)
+        warn([text], getattr(errors, kind))
     found: FitReport = json.loads(report)
     found["warnings"] = [text for _, text in problems]
     return Model._of(core, found, standard_errors)
@@ -336,75 +336,8 @@ def choose_degree(
     )
     if rms > wanted:
         text = f"no degree has an rms error of at most {wanted:.4g}; degree {degree} has {rms:.4g}"
-        _warnings.warn(text, errors.NotDetermined, stacklevel=2)
+        warn([text], errors.NotDetermined)
     return degree
-
-
-def fit_many(
-    surfaces: ArrayLike | Iterable[Any],
-    sphere: Any,
-    max_degree: int = 20,
-    *,
-    progress: Progress = None,
-    **settings: Any,
-) -> list[Model]:
-    """Fits many surfaces, or signals, over one sphere; they share the sphere's transforms and factor.
-
-    Parameters
-    ----------
-    surfaces : array_like of float, (s, n, 3) or (s, n, c), or iterable
-        As for `fit`; each has the sphere's vertices.
-    sphere : Surface or what `as_surface` takes, Parametrization, or ndarray of float, (n, 3)
-    max_degree : int
-        Highest degree L, inclusive.
-    progress : bool or callable, optional
-    **settings
-        The other arguments of `fit`.
-
-    Returns
-    -------
-    list of Model
-        In the order of the surfaces.
-
-    Examples
-    --------
-    >>> import spharm_rs as sp
-    >>> subjects = [sp.example_surface(3, seed)[0] for seed in range(3)]
-    >>> models = sp.fit_many(subjects, sp.icosphere(3), 10)
-    >>> len(models)
-    3
-    """
-    kinds = set()
-    arrays: list[Floats] = []
-    triangles = None
-    for surface in surfaces:  # type: ignore[union-attr]
-        if isinstance(surface, np.ndarray):
-            arrays.append(_arrays.channels("surfaces", surface))
-            kinds.add(surface.ndim == 2 and surface.shape[1] == 3)
-        else:
-            mesh = as_surface(surface)
-            arrays.append(mesh.vertices)
-            if triangles is not None and not np.array_equal(triangles, mesh.faces):
-                raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of the surfaces before it")
-            triangles = mesh.faces
-            kinds.add(True)
-    if len(kinds) > 1:
-        raise ValueError("surfaces: expected surfaces or signals, found both")
-    if not arrays:
-        return []
-    directions, faces, parametrized = sphere_arrays(sphere)
-    checked = _settings(max_degree, len(directions), **settings)
-    fits = _core.fit_many(
-        arrays,
-        directions,
-        triangles if faces is None else faces,
-        surface=kinds.pop(),
-        parametrized=parametrized,
-        seam=seam_of(sphere),
-        settings=checked,
-        progress=callback(progress),
-    )
-    return [_model(fitted) for fitted in fits]
 
 
 def solve(
@@ -477,7 +410,7 @@ def solve(
     at = transform._inner if isinstance(transform, Transform) and planned else directions
     coefficients, text, problems = _core.solve(at, array, settings=settings, progress=callback(progress))
     for kind, problem in problems:
-        _warnings.warn(problem, getattr(errors, kind), stacklevel=2)
+        warn([problem], getattr(errors, kind))
     report: FitReport = json.loads(text)
     report["warnings"] = [problem for _, problem in problems]
     return coefficients, report

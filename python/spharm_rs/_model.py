@@ -5,19 +5,17 @@ from __future__ import annotations
 import base64
 import json
 import os
-import warnings
-from typing import Any, Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _arrays, _core, convert
+from . import _arrays, _core, _model_tables, convert
 from ._arrays import Floats
 from ._model_values import Values
 from ._parametrize import Parametrization, Seam
 from ._picture import Picture, picture
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
-from .errors import SpharmWarning
 from .reports import FitReport
 
 
@@ -296,6 +294,23 @@ class Model(Values):
         """
         return cls._of(_core.Model.read(os.fspath(path)))
 
+    def to_frame(self) -> Any:
+        """Returns the coefficients as a pandas ``DataFrame``: index degree and order, and a column for each channel.
+
+        Examples
+        --------
+        >>> import spharm_rs as sp
+        >>> table = sp.Model([[1.0, 0, 0], [0, 2, 0], [0, 0, 2], [2, 0, 0]]).to_frame()
+        >>> float(table.loc[(1, -1), "y"]), (table**2).sum(axis=1).groupby("degree").sum().tolist()
+        (2.0, [1.0, 12.0])
+        """
+        return _model_tables.to_frame(self.coefficients, self.is_surface)
+
+    def to_xarray(self) -> Any:
+        """Returns the coefficients as an xarray ``DataArray`` of harmonics and channels, with the coordinates degree, order
+        and channel."""
+        return _model_tables.to_xarray(self.coefficients, self.is_surface)
+
     def to(self, format: str) -> Any:
         """Returns the coefficients in another package's convention; see `spharm_rs.convert`.
 
@@ -307,7 +322,20 @@ class Model(Values):
 
     @classmethod
     def from_(cls, format: str, array: Any, *, sphere: Any = None) -> Model:
-        """Makes a model from another package's coefficients; see `spharm_rs.convert`."""
+        """Makes a model from another package's coefficients; see `spharm_rs.convert`.
+
+        Parameters
+        ----------
+        format : str
+            A format of `to`, or ``"frame"`` and ``"xarray"`` for what `to_frame` and `to_xarray` return: rows in any order,
+            absent ones being zero.
+        array : Any
+        sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
+            As for `Model`.
+        """
+        if format in ("frame", "xarray"):
+            coefficients, surface = _model_tables.of_table(array)
+            return cls(coefficients, sphere=sphere, surface=surface)
         return cls(convert.from_(format, array), sphere=sphere)
 
 
@@ -320,13 +348,6 @@ def core(what: str, model: Any) -> _core.Model:
     if not isinstance(model, Model):
         raise ValueError(f"{what}: expected a Model, found {model!r}")
     return model._inner
-
-
-def warn(found: Iterable[str], stacklevel: int = 3) -> tuple[str, ...]:
-    """Issues warnings at the line that calls this function's caller; returns the warnings."""
-    for text in (texts := tuple(found)):
-        warnings.warn(text, SpharmWarning, stacklevel=stacklevel)
-    return texts
 
 
 def seam_of(sphere: Any) -> Seam:

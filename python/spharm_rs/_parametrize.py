@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import warnings
 from dataclasses import dataclass, field
 from typing import Any, Union
 
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._progress import Progress, callback
 from ._surface import Path, Surface, as_surface, named_icosphere
-from .errors import SpharmWarning
+from ._warnings import warn
 from .reports import MapQuality, MapReport
 
 
@@ -52,8 +51,7 @@ class Parametrization:
 
 def _made(mapped: Any) -> Parametrization:
     vertices, faces, sphere, report, problems, seam = mapped
-    for problem in problems:
-        warnings.warn(problem, SpharmWarning, stacklevel=3)
+    warn(problems)
     return Parametrization(Surface(vertices, faces), Surface(sphere, faces), json.loads(report), seam)
 
 

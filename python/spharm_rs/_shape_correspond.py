@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._arrays import Floats
 from ._landmarks import Landmarks, matched
-from ._model import Model, warn
+from ._model import Model
 from ._progress import Progress, callback
 from ._shape_modes import Modes, pca
-from ._shape_poses import Transform
+from ._shape_poses import SimilarityTransform
 from ._shape_quality import GroupQuality, LandmarkErrors, quality
 from ._shape_register import Flags, given
 from ._surface import Path, Surface, icosphere
+from ._warnings import warn
 
 
 def _stem(path: str) -> str:
@@ -72,7 +73,7 @@ class Member:
     name : str
     model : Model
         The member's model, in the group's frame and over the group's sphere.
-    transform : Transform
+    transform : SimilarityTransform
         Transform from the member's own frame to the group's.
     places : ndarray of float, (n, 3)
         Points on the member's surface at the sphere's directions, in the group's frame.
@@ -87,7 +88,7 @@ class Member:
 
     name: str
     model: Model = field(repr=False)
-    transform: Transform = field(repr=False)
+    transform: SimilarityTransform = field(repr=False)
     places: Floats = field(repr=False)
     reached: Flags = field(repr=False)
     report: dict[str, Any] = field(repr=False)
@@ -171,9 +172,9 @@ class Group:
         return [Model._of(model) for model in self._inner.models]
 
     @cached_property
-    def transforms(self) -> list[Transform]:
+    def transforms(self) -> list[SimilarityTransform]:
         """Transforms from each member's own frame to the group's."""
-        return [Transform._of(found) for found in json.loads(self._inner.transforms)]
+        return [SimilarityTransform._of(found) for found in json.loads(self._inner.transforms)]
 
     @cached_property
     def mean(self) -> Model:
@@ -386,7 +387,7 @@ class Group:
             progress=callback(progress),
         )
         members = [
-            Member(name, Model._of(model), Transform._of(json.loads(transform)), places, reached, json.loads(report))
+            Member(name, Model._of(model), SimilarityTransform._of(json.loads(transform)), places, reached, json.loads(report))
             for name, (model, transform, places, reached, report) in zip(names, found)
         ]
         return members if several else members[0]

@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, core, warn
+from ._model import Model, core
 from ._progress import Progress, callback
+from ._warnings import warn
 
 
 @dataclass(frozen=True, eq=False)

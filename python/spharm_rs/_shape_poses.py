@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._arrays import Floats
 from ._landmarks import Landmarks
-from ._model import Model, core, warn
+from ._model import Model, core
 from ._progress import Progress, callback
 from ._surface import Surface
+from ._warnings import warn
 
 
 def rotation(what: str, value: Any) -> list[float]:
@@ -40,8 +41,8 @@ def vector(what: str, value: ArrayLike) -> list[float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Transform:
-    """Transform of a surface: ``f'(u) = scale Q f(R.T u) + translation``, or with ``f(-R.T u)`` if antipodal.
+class SimilarityTransform:
+    """Similarity transform of a surface: ``f'(u) = scale Q f(R.T u) + translation``, or with ``f(-R.T u)`` if antipodal.
 
     Attributes
     ----------
@@ -66,7 +67,7 @@ class Transform:
     translation: Floats
 
     @classmethod
-    def _of(cls, found: dict[str, Any]) -> Transform:
+    def _of(cls, found: dict[str, Any]) -> SimilarityTransform:
         matrix = {name: np.array(found[name], dtype=float) for name in ("parameters", "object", "translation")}
         return cls(antipodal=found["antipodal"], scale=found["scale"], **matrix)
 
@@ -118,20 +119,20 @@ class Transform:
         matrix[:3, 3] = self.translation
         return matrix
 
-    def __matmul__(self, first: Any) -> Transform:
+    def __matmul__(self, first: Any) -> SimilarityTransform:
         """Returns the transform that applies ``first`` and then this one."""
-        if not isinstance(first, Transform):
+        if not isinstance(first, SimilarityTransform):
             return NotImplemented
         parameters = np.asarray(self.parameters, dtype=float) @ np.asarray(first.parameters, dtype=float)
         total = self.matrix @ first.matrix
         scale = self.scale * first.scale
-        return Transform(parameters, self.antipodal != first.antipodal, total[:3, :3] / scale, scale, total[:3, 3])
+        return SimilarityTransform(parameters, self.antipodal != first.antipodal, total[:3, :3] / scale, scale, total[:3, 3])
 
-    def inverse(self) -> Transform:
+    def inverse(self) -> SimilarityTransform:
         """Returns the inverse transform."""
         back, scale = np.asarray(self.object, dtype=float).T, 1.0 / self.scale
         translation = -scale * (back @ np.asarray(self.translation, dtype=float))
-        return Transform(np.asarray(self.parameters, dtype=float).T, self.antipodal, back, scale, translation)
+        return SimilarityTransform(np.asarray(self.parameters, dtype=float).T, self.antipodal, back, scale, translation)
 
     def _moved(self, points: ArrayLike) -> Floats:
         values = _arrays.real("points", points, "(n, 3)")
@@ -209,7 +210,7 @@ class Alignment:
     ----------
     model : Model
         The aligned model, at all its degrees.
-    transform : Transform
+    transform : SimilarityTransform
         The transform applied to the model.
     rmsd_before, rmsd_after : float
         Root mean square distance from the target over the sphere, in the surfaces' unit.
@@ -226,7 +227,7 @@ class Alignment:
     """
 
     model: Model
-    transform: Transform
+    transform: SimilarityTransform
     rmsd_before: float
     rmsd_after: float
     degree: int
@@ -320,7 +321,7 @@ def align(
         progress=callback(progress),
     )
     report = json.loads(text)
-    transform, ends = Transform._of(report.pop("transform")), np.array(report.pop("ends"), dtype=float)
+    transform, ends = SimilarityTransform._of(report.pop("transform")), np.array(report.pop("ends"), dtype=float)
     return Alignment(Model._of(found), transform, ends=ends, warnings=warn(report.pop("warnings")), **report)
 
 
@@ -332,7 +333,7 @@ class Procrustes:
     ----------
     models : list of Model
         The aligned models, centred at the origin, at all their degrees.
-    transforms : list of Transform
+    transforms : list of SimilarityTransform
         The transform applied to each model.
     mean : Model
         The mean, in the frame of its first-order ellipsoid, up to the highest degree compared.
@@ -343,7 +344,7 @@ class Procrustes:
     """
 
     models: list[Model] = field(repr=False)
-    transforms: list[Transform] = field(repr=False)
+    transforms: list[SimilarityTransform] = field(repr=False)
     mean: Model
     report: dict[str, Any] = field(repr=False)
 
@@ -402,7 +403,7 @@ def procrustes(
         progress=callback(progress),
     )
     report = json.loads(text)
-    transforms = [Transform._of(transform) for transform in report.pop("transforms")]
+    transforms = [SimilarityTransform._of(transform) for transform in report.pop("transforms")]
     report["rmsd"] = np.array(report["rmsd"], dtype=float)
     warn(report["warnings"])
     return Procrustes([Model._of(model) for model in found], transforms, Model._of(mean), report)

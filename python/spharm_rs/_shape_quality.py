@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._arrays import Floats
 from ._landmarks import Landmarks, matched
-from ._model import Model, warn
+from ._model import Model
 from ._progress import Progress, callback
 from ._shape_poses import cores
 from ._surface import Path
+from ._warnings import warn
 
 
 @dataclass(frozen=True, eq=False)

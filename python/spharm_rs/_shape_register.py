@@ -14,7 +14,7 @@ from . import _arrays, _core
 from ._arrays import Floats, Triangles
 from ._model import Model
 from ._progress import Progress, callback
-from ._shape_poses import Transform
+from ._shape_poses import SimilarityTransform
 from ._surface import Surface, as_surface
 
 Flags = NDArray[np.bool_]
@@ -47,7 +47,7 @@ class Pose:
 
     Attributes
     ----------
-    transform : Transform
+    transform : SimilarityTransform
         Transform from the surface's own frame to the target's.
     distance : float
         Root mean square distance of the surfaces after the transform, both ways, without the farthest tenth; in the
@@ -57,7 +57,7 @@ class Pose:
         If it is hardly larger than ``distance``, the pose is in doubt.
     """
 
-    transform: Transform
+    transform: SimilarityTransform
     distance: float
     second: float
 
@@ -72,7 +72,7 @@ class Registration:
         The template's triangles, placed on the surface, in the surface's own frame.
     reached : ndarray of bool, (n,)
         Whether each vertex has a counterpart on the surface; if not, its place is a guess.
-    transform : Transform
+    transform : SimilarityTransform
         Transform from the surface's own frame to the template's; the identity with ``pose=False``.
     cover : dict
         ``rms``, ``most`` (99 %) and ``farthest``: distances of the surface from the registered template, in the
@@ -82,7 +82,7 @@ class Registration:
 
     surface: Surface
     reached: Flags = field(repr=False)
-    transform: Transform = field(repr=False)
+    transform: SimilarityTransform = field(repr=False)
     cover: dict[str, Any]
 
 
@@ -137,7 +137,7 @@ def register(
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
-    return Registration(Surface(vertices, faces), reached, Transform._of(json.loads(transform)), json.loads(cover))
+    return Registration(Surface(vertices, faces), reached, SimilarityTransform._of(json.loads(transform)), json.loads(cover))
 
 
 def pose(
@@ -184,4 +184,4 @@ def pose(
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
-    return Pose(Transform._of(json.loads(transform)), distance, second)
+    return Pose(SimilarityTransform._of(json.loads(transform)), distance, second)

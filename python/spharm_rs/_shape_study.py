@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, warn
+from ._model import Model
 from ._progress import Progress, callback
 from ._shape_inference import Cluster, column, inference_of, levels_of, sampling, tested_surface
 from ._shape_poses import cores
+from ._warnings import warn
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ def measure_group(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Field:
-    """Measures corresponding models at the vertices of one sphere, for `spharm_rs.shape.test`.
+    """Measures corresponding models at the vertices of one sphere, for `spharm_rs.shape.group_test`.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def _measured(
     )
     if components > 1:
         values = values.reshape(len(values), -1, components)
-    return Field(values, Model._of(mean), directions, warn(warnings, stacklevel=4))
+    return Field(values, Model._of(mean), directions, warn(warnings))
 
 
 #: A column of the table of subjects: numbers, or names of levels.
@@ -132,7 +133,8 @@ def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
 
 
 def _asked(
-    count: int, groups: Any, effect: Any, interaction: Any, mean: bool, design: Any, contrast: Any, covariates: Any, levels: Any
+    count: int, groups: Any, effect: Any, interaction: Any, mean: bool, design: Any, contrast: Any, covariates: Any,
+    interactions: Any, levels: Any,
 ) -> dict[str, Any]:
     """Converts the tested design for the extension module."""
     if sum(given is not None for given in (groups, effect, interaction, design)) + mean != 1:
@@ -143,7 +145,7 @@ def _asked(
     rows = [rows] if isinstance(rows, str) else rows
     named = isinstance(rows, (list, tuple)) and len(rows) > 0 and all(isinstance(row, str) for row in rows)
     asked: dict[str, Any] = {
-        "effect": [], "levels": [], "covariates": [], "design": None, "columns": [], "weights": None,
+        "effect": [], "levels": [], "covariates": [], "interactions": [], "design": None, "columns": [], "weights": None,
         "contrast": list(rows) if named else [], "relative": False,
     }  # fmt: skip
     if design is not None:
@@ -151,6 +153,8 @@ def _asked(
             raise ValueError("design, contrast: expected both, or neither")
         if covariates is not None:
             raise ValueError("covariates: expected None with a design; add covariates as columns of the design")
+        if interactions is not None:
+            raise ValueError("interactions: expected None with a design; add products of columns to the design")
         asked["columns"] = [str(name) for name in design.columns] if hasattr(design, "columns") else []
         asked["design"] = _arrays.channels("design", design)
         if not named:
@@ -174,6 +178,8 @@ def _asked(
             (str(name), _numbers_or_levels(f"interaction, {name}", cells, count)) for name, cells in interaction.items()
         ]
     asked["covariates"] = _covariates(covariates, count)
+    names = [interactions] if isinstance(interactions, str) else [] if interactions is None else interactions
+    asked["interactions"] = [str(name) for name in names]
     return asked
 
 
@@ -271,7 +277,7 @@ class TestResult:
         return f"TestResult({self.kind}, {self.meaning}, {len(self.p)} vertices, least {name} {least.min():.3g})"
 
 
-def test(
+def group_test(
     subjects: Sequence[Model] | ArrayLike,
     groups: Any = None,
     *,
@@ -281,6 +287,7 @@ def test(
     design: Any = None,
     contrast: str | Sequence[str] | ArrayLike | None = None,
     covariates: Any = None,
+    interactions: str | Sequence[str] | None = None,
     levels: Sequence[Any] | None = None,
     minus: Sequence[Model] | ArrayLike | None = None,
     signal: str = "normal",
@@ -333,6 +340,9 @@ def test(
         the first. `TestResult.columns` lists them.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
         Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``.
+    interactions : str or sequence of str, optional
+        Interactions to account for, as names of two columns such as ``"age:sex"``: of covariates, ``groups``, ``effect``, or
+        the columns of ``interaction``.
     levels : sequence, optional
         Order of the groups; sorted by default.
     minus : sequence of Model, or array_like of float, of the shape of subjects, optional
@@ -386,28 +396,28 @@ def test(
     >>> import numpy as np, spharm_rs as sp
     >>> values = np.random.default_rng(0).normal(size=(10, 2))
     >>> values[:5, 1] += 9
-    >>> found = sp.shape.test(values, groups=["a"] * 5 + ["b"] * 5)
+    >>> found = sp.shape.group_test(values, groups=["a"] * 5 + ["b"] * 5)
     >>> found.meaning, found.relabellings, bool(np.isclose(found.p_fwe[1], 2 / 252))
     ('a - b', 252, True)
     >>> later = values + np.random.default_rng(1).normal(0.5, 0.1, size=(10, 2))
-    >>> change = sp.shape.test(later, minus=values, mean=True, covariates={"age": np.arange(30, 80, 5.0)})
+    >>> change = sp.shape.group_test(later, minus=values, mean=True, covariates={"age": np.arange(30, 80, 5.0)})
     >>> change.resampling, bool((change.p_fwe < 0.01).all())
     ('sign flips', True)
 
     The difference of two slopes, and three groups of which two are compared:
 
     >>> ages, group = np.arange(30, 80, 5.0), np.array(["a", "b"] * 5)
-    >>> sp.shape.test(values, interaction={"group": group, "age": ages}, permutations=0).meaning
+    >>> sp.shape.group_test(values, interaction={"group": group, "age": ages}, permutations=0).meaning
     'slope of age in a - slope in b'
     >>> stages = ["none", "mild", "severe", "mild", "none"] * 2
-    >>> sp.shape.test(values, stages, contrast="mild - none", permutations=0).freedom
+    >>> sp.shape.group_test(values, stages, contrast="mild - none", permutations=0).freedom
     (7.0,)
 
     Two visits of ten subjects, as rows that are exchanged within each subject:
 
     >>> visits, subject = np.concatenate([values, later]), np.tile(np.arange(10), 2)
     >>> time, names = np.repeat([0.0, 1.0], 10), subject.astype(str)
-    >>> paired = sp.shape.test(visits, effect=time, covariates={"subject": names}, blocks=names)
+    >>> paired = sp.shape.group_test(visits, effect=time, covariates={"subject": names}, blocks=names)
     >>> paired.relabellings, bool((paired.p_fwe < 0.01).all())
     (1024, True)
     """
@@ -428,7 +438,7 @@ def test(
                 raise ValueError(f"minus: expected shape {values.shape}, found {others.shape}")
             values = values - others
     components = values.shape[2] if values.ndim == 3 else 1
-    asked = _asked(len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, levels)
+    asked = _asked(len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, interactions, levels)
     asked["relative"] = average is not None and minus is None and signal != "value" and design is None
     inference = inference_of(
         len(values), values.shape[1], bool(permutations), errors, blocks, whole_blocks, variance_groups, tfce, cluster,

@@ -45,6 +45,7 @@ Complex = NDArray[np.complex128]
 
 __all__ = [
     "FORMATS",
+    "degrees_and_orders",
     "from_",
     "from_complex",
     "from_flowshape",
@@ -68,7 +69,7 @@ __all__ = [
 ]
 
 
-def _degree(what: str, rows: int) -> int:
+def degree_of(what: str, rows: int) -> int:
     degree = int(round(rows**0.5)) - 1
     if rows == 0 or (degree + 1) ** 2 != rows:
         raise ValueError(f"{what}: expected (L + 1)**2 rows, found {rows}")
@@ -77,11 +78,25 @@ def _degree(what: str, rows: int) -> int:
 
 def _canonical(coefficients: ArrayLike) -> tuple[Floats, int]:
     array = _arrays.channels("coefficients", coefficients)
-    return array, _degree("coefficients", len(array))
+    return array, degree_of("coefficients", len(array))
 
 
-def _orders(degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Returns the degree and the order of each row."""
+def degrees_and_orders(max_degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Returns the degree and the order of each row of coefficients, (K,) with K = (L + 1)**2.
+
+    Parameters
+    ----------
+    max_degree : int
+        Highest degree L.
+
+    Examples
+    --------
+    >>> from spharm_rs import convert
+    >>> degrees, orders = convert.degrees_and_orders(1)
+    >>> degrees.tolist(), orders.tolist()
+    ([0, 1, 1, 1], [0, -1, 0, 1])
+    """
+    degree = _arrays.whole("max_degree", max_degree)
     degrees = np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
     return degrees, np.arange((degree + 1) ** 2) - degrees * (degrees + 1)
 
@@ -96,7 +111,7 @@ def _complex(what: str, array: ArrayLike, dimensions: int) -> Complex:
 def to_complex(coefficients: ArrayLike) -> Complex:
     """Returns complex coefficients, (K, c), with the Condon-Shortley phase."""
     a, degree = _canonical(coefficients)
-    degrees, orders = _orders(degree)
+    degrees, orders = degrees_and_orders(degree)
     mirrored = degrees * (degrees + 1) - orders
     sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis] / np.sqrt(2)
     order = orders[:, np.newaxis]
@@ -109,7 +124,7 @@ def to_complex(coefficients: ArrayLike) -> Complex:
 def from_complex(array: ArrayLike) -> Floats:
     """Returns canonical coefficients, (K, c), of the real part of a complex series."""
     c = _complex("complex", array, 2)
-    degrees, orders = _orders(_degree("complex", len(c)))
+    degrees, orders = degrees_and_orders(degree_of("complex", len(c)))
     mirrored = c[degrees * (degrees + 1) - orders]
     sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis]
     order = orders[:, np.newaxis]
@@ -124,7 +139,7 @@ def from_complex(array: ArrayLike) -> Floats:
 def to_pyshtools(coefficients: ArrayLike) -> Floats:
     """Converts to orthonormal coefficients with ``csphase=1``, (c, 2, L + 1, L + 1)."""
     a, degree = _canonical(coefficients)
-    degrees, orders = _orders(degree)
+    degrees, orders = degrees_and_orders(degree)
     found = np.zeros((a.shape[1], 2, degree + 1, degree + 1))
     found[:, (orders < 0).astype(int), degrees, abs(orders)] = a.T
     return found
@@ -137,7 +152,7 @@ def from_pyshtools(array: ArrayLike) -> Floats:
     found = found[np.newaxis] if found.ndim == 3 else found
     if found.ndim != 4 or found.shape[1] != 2 or found.shape[2] != found.shape[3]:
         raise ValueError(f"pyshtools: expected shape (c, 2, L + 1, L + 1), found {found.shape}")
-    degrees, orders = _orders(found.shape[2] - 1)
+    degrees, orders = degrees_and_orders(found.shape[2] - 1)
     return np.ascontiguousarray(found[:, (orders < 0).astype(int), degrees, abs(orders)].T)
 
 
@@ -171,7 +186,7 @@ def from_healpy(array: ArrayLike) -> Floats:
 def to_s2fft(coefficients: ArrayLike) -> Complex:
     """Converts to ``flm`` of s2fft, (c, L + 1, 2 L + 1), with orders from -L; s2fft's own L is L + 1."""
     a, degree = _canonical(coefficients)
-    degrees, orders = _orders(degree)
+    degrees, orders = degrees_and_orders(degree)
     found = np.zeros((a.shape[1], degree + 1, 2 * degree + 1), dtype=np.complex128)
     found[:, degrees, degree + orders] = to_complex(a).T
     return found
@@ -184,7 +199,7 @@ def from_s2fft(array: ArrayLike) -> Floats:
     degree = flm.shape[1] - 1
     if degree < 0 or flm.shape[2] != 2 * degree + 1:
         raise ValueError(f"s2fft: expected shape (c, L + 1, 2 L + 1), found {given.shape}")
-    degrees, orders = _orders(degree)
+    degrees, orders = degrees_and_orders(degree)
     return from_complex(flm[:, degrees, degree + orders].T)
 
 
@@ -207,7 +222,7 @@ def _three(who: str, coefficients: ArrayLike) -> None:
 
 def _pdm(degree: int) -> tuple[NDArray[np.intp], Floats]:
     """Returns, for each row of a ``.coef`` file, its canonical row and its factor."""
-    degrees, orders = _orders(degree)
+    degrees, orders = degrees_and_orders(degree)
     at = degrees**2 + np.where(orders > 0, 2 * orders - 1, -2 * orders)
     rows = np.empty_like(at)
     rows[at] = np.arange(len(at))
@@ -277,7 +292,7 @@ def from_ktch(array: ArrayLike) -> Floats:
 def to_flowshape(coefficients: ArrayLike) -> Floats:
     """Converts to FlowShape's coefficients, (K, c): canonical except for the factor (-1)**m."""
     a, degree = _canonical(coefficients)
-    return a * np.where(_orders(degree)[1] % 2, -1.0, 1.0)[:, np.newaxis]
+    return a * np.where(degrees_and_orders(degree)[1] % 2, -1.0, 1.0)[:, np.newaxis]
 
 
 def from_flowshape(array: ArrayLike) -> Floats:

@@ -14,40 +14,40 @@ A group of surfaces in any poses can be aligned; the mean, the modes of variatio
 >>> modes = sp.shape.pca(together.models)
 >>> two = modes.shape([2])
 >>> found = sp.shape.quality(together.models, modes=2, bands=20, sphere=3)
->>> found = sp.shape.test(together.models, groups=["a", "b"] * 3, sphere=3, level=0.2)
+>>> found = sp.shape.group_test(together.models, groups=["a", "b"] * 3, sphere=3, level=0.2)
 """
 
 from __future__ import annotations
 
 import json
 import math
-import warnings
 from dataclasses import dataclass
-from typing import Any, Sequence
+from typing import Any, NamedTuple, Sequence
 
 from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, sphere_arrays, warn
+from ._model import Model, sphere_arrays
 from ._model import core as _model
 from ._progress import Progress, callback
 from ._shape_correspond import Carried, Group, Member, correspond
 from ._shape_inference import Cluster
 from ._shape_modes import Modes, Quality, pca
 from ._shape_morph import Morph, morph
-from ._shape_poses import Alignment, Procrustes, Transform, align, mean, procrustes, rotate
+from ._shape_poses import Alignment, Procrustes, SimilarityTransform, align, mean, procrustes, rotate
 from ._shape_quality import Curve, GroupQuality, LandmarkErrors, quality
 from ._shape_register import Pose, Registration, pose, register
-from ._shape_study import Field, TestResult, measure_group, test
+from ._shape_study import Field, TestResult, group_test, measure_group
 from ._surface import Surface
-from .errors import SpharmWarning
+from ._warnings import warn
 
 __all__ = [
     "Alignment",
     "Carried",
     "Cluster",
     "Curve",
+    "Description",
     "Field",
     "Geometry",
     "Group",
@@ -62,13 +62,14 @@ __all__ = [
     "Procrustes",
     "Quality",
     "Registration",
+    "SimilarityTransform",
     "TestResult",
-    "Transform",
     "align",
     "correspond",
     "describe",
     "even",
     "geometry",
+    "group_test",
     "mean",
     "measure",
     "measure_group",
@@ -81,8 +82,7 @@ __all__ = [
     "register",
     "rotate",
     "smooth",
-    "tails",
-    "test",
+    "truncation_error",
 ]
 
 
@@ -263,7 +263,22 @@ def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -
     return Model._of(_core.shape_smooth(_model("model", model), time=time, width=width))
 
 
-def describe(model: Model) -> tuple[Floats, Floats]:
+class Description(NamedTuple):
+    """Numbers that describe a model and are invariant to rotations, reflections and translations.
+
+    Attributes
+    ----------
+    power : ndarray of float, (L,)
+        Mean square over the sphere of each degree's part of the model, from degree 1.
+    singular_values : ndarray of float, (L, c)
+        Singular values of each degree's coefficients divided by ``sqrt(4 pi)``, largest first; their squares sum to the power.
+    """
+
+    power: Floats
+    singular_values: Floats
+
+
+def describe(model: Model) -> Description:
     """Describes a model by numbers that are invariant to rotations, reflections and translations.
 
     Parameters
@@ -272,12 +287,9 @@ def describe(model: Model) -> tuple[Floats, Floats]:
 
     Returns
     -------
-    power : ndarray of float, (L,)
-        Mean square over the sphere of each degree's part of the model, from degree 1.
-    singular_values : ndarray of float, (L, c)
-        Singular values of each degree's coefficients divided by ``sqrt(4 pi)``, largest first; their squares sum to the power.
+    Description
     """
-    return _core.shape_describe(_model("model", model))
+    return Description(*_core.shape_describe(_model("model", model)))
 
 
 def nearest(
@@ -320,9 +332,22 @@ def nearest(
     return [Match(*match) for match in found]
 
 
-def tails(model: Model) -> Floats:
-    """Returns the root mean square distance of a model from its truncation to each degree d: (L + 1,), exact by Parseval."""
+def truncation_error(model: Model) -> Floats:
+    """Returns the root mean square distance of a model from its truncation to each degree, (L + 1,), in its unit.
+
+    It is exact by Parseval: the root of the sum of the squares of all coefficients above the degree, over ``4 pi``.
+
+    Parameters
+    ----------
+    model : Model
+    """
     return _core.shape_tails(_model("model", model))
+
+
+# Former names.
+tails = truncation_error
+test = group_test
+Transform = SimilarityTransform
 
 
 def even(
@@ -367,5 +392,5 @@ def even(
         progress=callback(progress),
     )
     if folded:
-        warnings.warn(f"{folded} triangles are turned over; choose a finer sphere for this surface", SpharmWarning, stacklevel=2)
+        warn([f"{folded} triangles are turned over; choose a finer sphere for this surface"])
     return Surface(directions, faces)

@@ -1,4 +1,9 @@
-"""A scikit-learn transformer between surfaces over one sphere and their coefficients."""
+"""scikit-learn's transformers: from meshes to features, and between surfaces over one sphere and their coefficients.
+
+`ShapeFeatures` takes bare meshes and returns scores along the modes of variation of the training group. `Descriptors`
+takes bare meshes or models and returns numbers that don't depend on poses. `SpharmTransformer` takes surfaces with
+corresponding vertices over one sphere and returns coefficients. X is a sequence of surfaces, one for each subject.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +16,17 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from ._arrays import Floats
-from ._fit import fit_many
+from ._fit_many import fit_many
+from ._sklearn_descriptors import Descriptors
+from ._sklearn_inputs import Meshes, rows
+from ._sklearn_shape import ShapeFeatures
 from ._surface import as_surface, named_icosphere
 from ._transform import Transform
 
+__all__ = ["Descriptors", "ShapeFeatures", "SpharmTransformer"]
 
-class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
+
+class SpharmTransformer(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Turns surfaces with corresponding vertices into rows of coefficients, by least squares at the vertices.
 
     Parameters
@@ -96,13 +106,14 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
     def inverse_transform(self, X: ArrayLike) -> Floats:
         """Returns the positions of the sphere's vertices, (s, n, 3), for rows of coefficients."""
         check_is_fitted(self, "sphere_")
-        rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
+        values = rows(np.atleast_2d(np.asarray(X)), self.n_features_out_, "coefficients")
         transform = Transform(self.sphere_.vertices, self.max_degree, threads=self.threads)
-        coefficients = rows.reshape(len(rows), 3, -1)
+        coefficients = values.reshape(len(values), 3, -1)
         return np.stack([transform.synthesis(one.T) for one in coefficients])
 
     def get_feature_names_out(self, input_features: Any = None) -> Any:
         """Returns names such as ``x_2_-1``: channel, degree, order."""
+        check_is_fitted(self, "sphere_")
         names = [
             f"{channel}_{degree}_{order}"
             for channel in "xyz"
@@ -110,3 +121,12 @@ class SpharmTransformer(TransformerMixin, BaseEstimator):  # type: ignore[misc]
             for order in range(-degree, degree + 1)
         ]
         return np.array(names, dtype=object)
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.input_tags.three_d_array = True
+        return tags
+
+    def _more_tags(self) -> dict[str, Any]:
+        tags = super()._more_tags()
+        return {**tags, "X_types": ["3darray", *tags["X_types"]]}

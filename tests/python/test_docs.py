@@ -90,10 +90,11 @@ def test_the_commands_of_a_page_run(page: Path, study: Path) -> None:
 def test_every_public_name_is_in_the_reference() -> None:
     reference = (DOCS / "reference" / "python.rst").read_text(encoding="utf-8")
     listed = set(re.findall(r"^   ([\w.]+)$", reference, re.M))
-    modules = {"__version__", "convert", "errors", "reports", "shape"}
+    modules = {"__version__", "convert", "errors", "reports", "shape", "spectra"}
     assert set(sp.__all__) - modules <= listed
     assert {f"convert.{name}" for name in sp.convert.__all__} <= listed
     assert {f"shape.{name}" for name in sp.shape.__all__} <= listed
+    assert {f"spectra.{name}" for name in sp.spectra.__all__} <= listed
     assert {name for name in sp.errors.__all__} <= listed
 
 

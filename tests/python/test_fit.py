@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
 import pytest
@@ -181,6 +181,54 @@ def test_many_are_fitted_as_each(study: Study) -> None:
         assert np.allclose(model.coefficients, alone.coefficients, rtol=0, atol=1e-10)
         assert np.array_equal(model.coefficients, other.coefficients)
     assert sp.fit_many([], sphere, 8) == []
+
+
+def test_surfaces_without_a_common_sphere_are_fitted_one_by_one(tmp_path: Path) -> None:
+    surfaces = [sp.example_surface(level, level)[0] for level in (3, 2, 3, 2)]
+    alone = [sp.fit(surface, max_degree=5, threads=1, smoothness=1e-4) for surface in surfaces]
+    read: list[int] = []
+
+    def given() -> Any:
+        for at, surface in enumerate(surfaces):
+            read.append(at)
+            surface.save(path := tmp_path / f"{at}.ply", double=True)
+            yield path
+
+    found = sp.fit_each(given(), 5, smoothness=1e-4, threads=1)
+    assert not read
+    assert np.array_equal(next(found).coefficients, alone[0].coefficients) and read == [0, 1]
+    rest = list(found)
+    assert all(np.array_equal(model.coefficients, one.coefficients) for model, one in zip(rest, alone[1:], strict=True))
+
+    open_ = sp.Surface(surfaces[0].vertices, surfaces[0].faces[1:])
+    done: list[int] = []
+    many = sp.fit_many([surfaces[0], open_, surfaces[1]], max_degree=5, on_error="collect", progress=lambda _, n, of: done.append(n))
+    assert [type(one) for one in many] == [sp.Model, sp.MeshError, sp.Model] and done == [1, 2, 3]
+    with pytest.raises(sp.MeshError, match=str(many[1])[:20]):
+        sp.fit_many([surfaces[0], open_], max_degree=5)
+    with pytest.raises(ValueError, match="on_error: expected 'raise' or 'collect', found 'skip'"):
+        sp.fit_each(surfaces, on_error="skip")  # type: ignore[call-overload]
+    with pytest.raises(ValueError, match="on_error: expected 'raise' with a sphere"):
+        sp.fit_many(surfaces, sp.icosphere(3), 5, on_error="collect")
+    # The fits that are still running end with the iterator.
+    stopped = sp.fit_each(iter(surfaces * 9), 5, threads=2)
+    next(stopped)
+    stopped.close()  # type: ignore[attr-defined]
+
+
+def test_warnings_name_the_line_that_calls_the_package() -> None:
+    ball = sp.fit(*sp.example_surface(3), 8)
+    mirrored = sp.Model(ball.coefficients * [1, 1, -1])
+    calls: list[Callable[[], Any]] = [
+        lambda: mirrored.area,
+        lambda: sp.shape.measure(mirrored),
+        lambda: sp.solve(sp.icosphere(1).vertices, np.ones(42), 10),
+        lambda: sp.fit(*sp.example_surface(1), 10, objective="vertices", smoothness=0),
+    ]
+    for call in calls:
+        with pytest.warns(sp.SpharmWarning) as found:
+            call()
+        assert {one.filename for one in found} == {__file__}
 
 
 def test_what_may_be_wrong_is_warned_of(study: Study) -> None:

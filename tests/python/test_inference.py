@@ -197,6 +197,23 @@ def test_interactions_are_nested_models() -> None:
         assert np.allclose(statistic, expected, rtol=1e-9), found.meaning
         assert found.freedom[-1] == freedom
 
+    # Interactions that are accounted for: of two covariates, and of the tested column with a covariate.
+    covariates = {"age": age, "sex": sex}
+    x, product = coded(group), coded(sex) * (age - age.mean())[:, None]
+    (without, _), (full, freedom) = rest(coded(sex), age, product), rest(x, coded(sex), age, product)
+    found = sp.shape.test(values, group, covariates=covariates, interactions="age:sex", permutations=0)
+    assert np.allclose(found.statistic, (without - full) / 2 / (full / freedom), rtol=1e-9)
+    assert found.freedom == (2, freedom)
+    found = sp.shape.test(values, effect=weight, covariates=covariates, interactions=["age:sex", "effect:age"], permutations=0)
+    base = [coded(sex), age, product, (weight - weight.mean()) * (age - age.mean())]
+    (without, _), (full, freedom) = rest(*base), rest(*base, weight)
+    assert np.allclose(found.statistic**2, (without - full) / (full / freedom), rtol=1e-9)
+    for bad in ("age:dose", "age", "groups:"):
+        with pytest.raises(ValueError, match="interactions: expected two columns.*groups, age, sex"):
+            sp.shape.test(values, group, covariates=covariates, interactions=bad)
+    with pytest.raises(ValueError, match="interactions: expected None with a design"):
+        sp.shape.test(values, design=np.ones((n, 1)), contrast=[1], interactions="a:b")
+
 
 def test_contrasts_are_combinations_of_named_columns() -> None:
     rng = np.random.default_rng(8)

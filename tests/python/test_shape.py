@@ -60,7 +60,7 @@ def test_models_are_found_in_another_pose(study: Any) -> None:
 
 
 def test_tails_are_parsevals_and_even_meshes_are_even(ellipsoid: sp.Model) -> None:
-    found = sp.shape.tails(ellipsoid)
+    found = sp.shape.truncation_error(ellipsoid)
     assert np.allclose(found, [np.sqrt(14 / 3), 0])
     sphere = sp.shape.even(ellipsoid, 4)
 

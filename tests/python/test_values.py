@@ -33,6 +33,34 @@ def test_sums_and_multiples_are_of_the_evaluated_surfaces() -> None:
     assert directions is not None and len(directions) == 642 and (sp.Model(b.coefficients) + a).directions is None
 
 
+def test_tables_have_degrees_orders_and_channels() -> None:
+    for given in (model(3), model(2, channels=2), sp.Model(model(2).coefficients, surface=False)):
+        frame, array = given.to_frame(), given.to_xarray()
+        names = list("xyz") if given.is_surface else [str(channel) for channel in range(given.coefficients.shape[1])]
+        assert list(frame.columns) == names == array.coords["channel"].values.tolist()
+        np.testing.assert_array_equal(frame.loc[(2, -1)], given[2, -1])
+        np.testing.assert_array_equal(array.set_index(harmonic=["degree", "order"]).sel(degree=2, order=1), given[2, 1])
+        for format, table in (("frame", frame.sample(frac=1, random_state=0)), ("xarray", array[::-1].T)):
+            back = sp.Model.from_(format, table, sphere=sp.icosphere(1))
+            assert back == given and back.directions is not None
+    frame = model(1).to_frame()
+    part = sp.Model.from_("frame", frame.drop(index=(1, 0)))
+    assert part[1, 0].tolist() == [0, 0, 0] and np.array_equal(part[1, 1], model(1)[1, 1])
+    refused: list[tuple[Any, str]] = [
+        (np.eye(3), "expected a DataFrame or a DataArray, found ndarray"),
+        (frame.reset_index(), "expected an index of degree and order"),
+        (frame.rename(index={1: -1}, level="degree"), "expected an order from -l to l"),
+        (frame.rename(index={0: 2}, level="order"), "expected an order from -l to l of degree l, found degree 0 and order 2"),
+        (frame.rename(index={-1: 1}, level="order"), "expected each degree and order once"),
+        (frame.rename(index={1: 1.5}, level="degree"), "expected whole numbers in degree, found float64"),
+        (model(1).to_xarray().rename(harmonic="row"), "expected the dimensions harmonic and channel, found row, channel"),
+        (model(1).to_xarray().drop_vars("order"), "found no order"),
+    ]
+    for table, text in refused:
+        with pytest.raises(ValueError, match=text):
+            sp.Model.from_("frame", table)
+
+
 def test_equality_is_that_of_coefficients_and_kind() -> None:
     a = model()
     assert a == sp.Model(a.coefficients) and a == pickle.loads(pickle.dumps(a)) and a != 2 * a
@@ -162,8 +190,8 @@ def rotation(seed: int) -> Any:
 
 
 def test_transforms_compose_and_have_a_matrix() -> None:
-    a = sp.shape.Transform(rotation(1), False, rotation(2), 2.0, np.array([1.0, 2, 3]))
-    b = sp.shape.Transform(rotation(3), True, -rotation(4), 0.5, np.array([-4.0, 5, 6]))
+    a = sp.shape.SimilarityTransform(rotation(1), False, rotation(2), 2.0, np.array([1.0, 2, 3]))
+    b = sp.shape.SimilarityTransform(rotation(3), True, -rotation(4), 0.5, np.array([-4.0, 5, 6]))
     points = np.random.default_rng(5).normal(size=(10, 3))
     homogeneous = np.column_stack([points, np.ones(10)])
     np.testing.assert_allclose((homogeneous @ a.matrix.T)[:, :3], a.apply(points), atol=1e-12)

@@ -80,6 +80,8 @@ pub(crate) struct Asked<'py> {
     effect: Vec<(String, Cells<'py>)>,
     levels: Vec<String>,
     covariates: Vec<(String, Cells<'py>)>,
+    /// Names of interactions of covariates and columns of the effect, such as `age:sex`, to account for.
+    interactions: Vec<String>,
     design: Option<PyReadonlyArray2<'py, f64>>,
     columns: Vec<String>,
     weights: Option<PyReadonlyArray2<'py, f64>>,
@@ -95,7 +97,8 @@ impl Asked<'_> {
             let (name, column) = column(given);
             Term::Column(name, column)
         };
-        let covariates: Vec<Term> = self.covariates.iter().map(term).collect();
+        let mut covariates: Vec<Term> = self.covariates.iter().map(term).collect();
+        covariates.extend(self.interactions.iter().map(|name| self.interaction(name)).collect::<Result<Vec<_>, _>>()?);
         let mut asked = match (&self.design, &self.effect[..]) {
             (Some(design), _) => {
                 let design = Design::new(design.as_array().to_owned(), self.columns.clone())?;
@@ -119,6 +122,22 @@ impl Asked<'_> {
             asked.check_differences()?;
         }
         Ok(asked)
+    }
+
+    /// Returns the interaction of two given columns, by its name.
+    fn interaction(&self, name: &str) -> Result<Term, Failure> {
+        let columns = || self.effect.iter().chain(&self.covariates);
+        let column = |name: &str| Ok(columns().find(|(of, _)| of == name).map(|(_, cells)| cells.column()));
+        match Term::parse::<Failure>(name, column)? {
+            Some(term @ Term::Interaction(_)) => Ok(term),
+            _ => {
+                let names: Vec<&str> = columns().map(|(name, _)| name.as_str()).collect();
+                Err(Failure::Argument(format!(
+                    "interactions: expected two columns such as \"age:sex\", of {}; found {name:?}",
+                    if names.is_empty() { "the covariates".to_owned() } else { names.join(", ") }
+                )))
+            }
+        }
     }
 }
 

@@ -1,0 +1,273 @@
+"""Fits many surfaces: over one sphere, or each over its own map."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, Iterable, Iterator, Literal, TypedDict, overload
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays, _core
+from ._arrays import Floats
+from ._fit import _model, _settings, fit
+from ._model import Model, seam_of, sphere_arrays
+from ._progress import Progress, callback
+from ._store import Store
+from ._surface import Path, as_surface
+from .errors import SpharmError
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+class FitSettings(TypedDict, total=False):
+    """Keyword arguments of `fit` that `fit_many` and `fit_each` pass on."""
+
+    objective: str | None
+    weights: str | ArrayLike
+    mask: ArrayLike | Path | None
+    smoothness: float | str | None
+    denoise: bool
+    stderr: bool
+    hold_out: float | None
+    surface_distance: bool
+    method: str | None
+    store: Path | Store | None
+    passes: int | None
+    granularity: int
+    start_degree: int
+    accelerate: bool
+    tolerance: float
+    max_iterations: int
+    preconditioner: str
+    strict: bool
+    dtype: str | None
+    memory: int | str | None
+    threads: int | None
+
+
+@overload
+def fit_many(
+    surfaces: ArrayLike | Iterable[Any],
+    sphere: Any = None,
+    max_degree: int = 20,
+    *,
+    on_error: Literal["raise"] = "raise",
+    cut_handles: bool = False,
+    progress: Progress = None,
+    **settings: Unpack[FitSettings],
+) -> list[Model]: ...
+
+
+@overload
+def fit_many(
+    surfaces: ArrayLike | Iterable[Any],
+    sphere: Any = None,
+    max_degree: int = 20,
+    *,
+    on_error: Literal["collect"],
+    cut_handles: bool = False,
+    progress: Progress = None,
+    **settings: Unpack[FitSettings],
+) -> list[Model | Exception]: ...
+
+
+def fit_many(
+    surfaces: ArrayLike | Iterable[Any],
+    sphere: Any = None,
+    max_degree: int = 20,
+    *,
+    on_error: Literal["raise", "collect"] = "raise",
+    cut_handles: bool = False,
+    progress: Progress = None,
+    **settings: Unpack[FitSettings],
+) -> Any:
+    """Fits many surfaces, or signals: over one sphere, whose transforms and factor they share, or each over its own map.
+
+    Parameters
+    ----------
+    surfaces : array_like of float, (s, n, 3) or (s, n, c), or iterable
+        As for `fit`; over a sphere, each has the sphere's vertices.
+    sphere : Surface or what `as_surface` takes, Parametrization, or ndarray of float, (n, 3), optional
+        The sphere of all surfaces. Without it, each surface is mapped to a sphere of its own, as by `fit_each`.
+    max_degree : int
+        Highest degree L, inclusive.
+    on_error : {"raise", "collect"}
+        Raise the error of a surface that can't be fitted; or put the exception in its place in the list, which needs
+        surfaces without a common sphere.
+    cut_handles : bool
+        As for `fit`, without a sphere.
+    progress : bool or callable, optional
+    **settings
+        The other arguments of `fit`.
+
+    Returns
+    -------
+    list of Model
+        In the order of the surfaces.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> subjects = [sp.example_surface(3, seed)[0] for seed in range(3)]
+    >>> models = sp.fit_many(subjects, sp.icosphere(3), 10)
+    >>> len(models)
+    3
+    """
+    if sphere is None:
+        given = list(surfaces)  # type: ignore[arg-type]
+        found = fit_each(given, max_degree, on_error=on_error, cut_handles=cut_handles, **settings)
+        shown = callback(progress)
+        models = []
+        for model in found:
+            models.append(model)
+            if shown is not None:
+                shown("fit", len(models), len(given))
+        return models
+    if on_error != "raise":
+        raise ValueError("on_error: expected 'raise' with a sphere, over which all surfaces are fitted together")
+    if cut_handles:
+        raise ValueError("cut_handles: expected no sphere, because the sphere of a surface with handles is that of the cut one")
+    kinds = set()
+    arrays: list[Floats] = []
+    triangles = None
+    for surface in surfaces:  # type: ignore[union-attr]
+        if isinstance(surface, np.ndarray):
+            arrays.append(_arrays.channels("surfaces", surface))
+            kinds.add(surface.ndim == 2 and surface.shape[1] == 3)
+        else:
+            mesh = as_surface(surface)
+            arrays.append(mesh.vertices)
+            if triangles is not None and not np.array_equal(triangles, mesh.faces):
+                raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of the surfaces before it")
+            triangles = mesh.faces
+            kinds.add(True)
+    if len(kinds) > 1:
+        raise ValueError("surfaces: expected surfaces or signals, found both")
+    if not arrays:
+        return []
+    directions, faces, parametrized = sphere_arrays(sphere)
+    checked = _settings(max_degree, len(directions), **settings)
+    fits = _core.fit_many(
+        arrays,
+        directions,
+        triangles if faces is None else faces,
+        surface=kinds.pop(),
+        parametrized=parametrized,
+        seam=seam_of(sphere),
+        settings=checked,
+        progress=callback(progress),
+    )
+    return [_model(fitted) for fitted in fits]
+
+
+@overload
+def fit_each(
+    surfaces: Iterable[Any],
+    max_degree: int = 20,
+    *,
+    on_error: Literal["raise"] = "raise",
+    cut_handles: bool = False,
+    **settings: Unpack[FitSettings],
+) -> Iterator[Model]: ...
+
+
+@overload
+def fit_each(
+    surfaces: Iterable[Any],
+    max_degree: int = 20,
+    *,
+    on_error: Literal["collect"],
+    cut_handles: bool = False,
+    **settings: Unpack[FitSettings],
+) -> Iterator[Model | Exception]: ...
+
+
+def fit_each(
+    surfaces: Iterable[Any],
+    max_degree: int = 20,
+    *,
+    on_error: Literal["raise", "collect"] = "raise",
+    cut_handles: bool = False,
+    **settings: Unpack[FitSettings],
+) -> Any:
+    """Maps and fits surfaces, and yields each model when it is ready, in the order of the surfaces.
+
+    Several surfaces are fitted at a time, each by one thread. Surfaces are taken from the iterable as they are needed, so
+    that a generator may read them from files.
+
+    Parameters
+    ----------
+    surfaces : iterable of Surface or what `as_surface` takes
+        Surfaces without spheres.
+    max_degree : int
+        Highest degree L, inclusive.
+    on_error : {"raise", "collect"}
+        Raise the error of a surface that can't be fitted; or yield the exception and go on.
+    cut_handles : bool
+        As for `fit`.
+    **settings
+        The other arguments of `fit`; ``threads`` is the number of surfaces that are fitted at a time, by default the number
+        of CPUs, and each may take ``memory``.
+
+    Yields
+    ------
+    Model
+        Or, with ``on_error="collect"``, the exception of a surface that can't be fitted.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> meshes = [sp.example_surface(3, seed)[0] for seed in range(3)]
+    >>> [model.max_degree for model in sp.fit_each(meshes, 10)]
+    [10, 10, 10]
+    """
+    if on_error not in ("raise", "collect"):
+        raise ValueError(f"on_error: expected 'raise' or 'collect', found {on_error!r}")
+    each: dict[str, Any] = {**settings, "max_degree": max_degree, "cut_handles": cut_handles}
+    workers = _arrays.threads(each.pop("threads", None)) or len(os.sched_getaffinity(0))
+    return _each(iter(surfaces), workers, on_error == "collect", each)
+
+
+class _Stopped(Exception):
+    """Ends a fit whose result nobody waits for."""
+
+
+def _each(surfaces: Iterator[Any], workers: int, collects: bool, settings: dict[str, Any]) -> Iterator[Model | Exception]:
+    stopped = threading.Event()
+
+    def check(*_: Any) -> None:
+        if stopped.is_set():
+            raise _Stopped
+
+    def work(surface: Any) -> Model:
+        return fit(surface, threads=1, progress=check, **settings)
+
+    running: deque[Future[Model]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            more = True
+            while more or running:
+                # One surface more than workers, so that none waits while a result is used.
+                while more and len(running) <= workers:
+                    try:
+                        running.append(pool.submit(work, next(surfaces)))
+                    except StopIteration:
+                        more = False
+                if not running:
+                    break
+                try:
+                    found: Model | Exception = running.popleft().result()
+                except (SpharmError, ValueError, OSError) as error:
+                    if not collects:
+                        raise
+                    found = error
+                yield found
+        finally:
+            stopped.set()
+            for future in running:
+                future.cancel()

@@ -1,0 +1,266 @@
+"""A scikit-learn transformer from meshes to scores along the modes of variation of the training group."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
+
+from ._arrays import Floats, whole
+from ._parametrize import Parametrization
+from ._shape_correspond import Group, Member, _names, correspond
+from ._shape_modes import Modes, pca
+from ._shape_poses import SimilarityTransform
+from ._sklearn_inputs import Input, Meshes, named_among, rows
+from ._surface import Surface
+
+
+class ShapeFeatures(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc]
+    """Turns meshes into scores along the modes of variation of the training group.
+
+    `fit` makes the training meshes correspond (`spharm_rs.shape.correspond`) and finds their modes
+    (`spharm_rs.shape.pca`). `transform` registers meshes to the group's mean, which doesn't change the group. Meshes
+    need no sphere and no common vertices, and may be in any pose. Results are deterministic, and the same with any
+    number of threads.
+
+    Parameters
+    ----------
+    max_degree : int
+        Highest degree L of the models.
+    modes : int or float, optional
+        Maximum number of modes; or a share of the variance, between 0 and 1, for the fewest modes that have this share
+        together. By default all modes, one fewer than training meshes.
+    scale : bool
+        Scale meshes to one size.
+    size : bool
+        With ``scale=True``: add a column ``log_size``, the logarithm of the mesh's size relative to the group's.
+    template : surface, optional
+        As for `spharm_rs.shape.correspond`; by default the most typical training mesh.
+    rounds : int
+    refine : bool
+    subdivisions : int, optional
+    memory : int or str, optional
+        As for `spharm_rs.shape.correspond`.
+    threads : int, optional
+        Number of threads; by default all CPUs. Give a number if several processes run at once, as with ``n_jobs``.
+
+    Attributes
+    ----------
+    group_ : Group
+        The training group.
+    modes_ : Modes
+        Its mean and modes.
+    n_features_out_ : int
+        Number of columns.
+
+    Notes
+    -----
+    The refinement of `fit` compares training meshes with each other, and that of `transform` compares a mesh with the
+    finished group. `fit_transform` returns the scores found by `fit`; `transform` of the same meshes returns nearly the
+    same scores, up to the error of the registration.
+
+    T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995).
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> from spharm_rs.sklearn import ShapeFeatures
+    >>> ball = sp.icosphere(3)
+    >>> scaled = [ball.vertices * [9 + k, 6, 4] for k in range(5)]
+    >>> pears = [sp.Surface(points * (1 + 0.3 * ball.vertices), ball.faces) for points in scaled]
+    >>> features = ShapeFeatures(4, modes=2, subdivisions=2).fit(pears[:4])
+    >>> scores = features.transform(pears[4:])
+    >>> scores.shape, features.get_feature_names_out().tolist()
+    ((1, 2), ['mode_1', 'mode_2'])
+    >>> features.inverse_transform(scores)[0]
+    Surface(162 vertices, 320 faces)
+    """
+
+    def __init__(
+        self,
+        max_degree: int = 12,
+        modes: int | float | None = None,
+        *,
+        scale: bool = False,
+        size: bool = False,
+        template: Any = None,
+        rounds: int = 2,
+        refine: bool = True,
+        subdivisions: int | None = None,
+        memory: int | str | None = None,
+        threads: int | None = None,
+    ) -> None:
+        self.max_degree = max_degree
+        self.modes = modes
+        self.scale = scale
+        self.size = size
+        self.template = template
+        self.rounds = rounds
+        self.refine = refine
+        self.subdivisions = subdivisions
+        self.memory = memory
+        self.threads = threads
+
+    def fit(self, X: Any, y: Any = None) -> ShapeFeatures:
+        """Makes the training meshes correspond, and finds their modes.
+
+        Parameters
+        ----------
+        X : sequence of surfaces, or array of them, (s,) or (s, 1)
+            Three or more: paths, `spharm_rs.Surface`, `spharm_rs.Model`, `spharm_rs.Parametrization` or what
+            `spharm_rs.as_surface` takes.
+        y : ignored
+
+        Raises
+        ------
+        MeshError
+            If a mesh can't be used; the message has its position in X and its path.
+        ValueError
+            If X isn't a sequence of surfaces, or a parameter is invalid.
+        """
+        if self.size and not self.scale:
+            raise ValueError("size: expected False, because scale=False keeps the size in the modes; found True")
+        most, share = _limits(self.modes)
+        surfaces = self._surfaces(X, reset=True)
+        if len(surfaces) < 3:
+            raise ValueError(f"X: expected three or more surfaces for modes of variation, found {len(surfaces)}")
+        group = self._correspond(surfaces)
+        modes = pca(group.models, modes=most, names=group.names, threads=self.threads)
+        if share is not None:
+            modes = modes.truncate(int(np.searchsorted(modes.compactness, share)) + 1)
+        self.group_, self.modes_ = group, modes
+        self.n_features_out_ = len(modes) + bool(self.size)
+        return self
+
+    def fit_transform(self, X: Any, y: Any = None) -> Floats:
+        """Fits the transformer, and returns the training meshes' scores, (s, m), in the meshes' unit.
+
+        Parameters
+        ----------
+        X : sequence of surfaces
+            As for `fit`.
+        y : ignored
+        """
+        self.fit(X)
+        return self._with_size(self.modes_.scores, self.group_.transforms)
+
+    def transform(self, X: Any) -> Floats:
+        """Registers meshes to the group's mean, and returns their scores, (s, m), in the meshes' unit.
+
+        Parameters
+        ----------
+        X : sequence of surfaces
+            As for `fit`, but one or more.
+
+        Raises
+        ------
+        MeshError
+            If a mesh can't be used; the message has its position in X and its path.
+        """
+        check_is_fitted(self, "group_")
+        surfaces = self._surfaces(X)
+        found = self._register(surfaces)
+        scores = np.stack([self.modes_.project(member.model)[0] for member in found])
+        return self._with_size(scores, [member.transform for member in found])
+
+    def _surfaces(self, X: Any, reset: bool = False) -> list[Input]:
+        return [item.surface if isinstance(item, Parametrization) else item for item in super()._surfaces(X, reset)]
+
+    def _correspond(self, surfaces: list[Input]) -> Group:
+        with named_among(surfaces, _names(surfaces)):
+            return correspond(
+                surfaces,
+                self.max_degree,
+                template=self.template,
+                rounds=self.rounds,
+                refine=self.refine,
+                scale=self.scale,
+                subdivisions=self.subdivisions,
+                memory=self.memory,
+                threads=self.threads,
+            )
+
+    def _register(self, surfaces: list[Input]) -> list[Member]:
+        with named_among(surfaces, _names(surfaces, len(self.group_))):
+            found = self.group_.add(surfaces, threads=self.threads)
+        return found if isinstance(found, list) else [found]
+
+    def _with_size(self, scores: Floats, transforms: Sequence[SimilarityTransform]) -> Floats:
+        if not self.size:
+            return scores
+        return np.column_stack([scores, [-np.log(transform.scale) for transform in transforms]])
+
+    def inverse_transform(self, X: ArrayLike) -> list[Surface]:
+        """Returns the surfaces of rows of scores, in the group's frame and with the vertices of its sphere.
+
+        Parameters
+        ----------
+        X : array_like of float, (s, m)
+            As returned by `transform`. With ``scale=True`` surfaces have the group's size, and with ``size=True`` their
+            own.
+
+        Returns
+        -------
+        list of Surface
+        """
+        check_is_fitted(self, "group_")
+        values = rows(X, self.n_features_out_, "scores")
+        spread = np.sqrt(self.modes_.variances)
+        none = np.zeros((len(values), len(spread)))
+        deviations = np.divide(values[:, : len(spread)], spread, out=none, where=spread > 0)
+        found = []
+        for row, deviation in zip(values, deviations):
+            surface = self.modes_.shape(deviation).surface(self.group_.sphere, threads=self.threads)
+            found.append(Surface(surface.vertices * np.exp(row[-1]), surface.faces) if self.size else surface)
+        return found
+
+    def get_feature_names_out(self, input_features: Any = None) -> NDArray[Any]:
+        """Returns the columns' names, ``mode_1`` to ``mode_m`` and with ``size=True`` ``log_size``.
+
+        Parameters
+        ----------
+        input_features : ignored
+        """
+        check_is_fitted(self, "group_")
+        names = [f"mode_{mode + 1}" for mode in range(len(self.modes_))]
+        return np.array(names + ["log_size"] * bool(self.size), dtype=object)
+
+    def __getstate__(self) -> Any:
+        state = dict(super().__getstate__())
+        if "modes_" in state:
+            state["modes_"] = _written(state["modes_"])
+        return state
+
+    def __setstate__(self, state: Any) -> None:
+        if "modes_" in state:
+            state = {**state, "modes_": _read(state["modes_"])}
+        super().__setstate__(state)
+
+
+def _limits(modes: Any) -> tuple[int | None, float | None]:
+    """Returns the maximum number of modes, and the share of the variance that they have to have."""
+    if isinstance(modes, (float, np.floating)):
+        if not 0 < modes < 1:
+            raise ValueError(f"modes: expected a share between 0 and 1, or a whole number of modes; found {modes!r}")
+        return None, float(modes)
+    return None if modes is None else whole("modes", modes, 1), None
+
+
+def _written(modes: Modes) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "modes.shape-model.npz")
+        modes.save(path)
+        return path.read_bytes()
+
+
+def _read(data: bytes) -> Modes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "modes.shape-model.npz")
+        path.write_bytes(data)
+        return Modes.load(path)

@@ -1,0 +1,27 @@
+"""Issues warnings at the line of the user's program that called the package."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from typing import Iterable
+
+from .errors import SpharmWarning
+
+_PACKAGE = os.path.dirname(__file__) + os.sep
+
+
+def warn(found: Iterable[str], category: type[Warning] = SpharmWarning) -> tuple[str, ...]:
+    """Issues warnings; returns them."""
+    for text in (texts := tuple(found)):
+        warnings.warn(text, category, stacklevel=_outside())
+    return texts
+
+
+def _outside() -> int:
+    """Returns the level of the nearest caller outside the package, relative to the caller of this function."""
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        frame, level = frame.f_back, level + 1
+    return level

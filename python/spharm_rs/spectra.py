@@ -1,0 +1,161 @@
+"""Spectra of signals on the sphere, as in geodesy and cosmology.
+
+From latitudes and longitudes to directions; power, cross-power, admittance and correlation by degree, of coefficients
+such as those of `spharm_rs.solve`; and the spectrum of a field that was observed on a part of the sphere.
+
+===========================  ======================================================================================
+in                           is
+===========================  ======================================================================================
+pyshtools ``spectrum``       `spectrum`, of coefficients converted by ``convert.from_pyshtools``
+pyshtools ``SHAdmitCorr``    `admittance` and `correlation`
+healpy ``alm2cl``            ``spectrum(.., unit="per_lm", convention="energy")``, the C_l of cosmology
+healpy ``anafast``, masked   `pseudo_spectrum`
+NaMaster, spin 0             `decoupled_spectrum`
+===========================  ======================================================================================
+
+Examples
+--------
+>>> import numpy as np, spharm_rs as sp
+>>> from spharm_rs import spectra
+>>> latitude, longitude = [90.0, 0.0, -45.0], [0.0, 90.0, 180.0]
+>>> spectra.directions(latitude, longitude).round(3)
+array([[ 0.   ,  0.   ,  1.   ],
+       [ 0.   ,  1.   ,  0.   ],
+       [-0.707,  0.   , -0.707]])
+>>> height = np.random.default_rng(0).normal(size=25)
+>>> by_degree = spectra.spectrum(height)
+>>> bool(np.isclose(by_degree.power.sum(), (height**2).sum() / (4 * np.pi)))
+True
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays
+from ._arrays import Floats
+from ._spectra_degree import (
+    Admittance,
+    Correlation,
+    Spectrum,
+    admittance,
+    correlation,
+    cross_spectrum,
+    finite,
+    spectrum,
+)
+from ._spectra_mask import BandPowers, PseudoSpectrum, coupling_matrix, decoupled_spectrum, pseudo_spectrum
+
+__all__ = [
+    "Admittance",
+    "BandPowers",
+    "Correlation",
+    "PseudoSpectrum",
+    "Spectrum",
+    "admittance",
+    "correlation",
+    "coupling_matrix",
+    "cross_spectrum",
+    "decoupled_spectrum",
+    "directions",
+    "latitude_longitude",
+    "pseudo_spectrum",
+    "spectrum",
+]
+
+#: The excess over a range, in radians, that the rounding of a float32 explains.
+_ROUNDING = 1e-6
+
+
+def _angles(what: str, values: ArrayLike, least: float, most: float, degrees: bool) -> Floats:
+    """Returns angles in radians, given in degrees or radians, within a range given in degrees."""
+    unit = "degrees" if degrees else "radians"
+    array = _arrays.real(what, values, "(n,)")
+    if array.ndim != 1:
+        raise ValueError(f"{what}: expected shape (n,), found {array.shape}")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        raise ValueError(f"{what}: expected finite {unit}, found NaN or infinity in row {int(bad.argmax())}")
+    radians = np.radians(array) if degrees else array
+    low, high = np.radians(least), np.radians(most)
+    bad = (radians < low - _ROUNDING) | (radians > high + _ROUNDING)
+    if bad.any():
+        bounds = f"{least:g} to {most:g}" if degrees else f"{low:.4g} to {high:.4g}"
+        raise ValueError(f"{what}: expected {unit} from {bounds}, found a number outside in row {int(bad.argmax())}")
+    return np.clip(radians, low, high)
+
+
+def directions(
+    latitude: ArrayLike | None = None,
+    longitude: ArrayLike | None = None,
+    *,
+    colatitude: ArrayLike | None = None,
+    degrees: bool = True,
+) -> Floats:
+    """Returns unit vectors from latitudes or colatitudes, and longitudes.
+
+    Parameters
+    ----------
+    latitude : array_like of float, (n,), optional
+        Geocentric, from -90 (south pole) to 90 degrees. Geodetic latitudes, as of maps of the Earth, differ from
+        geocentric ones by up to 0.19 degrees.
+    longitude : array_like of float, (n,)
+        East, from -360 to 360 degrees.
+    colatitude : array_like of float, (n,), optional
+        In place of latitudes: from 0 (north pole) to 180 degrees.
+    degrees : bool
+        Whether angles are in degrees, or else in radians.
+
+    Returns
+    -------
+    ndarray of float, (n, 3)
+
+    Examples
+    --------
+    >>> from spharm_rs import spectra
+    >>> spectra.directions(colatitude=[0.0, 180.0], longitude=[0.0, 0.0]).round(12)
+    array([[ 0.,  0.,  1.],
+           [ 0.,  0., -1.]])
+    """
+    if longitude is None:
+        raise ValueError("longitude: expected an array of shape (n,), found None")
+    if (latitude is None) == (colatitude is None):
+        raise ValueError(f"latitude, colatitude: expected one of them, found {'none' if latitude is None else 'both'}")
+    if latitude is not None:
+        what, angle = "latitude", _angles("latitude", latitude, -90, 90, degrees)
+        z, across = np.sin(angle), np.cos(angle)
+    else:
+        assert colatitude is not None
+        what, angle = "colatitude", _angles("colatitude", colatitude, 0, 180, degrees)
+        z, across = np.cos(angle), np.sin(angle)
+    phi = _angles("longitude", longitude, -360, 360, degrees)
+    if len(phi) != len(z):
+        raise ValueError(f"longitude: expected shape ({len(z)},), as of {what}; found ({len(phi)},)")
+    return np.stack([across * np.cos(phi), across * np.sin(phi), z], axis=1)
+
+
+def latitude_longitude(directions: ArrayLike, *, degrees: bool = True) -> tuple[Floats, Floats]:
+    """Returns latitudes and longitudes of directions.
+
+    Parameters
+    ----------
+    directions : array_like of float, (n, 3)
+        Vectors of any nonzero length.
+    degrees : bool
+        Whether angles are in degrees, or else in radians.
+
+    Returns
+    -------
+    latitude : ndarray of float, (n,)
+        Geocentric, from -90 to 90 degrees.
+    longitude : ndarray of float, (n,)
+        East, from -180 to 180 degrees.
+    """
+    at = finite("directions", _arrays.positions("directions", directions))
+    zero = ~at.any(axis=1)
+    if zero.any():
+        raise ValueError(f"directions: expected nonzero vectors, found a zero vector in row {int(zero.argmax())}")
+    latitude = np.arctan2(at[:, 2], np.hypot(at[:, 0], at[:, 1]))
+    longitude = np.arctan2(at[:, 1], at[:, 0])
+    return (np.degrees(latitude), np.degrees(longitude)) if degrees else (latitude, longitude)
