@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Evaluates exported models with other packages: `./run peers [PACKAGE ...]`.
+"""Compares other packages with this one: `./run peers [PACKAGE ...] [published]`.
 
 The program exports a model at degrees 20 and 100; the package reads it with its own reader and evaluates it with its
 own code. The largest difference from `spharm reconstruct`, relative to the largest value, must be below 1e-13 for
-degree 20 and 1e-12 for degree 100.
+degree 20 and 1e-12 for degree 100. `published` takes the packages' published tests: peers_published.py.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+import peers_published
 
 ROOT = Path(__file__).resolve().parent.parent
 BARS = {20: 1e-13, 100: 1e-12}
@@ -179,18 +180,15 @@ PEERS = {"scipy": scipy, "pyshtools": pyshtools, "healpy": healpy, "ktch": ktch,
          "aicsshparam": aics}  # fmt: skip
 
 
-def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("peers", nargs="*", help=f"of {', '.join(PEERS)}; all by default")
-    parser.add_argument("--program", default=ROOT / "target" / "release" / "spharm")
-    arguments = parser.parse_args()
+def report_exported(names, program):
+    """Prints the errors of exported models and returns the number of those that miss their bar."""
     missed = 0
     print(f"{'package':<28}{'degree':>7}{'error':>11}{'bar':>9}")
-    for name in arguments.peers or PEERS:
+    for name in names:
         for degree, bar in BARS.items():
             with tempfile.TemporaryDirectory() as folder:
                 try:
-                    rows = list(PEERS[name](Model(arguments.program, folder, degree, 3)))
+                    rows = list(PEERS[name](Model(program, folder, degree, 3)))
                 except ImportError as error:
                     print(f"{name:<28}{degree:>7}  can't be imported: {error}")
                     missed += 1
@@ -199,6 +197,19 @@ def main():
                     missed += not error <= bar
                     met = "met" if error <= bar else "MISSED"
                     print(f"{what:<28}{degree:>7}{error:>11.1e}{bar:>9.0e}  {met}", flush=True)
+    return missed
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("peers", nargs="*", help=f"of {', '.join(PEERS)}, published; all by default")
+    parser.add_argument("--program", default=ROOT / "target" / "release" / "spharm")
+    arguments = parser.parse_args()
+    names = arguments.peers or [*PEERS, "published"]
+    exported = [name for name in names if name != "published"]
+    missed = report_exported(exported, arguments.program) if exported else 0
+    if "published" in names:
+        missed += peers_published.report()
     return bool(missed)
 
 
