@@ -11,6 +11,9 @@ import spharm_rs
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE / "_extensions"), str(HERE / "figures"), str(HERE.parent / "examples" / "python")]
+
+from standalone_notebooks import first_cell  # noqa: E402
+
 # The programs that pages and examples start find the modules, too.
 os.environ["PYTHONPATH"] = str(HERE.parent / "examples" / "python")
 matplotlib.use("agg")
@@ -27,16 +30,21 @@ extensions = [
     "numpydoc",
     "program",
     "repository",
+    "short_names",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "sphinx-mathjax-offline",
+    "standalone_notebooks",
 ]
 exclude_patterns = ["figures", "_extensions", "_templates", "requirements.txt"]
 templates_path = ["_templates"]
 default_role = "py:obj"
 highlight_language = "text"
 nitpicky = True
+# Private aliases of types, in annotations.
+nitpick_ignore_regex = [("py:class", r"spharm_rs\._.*")]
 # Bases of classes; the inventories of other sites would be fetched.
 nitpick_ignore = [("py:class", f"sklearn.base.{name}") for name in ("BaseEstimator", "TransformerMixin")]
 
@@ -51,6 +59,8 @@ html_theme_options = {
     # Icons of other sites would be fetched.
     "icon_links": [],
 }
+# Pages without pages below them have nothing to show there.
+html_sidebars = {pattern: [] for pattern in ("*", "start/*", "contributing/*")}
 html_copy_source = False
 html_show_sourcelink = False
 
@@ -76,6 +86,7 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "default_thumb_file": str(HERE / "picture.png"),
     "download_all_examples": False,
+    "first_notebook_cell": first_cell(),
     "remove_config_comments": True,
     "show_memory": False,
     "show_signature": False,
