@@ -89,6 +89,13 @@ def mask(values: Any, vertices: int) -> NDArray[np.bool_] | None:
     return np.ascontiguousarray(array)
 
 
+def on_error(value: Any) -> bool:
+    """Returns whether errors are collected rather than raised."""
+    if value not in ("raise", "collect"):
+        raise ValueError(f"on_error: expected 'raise' or 'collect', found {value!r}")
+    return bool(value == "collect")
+
+
 def whole(what: str, value: Any, least: int = 0) -> int:
     """Returns a whole number of any integer type, at least ``least``."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):

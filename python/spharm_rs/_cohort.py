@@ -204,8 +204,7 @@ def fit_cohort(
     >>> [(row.id, row.state, row.model.max_degree) for row in sp.fit_cohort(rows, folder, 8)]
     [('s0', 'done', 8), ('s1', 'done', 8), ('s2', 'done', 8)]
     """
-    if on_error not in ("raise", "collect"):
-        raise ValueError(f"on_error: expected 'raise' or 'collect', found {on_error!r}")
+    collects = _arrays.on_error(on_error)
     if not isinstance(weights, str):
         raise ValueError("weights: expected 'uniform' or 'area'; give arrays to `fit`, and files in the table")
     settings = _settings(
@@ -245,7 +244,7 @@ def fit_cohort(
         shard=None if shard is None else str(shard),
         status=_path(status),
         exists=str(exists),
-        keep_going=on_error == "collect",
+        keep_going=collects,
         fix=bool(fix),
         cut_handles=bool(cut_handles),
         voxel_size=sizes,

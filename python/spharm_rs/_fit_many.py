@@ -226,11 +226,10 @@ def fit_each(
     >>> [model.max_degree for model in sp.fit_each(meshes, 10)]
     [10, 10, 10]
     """
-    if on_error not in ("raise", "collect"):
-        raise ValueError(f"on_error: expected 'raise' or 'collect', found {on_error!r}")
+    collects = _arrays.on_error(on_error)
     each: dict[str, Any] = {**settings, "max_degree": max_degree, "cut_handles": cut_handles}
     workers = _arrays.threads(each.pop("threads", None)) or len(os.sched_getaffinity(0))
-    return _each(iter(surfaces), workers, on_error == "collect", each)
+    return _each(iter(surfaces), workers, collects, each)
 
 
 class _Stopped(Exception):

@@ -15,6 +15,7 @@ from ._arrays import Floats
 from ._model_values import Values
 from ._parametrize import Parametrization, Seam
 from ._picture import Picture, picture
+from ._spectra_degree import sums
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from .reports import FitReport
 
@@ -264,9 +265,7 @@ class Model(Values):
 
     def spectrum(self) -> Floats:
         """Returns the power of each degree, (L + 1,): the sum of the squares of its coefficients, over all channels."""
-        squares = (self.coefficients**2).sum(axis=1)
-        power: Floats = np.add.reduceat(squares, np.arange(self.max_degree + 1) ** 2)
-        return power
+        return sums((self.coefficients**2).sum(axis=1))
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
         """Writes the model as a NumPy archive, atomically; ``spharm reconstruct`` reads it, too.

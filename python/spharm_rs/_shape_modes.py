@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import pathlib
+import tempfile
 from dataclasses import dataclass
 from typing import Any, Sequence
 
@@ -16,6 +18,9 @@ from ._progress import Progress, callback
 from ._shape_poses import cores, named
 from ._surface import Path
 from ._warnings import warn
+
+#: Name of the file through which modes are pickled.
+_FILE = "modes.shape-model.npz"
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +55,12 @@ class Modes:
         modes = cls.__new__(cls)
         modes._inner = inner
         return modes
+
+    def __reduce__(self) -> Any:
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder, _FILE)
+            self.save(path)
+            return _unpickled, (path.read_bytes(),)
 
     def __repr__(self) -> str:
         return f"Modes({len(self)} of {len(self.members)} members)"
@@ -204,6 +215,13 @@ class Modes:
         Modes
         """
         return cls._of(_core.Modes.read(os.fspath(path)))
+
+
+def _unpickled(data: bytes) -> Modes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder, _FILE)
+        path.write_bytes(data)
+        return Modes.load(path)
 
 
 def pca(

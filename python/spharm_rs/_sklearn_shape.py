@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
-from pathlib import Path
 from typing import Any, Sequence
 
 import numpy as np
@@ -231,17 +229,6 @@ class ShapeFeatures(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[mi
         names = [f"mode_{mode + 1}" for mode in range(len(self.modes_))]
         return np.array(names + ["log_size"] * bool(self.size), dtype=object)
 
-    def __getstate__(self) -> Any:
-        state = dict(super().__getstate__())
-        if "modes_" in state:
-            state["modes_"] = _written(state["modes_"])
-        return state
-
-    def __setstate__(self, state: Any) -> None:
-        if "modes_" in state:
-            state = {**state, "modes_": _read(state["modes_"])}
-        super().__setstate__(state)
-
 
 def _limits(modes: Any) -> tuple[int | None, float | None]:
     """Returns the maximum number of modes, and the share of the variance that they have to have."""
@@ -250,17 +237,3 @@ def _limits(modes: Any) -> tuple[int | None, float | None]:
             raise ValueError(f"modes: expected a share between 0 and 1, or a whole number of modes; found {modes!r}")
         return None, float(modes)
     return None if modes is None else whole("modes", modes, 1), None
-
-
-def _written(modes: Modes) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "modes.shape-model.npz")
-        modes.save(path)
-        return path.read_bytes()
-
-
-def _read(data: bytes) -> Modes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "modes.shape-model.npz")
-        path.write_bytes(data)
-        return Modes.load(path)

@@ -10,7 +10,7 @@ so that by Parseval's theorem ``sum_l S_ff(l)`` is the mean square of f over the
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,15 +29,21 @@ _NORMALIZATIONS = ("orthonormal", "ortho", "4pi", "schmidt", "unnorm")
 _MOST_UNNORMALISED = 150
 
 
-def as_array(values: Floats, dtype: Any, copy: bool | None) -> NDArray[Any]:
-    array = values if dtype is None else values.astype(dtype, copy=False)
-    if copy is False and array is not values:
-        raise ValueError(f"copy: expected True or None for a conversion to {np.dtype(dtype)}, found False")
-    return array.copy() if copy else array
+class AsArray:
+    """Base of results that ``np.asarray`` converts to one of their attributes."""
+
+    _values: ClassVar[str] = "power"
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        values: NDArray[Any] = getattr(self, self._values)
+        array = values if dtype is None else values.astype(dtype, copy=False)
+        if copy is False and array is not values:
+            raise ValueError(f"copy: expected True or None for a conversion to {np.dtype(dtype)}, found False")
+        return array.copy() if copy else array
 
 
 @dataclass(frozen=True, eq=False)
-class Spectrum:
+class Spectrum(AsArray):
     """The power of each degree. ``np.asarray`` returns `power`.
 
     Attributes
@@ -65,12 +71,9 @@ class Spectrum:
     unit: str
     convention: str
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return as_array(self.power, dtype, copy)
-
 
 @dataclass(frozen=True, eq=False)
-class Admittance:
+class Admittance(AsArray):
     """The admittance of each degree. ``np.asarray`` returns `admittance`.
 
     Attributes
@@ -86,12 +89,11 @@ class Admittance:
     admittance: Floats
     error: Floats
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return as_array(self.admittance, dtype, copy)
+    _values: ClassVar[str] = "admittance"
 
 
 @dataclass(frozen=True, eq=False)
-class Correlation:
+class Correlation(AsArray):
     """The correlation of each degree. ``np.asarray`` returns `correlation`.
 
     Attributes
@@ -107,8 +109,7 @@ class Correlation:
     correlation: Floats
     confidence: Floats
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return as_array(self.correlation, dtype, copy)
+    _values: ClassVar[str] = "correlation"
 
 
 def _choice(what: str, value: Any, known: tuple[str, ...]) -> str:
@@ -159,14 +160,21 @@ def _norms(degree: int, normalization: str) -> Floats:
     return np.asarray(np.exp((square - np.where(orders == 0, 0, np.log(2))) / 2))[:, np.newaxis]
 
 
-def _pair(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats, int]:
-    """Returns the coefficients of two fields to the lower of their degrees."""
+def _pair(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats, tuple[int, ...]]:
+    """Returns the coefficients of two fields to the lower of their degrees, and the shape of a result by degree."""
     (first, degree), (second, other) = _coefficients("a", a), _coefficients("b", b)
     if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:
         raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as a has; found {second.shape[1]}")
     degree = min(degree, other)
     rows = (degree + 1) ** 2
-    return first[:rows], second[:rows], degree
+    flat = np.ndim(a) == np.ndim(b) == 1
+    shape = (degree + 1,) if flat else (degree + 1, max(first.shape[1], second.shape[1]))
+    return first[:rows], second[:rows], shape
+
+
+def _products(first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
+    """Returns S_aa, S_bb and S_ab of two fields, each (L + 1, c)."""
+    return sums(first**2), sums(second**2), sums(first * second)
 
 
 def _errors(what: str, errors: ArrayLike, given: ArrayLike, rows: int) -> Floats:
@@ -303,14 +311,14 @@ def cross_spectrum(
     Spectrum
         Its ``sample_error`` is ``sqrt((S_ab**2 + S_aa S_bb) / ((2 l + 1) f_sky))``.
     """
-    first, second, degree = _pair(a, b)
+    first, second, shape = _pair(a, b)
+    degree = shape[0] - 1
     scale = _scale(degree, unit, convention, base)
     norms = _scaled_norms(degree, normalization, convention)
     first, second = first * norms, second * norms
-    shape = (degree + 1,) if np.ndim(a) == np.ndim(b) == 1 else (degree + 1, max(first.shape[1], second.shape[1]))
-    cross = sums(first * second)
+    aa, bb, cross = _products(first, second)
     counts = (2.0 * np.arange(degree + 1) + 1)[:, np.newaxis] * _fraction(f_sky)
-    sample = np.sqrt((cross**2 + sums(first**2) * sums(second**2)) / counts)
+    sample = np.sqrt((cross**2 + aa * bb) / counts)
     noise = noise_error = None
     if errors is not None:
         if not isinstance(errors, (tuple, list)) or len(errors) != 2:
@@ -348,9 +356,9 @@ def admittance(a: ArrayLike, b: ArrayLike) -> Admittance:
         ``S_ab / S_bb`` to the lower of both degrees, with standard error
         ``sqrt(S_aa / S_bb (1 - correlation**2) / (2 l))``, as pyshtools' ``SHAdmitCorr``.
     """
-    first, second, degree = _pair(a, b)
-    shape = (degree + 1,) if np.ndim(a) == np.ndim(b) == 1 else (degree + 1, max(first.shape[1], second.shape[1]))
-    aa, bb, ab = sums(first**2), sums(second**2), sums(first * second)
+    first, second, shape = _pair(a, b)
+    degree = shape[0] - 1
+    aa, bb, ab = _products(first, second)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(bb > 0, ab / bb, np.nan)
         # S_aa - Z**2 S_bb, which rounding can make negative.
@@ -381,9 +389,9 @@ def correlation(a: ArrayLike, b: ArrayLike) -> Correlation:
         Student's t with 2 l degrees of freedom (Pauer, Fleming and Cadek 2006, eq. A7), as pyshtools'
         ``SHConfidence``.
     """
-    first, second, degree = _pair(a, b)
-    shape = (degree + 1,) if np.ndim(a) == np.ndim(b) == 1 else (degree + 1, max(first.shape[1], second.shape[1]))
-    aa, bb, ab = sums(first**2), sums(second**2), sums(first * second)
+    first, second, shape = _pair(a, b)
+    degree = shape[0] - 1
+    aa, bb, ab = _products(first, second)
     with np.errstate(invalid="ignore", divide="ignore"):
         r = np.clip(ab / np.sqrt(aa) / np.sqrt(bb), -1, 1)
     confidence = np.full(r.shape, np.nan)

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays
 from ._arrays import Floats
-from ._spectra_degree import Degrees, as_array, central, finite, sums
+from ._spectra_degree import AsArray, Degrees, central, finite, sums
 from ._transform import Transform
 
 #: The condition number of the binned coupling matrix above which its solution has no digits left.
@@ -33,7 +33,7 @@ _MOST_CONDITION = 1e12
 
 
 @dataclass(frozen=True, eq=False)
-class PseudoSpectrum:
+class PseudoSpectrum(AsArray):
     """The spectrum of a field times a mask. ``np.asarray`` returns `power`.
 
     Attributes
@@ -56,12 +56,9 @@ class PseudoSpectrum:
     window: Floats
     f_sky: float
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return as_array(self.power, dtype, copy)
-
 
 @dataclass(frozen=True, eq=False)
-class BandPowers:
+class BandPowers(AsArray):
     """The spectrum of a field in bins of degrees. ``np.asarray`` returns `power`.
 
     Attributes
@@ -86,9 +83,6 @@ class BandPowers:
     error: Floats
     covariance: Floats
     windows: Floats
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return as_array(self.power, dtype, copy)
 
 
 def coupling_matrix(window: ArrayLike, max_degree: int) -> Floats:
@@ -177,10 +171,10 @@ def _noise(noise: Any, values: Floats, weights: Floats) -> Floats:
     return np.full(values.shape[1], ((weights * deviations) ** 2).sum() / (4 * np.pi))
 
 
-def _powers(directions: Floats, values: Floats, degree: int) -> Floats:
+def _powers(transform: Transform, values: Floats) -> Floats:
     """Returns the mean squared coefficient of each degree of weighted samples, (degree + 1, c)."""
-    transform = Transform(directions, degree, channels=min(values.shape[1], 8))
-    return np.asarray(sums(transform.adjoint(values) ** 2) / (2.0 * np.arange(degree + 1) + 1)[:, np.newaxis])
+    counts = 2.0 * np.arange(transform.max_degree + 1) + 1
+    return np.asarray(sums(transform.adjoint(values) ** 2) / counts[:, np.newaxis])
 
 
 def _samples(
@@ -228,17 +222,22 @@ def pseudo_spectrum(
     """
     degree = _arrays.whole("max_degree", max_degree)
     at, array, areas, kept = _samples(directions, values, weights, mask)
-    total = areas * kept
-    window = _powers(at, total[:, np.newaxis], 2 * degree)[:, 0]
-    if isinstance(noise, str):
-        window = window - (total**2).sum() / (4 * np.pi)
-    added = _noise(noise, array, total)
-    power = _powers(at, total[:, np.newaxis] * array, degree)
+    power, added, window = _pseudo(Transform(at, 2 * degree, channels=1), array, areas * kept, noise)
     flat = np.ndim(values) == 1
     f_sky = (areas * kept**2).sum() ** 2 / (4 * np.pi * (areas * kept**4).sum())
     return PseudoSpectrum(
         np.arange(degree + 1), power[:, 0] if flat else power, added[0] if flat else added, window, float(f_sky)
     )
+
+
+def _pseudo(double: Transform, values: Floats, weights: Floats, noise: ArrayLike | str) -> tuple[Floats, Floats, Floats]:
+    """Returns power, (L + 1, c), noise, (c,), and window, (2 L + 1,), with a transform to degree 2 L."""
+    window = _powers(double, weights[:, np.newaxis])[:, 0]
+    if isinstance(noise, str):
+        window = window - (weights**2).sum() / (4 * np.pi)
+    added = _noise(noise, values, weights)
+    transform = Transform(double.directions, double.max_degree // 2, channels=min(values.shape[1], 8))
+    return _powers(transform, weights[:, np.newaxis] * values), added, window
 
 
 def _edges(bins: Any, degree: int) -> NDArray[np.intp]:
@@ -321,8 +320,9 @@ def decoupled_spectrum(
         if expected.shape != (degree + 1,) or (expected <= 0).any():
             raise ValueError(f"shape: expected {degree + 1} numbers above 0, found shape {expected.shape} or others")
     at, array, areas, kept = _samples(directions, values, weights, mask)
-    pseudo = pseudo_spectrum(at, array, degree, mask=kept, weights=areas, noise=noise)
-    coupling = coupling_matrix(pseudo.window, degree)
+    double = Transform(at, 2 * degree, channels=1)
+    pseudo, added, window = _pseudo(double, array, areas * kept, noise)
+    coupling = coupling_matrix(window, degree)
 
     degrees = np.arange(degree + 1)
     inside = (degrees >= edges[:-1, np.newaxis]) & (degrees < edges[1:, np.newaxis])
@@ -337,11 +337,11 @@ def decoupled_spectrum(
         )
     # From the pseudo-spectrum to the mean power of each bin.
     solve = (share @ expected)[:, np.newaxis] * np.linalg.solve(binned, average)
-    power = solve @ (pseudo.power - pseudo.noise)
+    power = solve @ (pseudo - added)
 
-    squared = _powers(at, (areas * kept**2)[:, np.newaxis], 2 * degree)[:, 0]
+    squared = _powers(double, (areas * kept**2)[:, np.newaxis])[:, 0]
     spread = 2 * coupling_matrix(squared, degree) / (2.0 * degrees + 1)
-    total = pseudo.power / ((areas * kept**2).sum() / (4 * np.pi))
+    total = pseudo / ((areas * kept**2).sum() / (4 * np.pi))
     covariance = np.stack([(solve * t) @ spread @ (solve * t).T for t in total.T], axis=-1)
     error = np.sqrt(np.maximum(np.einsum("bbc->bc", covariance), 0))
     flat = np.ndim(values) == 1
