@@ -50,16 +50,9 @@ const CITED: [(&str, &str); 8] = [
     ),
 ];
 
-/// Ids of subjects that the text has to mention.
-pub(super) struct Remarkable {
-    /// Subjects that could not be fitted.
-    pub(super) failed: Vec<String>,
-    /// Subjects that the quality control flagged, except for accepted ones.
-    pub(super) flagged: Vec<String>,
-}
-
-/// Returns the text for a study; `subjects` is the number of subjects that could be fitted.
-pub(super) fn text(plan: &Plan, subjects: usize, remarkable: &Remarkable) -> Result<String> {
+/// Returns the text for a study. `subjects` is the number of subjects that could be fitted; `failed` and `flagged` are
+/// the ids of those that could not, and of those that the quality control flagged.
+pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&str]) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let of_what = match &study.subjects.sides[..] {
         [first, second] => {
@@ -86,7 +79,6 @@ pub(super) fn text(plan: &Plan, subjects: usize, remarkable: &Remarkable) -> Res
     };
     text += ". ";
     text += &of_volumes(plan);
-    let Remarkable { failed, flagged } = remarkable;
     if !failed.is_empty() {
         let count = counted(failed.len(), plan.row_noun());
         let _ = write!(text, "{count} could not be modelled ({}). ", failed.join(", "));

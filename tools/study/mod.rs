@@ -274,10 +274,9 @@ impl Call<'_> {
     fn record(&self, subjects: usize, stages: &[&Stage]) -> Result<Provenance> {
         let (plan, output) = (self.plan, &self.plan.output);
         let made = Provenance::of(plan, self.cli.resources.threads.count(), stages)?;
-        let ids = |of: &[(String, String)]| of.iter().map(|(id, _)| id.clone()).collect::<Vec<_>>();
-        let flagged: Vec<String> = self.flagged.iter().map(|flagged| flagged.id.clone()).collect();
-        let left = methods::Remarkable { failed: ids(&self.failed), flagged };
-        let methods = methods::text(plan, subjects, &left)?;
+        let failed: Vec<&str> = self.failed.iter().map(|(id, _)| id.as_str()).collect();
+        let flagged: Vec<&str> = self.flagged.iter().map(|flagged| flagged.id.as_str()).collect();
+        let methods = methods::text(plan, subjects, &failed, &flagged)?;
         for (name, text) in [(methods::FILE, methods), (provenance::FILE, made.text()?)] {
             plan::write_changed(&output.join(name), &text)?;
         }

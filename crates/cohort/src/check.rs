@@ -137,9 +137,8 @@ pub fn check(facts: &[Facts]) -> Vec<Checked> {
         let (remarks, notes): (Vec<String>, _) = of.notes.iter().cloned().partition(|note| note.starts_with(IN_DOUBT));
         flags.extend(notes.into_iter().map(Flag::Note));
         result.remarks = remarks;
-        flags.sort_by(|a, b| b.severity().total_cmp(&a.severity()));
         // Causes explain unusual values, so they come first.
-        flags.sort_by_key(Flag::rank);
+        flags.sort_by(|a, b| a.rank().cmp(&b.rank()).then(b.severity().total_cmp(&a.severity())));
     }
     checked
 }
