@@ -105,6 +105,21 @@ def test_labels_become_surfaces(tmp_path: Path) -> None:
         sp.parametrize_volume(labels)
 
 
+@pytest.mark.parametrize("image", [nibabel.Nifti1Image, nibabel.Nifti2Image])
+def test_volumes_in_metres_and_microns_are_read_in_mm(image: Any, tmp_path: Path) -> None:
+    labels = np.zeros((8, 8, 8), np.uint8)
+    labels[2:6, 2:6, 2:6] = 1
+    affine = np.array([[0, -0.5, 0, 3], [1, 0, 0, -4], [0, 0, 2, 5], [0, 0, 0, 1]])
+    expected = sp.parametrize_volume(labels, affine=affine).surface.vertices
+    for unit, length in [("unknown", 1), ("mm", 1), ("meter", 1e-3), ("micron", 1e3)]:
+        # nibabel leaves affine and zooms in the unit of the header.
+        volume = image(labels, np.diag([length, length, length, 1]) @ affine)
+        volume.header.set_xyzt_units(unit, "sec")
+        nibabel.save(volume, tmp_path / "labels.nii.gz")
+        found = sp.parametrize_volume(tmp_path / "labels.nii.gz").surface.vertices
+        assert np.allclose(found, expected, atol=1e-5), unit
+
+
 def test_distances_are_those_of_the_definition(study: Study) -> None:
     surface = study[0]
     moved = sp.Surface(surface.vertices + [0.5, 0, 0], surface.faces)

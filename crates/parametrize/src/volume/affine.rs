@@ -23,6 +23,11 @@ impl Affine {
         Self(self.0.map(|[a, b, c, d]| [a * factors[0], b * factors[1], c * factors[2], d]))
     }
 
+    /// Returns the matrix with all positions multiplied by a factor.
+    pub(super) fn scaled(&self, factor: f64) -> Self {
+        Self(self.0.map(|row| row.map(|x| factor * x)))
+    }
+
     /// Returns the lengths of a voxel's edges, in mm.
     #[must_use]
     pub fn voxel_size(&self) -> [f64; 3] {

@@ -52,8 +52,9 @@ impl LabelVolume {
     /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
     /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its
     /// voxels; [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its
-    /// header says, or a file with more than three dimensions; [`NotLabels`](ParametrizeError::NotLabels) for values
-    /// that aren't integers; [`Interrupted`](ParametrizeError::Interrupted).
+    /// header says, a file with more than three dimensions, or a NIfTI file in an invalid unit of length;
+    /// [`NotLabels`](ParametrizeError::NotLabels) for values that aren't integers;
+    /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         Self::read_with(path, VolumeReading::default(), monitor)
     }

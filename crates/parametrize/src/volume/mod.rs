@@ -43,6 +43,7 @@
 //!
 //! Voxels are counted from 0; voxel (i, j, k) is the unit cube centred at (i, j, k). The file's matrix maps voxel
 //! coordinates to RAS+ mm. For NIfTI it is the sform; without an sform, the qform; without either, the voxel sizes.
+//! Lengths of NIfTI files in metres or microns are converted to mm. Positions in TIFF stacks are in micrometres.
 
 mod affine;
 mod boundary;

@@ -35,6 +35,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let Some(scalar) = scalar(kind) else {
         return Err(wrong("numbers", format!("values of type {kind:?}")));
     };
+    let unit = millimetres(source, header.xyzt_units.into())?;
     let (slope, intercept) = (f64::from(header.scl_slope), f64::from(header.scl_inter));
     // By the standard, a slope of 0 means that values aren't scaled.
     let scaled = slope != 0.0 && slope.is_finite() && intercept.is_finite() && (slope, intercept) != (1.0, 0.0);
@@ -58,7 +59,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     // Read to the end of the compressed stream, so that its checksum is verified. Other data may follow the voxels'
     // values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
-    let affine = Forms::of(&header).affine();
+    let affine = Forms::of(&header).affine().scaled(unit);
     if !affine.is_valid() {
         return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }
@@ -78,6 +79,20 @@ pub(super) fn image(source: &Source<'_>, dimensions: &[i64]) -> Result<u64, Para
     }
     let [channel, time] = source.image(channels, times)?;
     Ok((channel as u64).saturating_mul(times as u64).saturating_add(time as u64))
+}
+
+/// Returns the number of millimetres in the unit of length, which is in bits 0 to 2 of the field `xyzt_units`.
+pub(super) fn millimetres(source: &Source<'_>, xyzt_units: i32) -> Result<f64, ParametrizeError> {
+    match xyzt_units & 7 {
+        // Most files without a unit are in mm.
+        0 | 2 => Ok(1.0),
+        1 => Ok(1e3),
+        3 => Ok(1e-3),
+        code => Err(source.wrong(
+            "xyzt_units with unit of length 0 (unknown, read as mm), 1 (m), 2 (mm) or 3 (micron)",
+            format!("xyzt_units {xyzt_units}, with unit of length {code}; correct the header"),
+        )),
+    }
 }
 
 /// The fields of a header that describe the positions of voxels.
@@ -106,8 +121,8 @@ impl Forms {
         }
     }
 
-    /// Returns the matrix from voxel coordinates to mm: the sform if present, otherwise the qform if present, otherwise
-    /// the voxel sizes alone (methods 3, 2, 1 of the NIfTI standard).
+    /// Returns the matrix from voxel coordinates to positions in the header's unit: the sform if present, otherwise the
+    /// qform if present, otherwise the voxel sizes alone (methods 3, 2, 1 of the NIfTI standard).
     pub(super) fn affine(&self) -> Affine {
         if let Some(rows) = self.sform {
             return Affine(rows);

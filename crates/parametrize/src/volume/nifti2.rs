@@ -12,10 +12,11 @@
 //! | 344, 2 x i32 | qform code, sform code |
 //! | 352, 6 x f64 | quaternion and offset |
 //! | 400, 12 x f64 | rows of the sform |
+//! | 500, i32 | units of length and time |
 
 use std::io::Read;
 
-use super::nifti::{Forms, image};
+use super::nifti::{Forms, image, millimetres};
 use super::source::Source;
 use super::values::{Layout, Scalar, Volume, cut_short, skip};
 use crate::error::ParametrizeError;
@@ -83,6 +84,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         1280 => Scalar::U64,
         _ => return Err(wrong("numbers", format!("values of type {kind}"))),
     };
+    let code = |at| i32::from_le_bytes(header.bytes(at));
+    let unit = millimetres(source, code(500))?;
     // Sizes above 2^16 - 1 voxels along an axis are rejected; such a volume doesn't fit in memory.
     let claimed = [dimensions[1], dimensions[2], dimensions[3]];
     let [Ok(x), Ok(y), Ok(z)] = claimed.map(u16::try_from) else {
@@ -103,14 +106,13 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     skip(source, &mut stream, offset - HEADER as u64)?;
     let voxels = layout.read(source, &mut stream)?;
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
-    let code = |at| i32::from_le_bytes(header.bytes(at));
     let forms = Forms {
         sform: (code(348) > 0).then(|| [400, 432, 464].map(|at| header.floats(at))),
         qform: (code(344) > 0).then(|| (header.floats(352), header.floats(376))),
         sizes: header.floats(112),
         mirrored: header.float(104) < 0.0,
     };
-    let affine = forms.affine();
+    let affine = forms.affine().scaled(unit);
     if !affine.is_valid() {
         return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }

@@ -7,7 +7,7 @@ use spharm_parametrize::ParametrizeError;
 use spharm_parametrize::volume::LabelVolume;
 
 /// Returns a NIfTI-1 file of 8-bit values.
-fn nifti(size: [i16; 3], values: &[u8]) -> Vec<u8> {
+pub(crate) fn nifti(size: [i16; 3], values: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0; 352];
     bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
     let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);

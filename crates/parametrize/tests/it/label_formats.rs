@@ -54,26 +54,27 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     out.finish().unwrap()
 }
 
-fn nifti2() -> Vec<u8> {
+/// Returns a NIfTI-2 file of 8-bit values.
+pub(crate) fn nifti2(size: [i64; 3], values: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0; 544];
     let mut put = |at: usize, value: &[u8]| bytes[at..at + value.len()].copy_from_slice(value);
     put(0, &540_i32.to_le_bytes());
     put(4, b"n+2\0\r\n\x1a\n");
     put(12, &2_i16.to_le_bytes());
-    for (k, n) in [3_i64, 3, 2, 2, 1, 1, 1, 1].into_iter().enumerate() {
+    for (k, n) in [3, size[0], size[1], size[2], 1, 1, 1, 1].into_iter().enumerate() {
         put(16 + 8 * k, &n.to_le_bytes());
     }
     for (k, x) in [1.0, SIZE[0], SIZE[1], SIZE[2]].into_iter().enumerate() {
         put(104 + 8 * k, &f64::to_le_bytes(x));
     }
     put(168, &544_i64.to_le_bytes());
-    bytes.extend(VALUES);
+    bytes.extend(values);
     bytes
 }
 
 #[test]
 fn nifti_2() {
-    let (folder, plain) = (Folder::new(), nifti2());
+    let (folder, plain) = (Folder::new(), nifti2([3, 2, 2], &VALUES));
     check(&folder.read("a.nii", &plain).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     check(&folder.read("a.nii.gz", &gzip(&plain)).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     // Adds the rows of an sform.
@@ -252,7 +253,7 @@ fn one_of_several_channels_and_times() {
         assert!(error.contains("another order or in other files"), "{error}");
     }
     // NIfTI has times along the fourth axis, and channels along the fifth.
-    let mut nifti = nifti2();
+    let mut nifti = nifti2([3, 2, 2], &VALUES);
     for (axis, count) in [(0, 5_i64), (4, 3), (5, 2)] {
         nifti[16 + 8 * axis..24 + 8 * axis].copy_from_slice(&count.to_le_bytes());
     }

@@ -1,9 +1,14 @@
 //! Tests the steps from label volumes to surfaces and equal-area spheres.
 
 use spharm_monitor::Silent;
-use spharm_parametrize::volume::{Affine, HandleRepair, LabelSurface, LabelVolume, Mask, VolumeParams, VolumeSurface};
+use spharm_parametrize::volume::{
+    Affine, HandleRepair, LabelSurface, LabelVolume, Mask, VolumeParams, VolumeReading, VolumeSurface,
+};
 use spharm_parametrize::{EqualAreaParams, ParametrizeError, area_deviation, equal_area};
 use spharm_surface::topology::{Topology, area, is_outward, signed_volume};
+
+use crate::label_files::nifti;
+use crate::label_formats::nifti2;
 
 const N: usize = 24;
 
@@ -95,6 +100,81 @@ fn the_surface_encloses_the_voxels_in_mm() {
     let middle: [f64; 3] = std::array::from_fn(|k| corner.quads.vertices.iter().map(|v| v[k]).sum::<f64>() / 8.0);
     assert!((0..3).all(|k| (middle[k] - affine.0[k][3]).abs() < 1e-12), "{middle:?}");
     assert_eq!((corner.label, corner.voxels), (7, 1));
+}
+
+/// How a NIfTI header states the positions of voxels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Form {
+    Sizes,
+    Quaternion,
+    Rows,
+}
+
+/// Returns a NIfTI file, of version 1 or 2, of a ball of radius 10 voxels. The voxels' `size`, and the `origin` of the
+/// first one along each axis, are in the unit of the header's `xyzt_units`.
+fn ball_in(version: u8, form: Form, xyzt_units: u8, size: f64, origin: f64) -> Vec<u8> {
+    let at = |i: usize| [i % N, i / N % N, i / (N * N)].map(|x| x as f64 - 11.5);
+    let values: Vec<u8> = (0..N * N * N).map(|i| u8::from(ball(at(i), 10.0))).collect();
+    // Offsets of the voxel sizes, the unit, the codes of qform and sform, the qform's offset, and the sform's rows.
+    let (mut bytes, width, [sizes, unit, qform, sform, offset, rows]) = match version {
+        1 => (nifti([N as i16; 3], &values), 4, [80, 123, 252, 254, 268, 280]),
+        _ => (nifti2([N as i64; 3], &values), 8, [112, 500, 344, 348, 376, 400]),
+    };
+    bytes[unit] = xyzt_units;
+    match form {
+        Form::Sizes => {}
+        Form::Quaternion => bytes[qform] = 1,
+        Form::Rows => bytes[sform] = 1,
+    }
+    let mut put = |at: usize, x: f64| match width {
+        4 => bytes[at..at + 4].copy_from_slice(&(x as f32).to_le_bytes()),
+        _ => bytes[at..at + 8].copy_from_slice(&x.to_le_bytes()),
+    };
+    for axis in 0..3 {
+        // With an sform the voxel sizes aren't read.
+        put(sizes + width * axis, if form == Form::Rows { 1.0 } else { size });
+        put(offset + width * axis, origin);
+        put(rows + width * (4 * axis + axis), size);
+        put(rows + width * (4 * axis + 3), origin);
+    }
+    bytes
+}
+
+#[test]
+fn nifti_files_in_metres_and_microns_are_read_in_mm() {
+    let folder = tempfile::tempdir().unwrap();
+    let near = |found: [f64; 3], expected: f64| found.iter().all(|x| (x - expected).abs() < 1e-6);
+    // Voxels of 0.2 mm, and an origin of -2.3 mm, in an unknown unit, m, mm and microns.
+    for (unit, millimetre) in [(0, 1.0), (1, 1e-3), (2, 1.0), (3, 1e3)] {
+        for (version, form) in
+            [1, 2].into_iter().flat_map(|v| [Form::Sizes, Form::Quaternion, Form::Rows].map(|f| (v, f)))
+        {
+            let named = format!("unit {unit}, NIfTI-{version}, {form:?}");
+            let path = folder.path().join("ball.nii");
+            // Bits 3 to 5 have the unit of time, here seconds.
+            std::fs::write(&path, ball_in(version, form, unit | 8, 0.2 * millimetre, -2.3 * millimetre)).unwrap();
+            let volume = LabelVolume::read(&path, &Silent).unwrap();
+            let origin = if form == Form::Sizes { 0.0 } else { -2.3 };
+            assert!(near(volume.voxel_size(), 0.2) && near(volume.affine.apply([0.0; 3]), origin), "{named}");
+            let found = take(&volume).unwrap();
+            let in_mm = signed_volume(&found.quads.triangles(|_| false));
+            let of_ball = 4.0 / 3.0 * std::f64::consts::PI * 8.0;
+            assert!((in_mm / of_ball - 1.0).abs() < 0.01, "{named}: {in_mm} {of_ball}");
+            // A given voxel size is in mm, as the origin is.
+            let reading = VolumeReading { voxel_size: Some([0.3; 3]), ..VolumeReading::default() };
+            let volume = LabelVolume::read_with(&path, reading, &Silent).unwrap();
+            assert!(near(volume.voxel_size(), 0.3) && near(volume.affine.apply([0.0; 3]), origin), "{named}");
+        }
+    }
+    for (version, unit) in [(1, 4), (2, 5), (1, 6), (2, 7)] {
+        let path = folder.path().join("unit.nii");
+        std::fs::write(&path, ball_in(version, Form::Rows, unit | 8, 0.2, 0.0)).unwrap();
+        let error = LabelVolume::read(&path, &Silent).unwrap_err();
+        assert!(matches!(error, ParametrizeError::NotAVolume { .. }), "{error}");
+        let said = error.to_string();
+        let expected = format!("found xyzt_units {}, with unit of length {unit}", unit | 8);
+        assert!(said.contains("unit.nii") && said.contains(&expected), "{said}");
+    }
 }
 
 /// Checks that the smooth surface has the same vertices as the voxels' faces, a map of its own areas, the voxels'
