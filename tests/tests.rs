@@ -36,6 +36,7 @@ mod odd_files;
 mod outputs;
 #[cfg(feature = "paper")]
 mod paper;
+mod picture;
 mod pipeline;
 mod quality;
 mod range;

@@ -82,6 +82,8 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "N", help_heading = OUTPUT)]
     pub(super) columns: Option<usize>,
     /// Width and height of a panel in pixels
+    ///
+    /// With --dpi, panels are higher if their text needs it.
     #[arg(
         long,
         value_name = "PIXELS",
@@ -93,6 +95,8 @@ pub(crate) struct Cli {
     /// Resolution in dots per inch, which gives the picture its size on paper
     ///
     /// At 300 dpi, 1063 pixels are 90 mm. The picture's width in pixels is --size times the number of panels in a row.
+    /// Text is at least 7 pt high on paper, and is broken into lines if it is wider than its panel; of text longer than
+    /// six lines, the middle is left out.
     #[arg(long, value_name = "DPI", value_parser = clap::value_parser!(u16).range(30..=2400), help_heading = OUTPUT)]
     pub(super) dpi: Option<u16>,
     /// Picture to write

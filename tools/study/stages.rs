@@ -260,8 +260,10 @@ impl Plan {
         let [png, svg] = ["png", "svg"].map(|ending| {
             let picture = self.output.join("figures").join(format!("{}.{ending}", test.name));
             let mut drawing = words(&["picture", &text(&mean), "--map", &text(&statistic), &text(&map)]);
-            drawing.extend(words(&["--contour", &text(&map), "--view", "left", "right", "top", "bottom"]));
-            drawing.extend(words(&["--size", "530", "--dpi", "300", "-o", &text(&picture)]));
+            drawing.extend(words(&["--contour", &text(&map), "--view"]));
+            drawing.extend(words(&["left", "right", "top", "bottom", "front", "back"]));
+            // Six panels of 354 pixels are 180 mm wide, the width of a page in most journals.
+            drawing.extend(words(&["--size", "354", "--dpi", "300", "-o", &text(&picture)]));
             let inputs = [mean.clone(), statistic.clone(), map.clone()];
             self.stage(&format!("picture.{}.{ending}", test.name), drawing, &inputs, [picture])
         });

@@ -19,10 +19,12 @@
 #![forbid(unsafe_code)]
 
 mod animation;
+mod bar;
 mod camera;
 mod curves;
 mod error;
 mod image;
+mod layout;
 mod raster;
 mod scale;
 mod svg;
@@ -32,15 +34,17 @@ use spharm_surface::Mesh;
 use spharm_surface::metrics::{colors_by, diverging, viridis};
 
 pub use animation::{render_frames, write_gif};
+use bar::Bar;
 use camera::Camera;
 pub use camera::View;
 pub use curves::{Curve, CurvePanel, render_curves};
 pub use error::RenderError;
 pub use image::{Image, encode_png, write_png, write_thumbnail};
+use layout::Layout;
 use raster::Raster;
 pub use scale::{fit_into, is_probability, scale_label, significance, symmetric_range};
 pub use svg::write_svg;
-use text::Label;
+use text::{draw_lines, lines_of, smallest_size, step};
 
 /// Colours of a mesh.
 #[derive(Clone, Copy, Debug)]
@@ -98,7 +102,8 @@ impl<'a> Panel<'a> {
 pub struct Settings {
     /// Width of a panel in pixels.
     pub width: usize,
-    /// Height of a panel in pixels, including caption and colour bar.
+    /// Height of a panel in pixels, including caption and colour bar. With a resolution, panels are higher if texts of
+    /// 7 pt need it.
     pub height: usize,
     /// Number of panels per row; 0 for a single row.
     pub columns: usize,
@@ -111,7 +116,8 @@ pub struct Settings {
     pub frame: Option<[[f64; 3]; 2]>,
     /// Whether texts are stored for [`write_svg`] instead of drawn. Default false.
     pub keep_text: bool,
-    /// Resolution in dots per inch, which gives the picture a size on paper. Default none.
+    /// Resolution in dots per inch, which gives the picture a size on paper. Texts are then at least 7 pt high, and are
+    /// broken into lines if they are wider than their panel. Default none.
     pub dpi: Option<u16>,
 }
 
@@ -141,16 +147,19 @@ impl Settings {
     ///
     /// The number is the sum of 3 bytes per pixel of the picture, 3 for its compressed copy, and 4 for this copy as
     /// text in an SVG; 80 bytes per pixel of one panel, because panels are drawn one after another, in linear light,
-    /// at twice the resolution and with their depth; and 128 bytes per vertex of a panel's mesh.
+    /// at twice the resolution and with their depth; and 128 bytes per vertex of a panel's mesh. With a resolution in
+    /// dots per inch, panels are assumed to have the longest possible texts.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;
         let columns = if self.columns == 0 { panels } else { self.columns.min(panels) };
         // An incomplete last row takes as much memory as a complete one.
         let places = columns as u64 * panels.div_ceil(columns.max(1)) as u64;
-        let pixels = (self.width as u64).saturating_mul(self.height as u64);
+        let pixels = |height: usize| (self.width as u64).saturating_mul(height as u64);
         let stored = if self.keep_text { 10 } else { 6 };
-        pixels.saturating_mul(raster::BYTES_PER_PIXEL + stored * places) + BYTES_PER_VERTEX * vertices as u64
+        let picture = pixels(Layout::highest(self).panel_height).saturating_mul(stored * places);
+        let panel = pixels(self.height).saturating_mul(raster::BYTES_PER_PIXEL);
+        picture.saturating_add(panel).saturating_add(BYTES_PER_VERTEX * vertices as u64)
     }
 }
 
@@ -167,24 +176,16 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
         n => n.min(panels.len()),
     };
     let rows = panels.len().div_ceil(columns);
-    let (width, height) = (columns * settings.width, rows * settings.height);
+    let Layout { type_size, line, mesh_height, bar_height, panel_height } = Layout::of(panels, settings);
+    let (width, height) = (columns * settings.width, rows * panel_height);
     if [width, height].iter().any(|side| !(16..=LARGEST).contains(side)) {
         return Err(RenderError::Size { width, height });
     }
 
-    // The font size grows with the panel, within legible limits.
-    let type_size = (settings.width as f64 / 24.0).clamp(11.0, 36.0);
-    let line = (1.5 * type_size) as usize;
-    let any_scalar = panels.iter().any(|p| matches!(p.paint, Paint::Scalar { .. }));
-    let any_caption = panels.iter().any(|p| !p.caption.is_empty());
-    let bar_height = if any_scalar { 2 * line } else { 0 };
-    let caption_height = if any_caption { line + line / 4 } else { 0 };
-    let mesh_height = settings.height.saturating_sub(bar_height + caption_height).max(1);
-
     let mut picture = Image::filled(width, height, BACKGROUND);
     (picture.dpi, picture.texts) = (settings.dpi, settings.keep_text.then(Vec::new));
     for (i, panel) in panels.iter().enumerate() {
-        let (x, y) = ((i % columns) * settings.width, (i / columns) * settings.height);
+        let (x, y) = ((i % columns) * settings.width, (i / columns) * panel_height);
         let framed = if settings.common_scale { panels } else { std::slice::from_ref(panel) };
         let view = panel.view.unwrap_or(settings.view);
         let camera = match settings.frame {
@@ -202,15 +203,12 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
         let mut raster = Raster::new(settings.width, mesh_height);
         raster.draw(panel.mesh, &painted, panel.contour, &camera);
         raster.paint_on(&mut picture, x, y);
-        if let Paint::Scalar { range, label, .. } = panel.paint {
-            bar(&mut picture, x, y + mesh_height, settings.width, line, range, label);
+        if let Some(bar) = Bar::of(panel, settings.width, line, settings.dpi) {
+            bar.draw(&mut picture, x, y + mesh_height);
         }
-        Label::new(panel.caption, type_size).centred(
-            &mut picture,
-            x + settings.width / 2,
-            y + mesh_height + bar_height,
-            INK,
-        );
+        let caption = lines_of(panel.caption, type_size, settings.width, settings.dpi);
+        let at = [x + settings.width / 2, y + mesh_height + bar_height];
+        draw_lines(&mut picture, &caption, type_size, at, INK);
     }
     Ok(picture)
 }
@@ -225,9 +223,11 @@ pub fn color_of(value: f64, range: (f64, f64)) -> [u8; 3] {
 #[must_use]
 pub fn with_bar(picture: Image, range: (f64, f64), label: &str) -> Image {
     let line = line_of(&picture);
-    let (mut picture, top) = extended(picture, 5 * line / 2);
     let (width, length) = (picture.width, picture.width.min(24 * line));
-    bar(&mut picture, (width - length) / 2, top + line / 4, length, line, range, label);
+    let bar = Bar::new(range, label, length, line, picture.dpi);
+    let height = Bar::height(line, bar.lines(), picture.dpi);
+    let (mut picture, top) = extended(picture, line / 2 + height);
+    bar.draw(&mut picture, (width - length) / 2, top + line / 4);
     picture
 }
 
@@ -235,15 +235,18 @@ pub fn with_bar(picture: Image, range: (f64, f64), label: &str) -> Image {
 #[must_use]
 pub fn with_note(picture: Image, note: &str) -> Image {
     let line = line_of(&picture);
-    let (mut picture, top) = extended(picture, 5 * line / 4);
+    let size = 0.7 * line as f64;
+    let lines = lines_of(note, size, picture.width, picture.dpi);
+    let (mut picture, top) = extended(picture, 5 * line / 4 + lines.len().saturating_sub(1) * step(size));
     let middle = picture.width / 2;
-    Label::new(note, 0.7 * line as f64).centred(&mut picture, middle, top + line / 4, INK);
+    draw_lines(&mut picture, &lines, size, [middle, top + line / 4], INK);
     picture
 }
 
 /// Returns the height of a line of text beneath all panels of a picture.
 fn line_of(picture: &Image) -> usize {
-    (picture.width / 40).clamp(14, 40)
+    // The smallest text has 0.6 of a line's height.
+    (picture.width / 40).clamp(14, 40).max((smallest_size(picture.dpi) / 0.6).ceil() as usize)
 }
 
 /// Returns a picture extended by `more` rows of background at the bottom, and the index of the first new row.
@@ -292,57 +295,4 @@ fn check(panels: &[Panel<'_>], settings: &Settings) -> Result<(), RenderError> {
         }
     }
     Ok(())
-}
-
-/// Draws a colour bar over half of the given width, with the values at its ends beside it and its label beneath it.
-fn bar(picture: &mut Image, x: usize, y: usize, width: usize, line: usize, range: (f64, f64), label: &str) {
-    let (left, length) = (x + width / 4, width / 2);
-    let thickness = line / 2;
-    for column in 0..length {
-        let color = map_of(range)(column as f64 / (length.max(2) - 1) as f64);
-        for row in 0..thickness {
-            picture.set(left + column, y + line / 4 + row, color);
-        }
-    }
-    let size = 0.6 * line as f64;
-    let gap = line / 3;
-    Label::new(&short(range.0), size).ending(picture, left.saturating_sub(gap), y + line / 8, INK);
-    Label::new(&short(range.1), size).starting(picture, left + length + gap, y + line / 8, INK);
-    Label::new(label, size).centred(picture, x + width / 2, y + line, INK);
-}
-
-/// Formats a number with up to three significant digits.
-fn short(x: f64) -> String {
-    if x == 0.0 {
-        "0".to_owned()
-    } else if (1e-3..1e4).contains(&x.abs()) {
-        let decimals = (2 - x.abs().log10().floor() as i32).max(0) as usize;
-        let text = format!("{x:.decimals$}");
-        match text.contains('.') {
-            true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-            false => text,
-        }
-    } else {
-        format!("{x:.1e}")
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::short;
-
-    #[test]
-    fn bar_values_have_three_digits() {
-        for (x, text) in [
-            (0.0, "0"),
-            (1.0, "1"),
-            (0.012_34, "0.0123"),
-            (-2.5, "-2.5"),
-            (1234.5, "1234"),
-            (120.0, "120"),
-            (3.2e-8, "3.2e-8"),
-        ] {
-            assert_eq!(short(x), text);
-        }
-    }
 }

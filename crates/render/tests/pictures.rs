@@ -153,11 +153,11 @@ fn text_stays_text_in_svg_and_resolutions_are_stored() {
     let ball = icosphere(1);
     let values = vec![0.5; ball.vertices.len()];
     let paint = Paint::Scalar { values: &values, range: (0.0, 2.5), label: "a < b & c" };
-    let settings = Settings { keep_text: true, dpi: Some(254), ..small() };
+    let settings = Settings { keep_text: true, dpi: Some(72), ..small() };
     let image = with_note(render(&[Panel { paint, ..Panel::new(&ball, "ball") }], &settings).unwrap(), "a note");
     write_svg(path("a.svg"), &image, &WriteOptions::default()).unwrap();
     let svg = std::fs::read_to_string(path("a.svg")).unwrap();
-    assert!(svg.contains("width=\"10.000mm\"") && svg.contains("href=\"data:image/png;base64,"), "{svg}");
+    assert!(svg.contains("width=\"35.278mm\"") && svg.contains("href=\"data:image/png;base64,"), "{svg}");
     for (anchor, text) in [("end", "0"), ("start", "2.5"), ("middle", "a &lt; b &amp; c"), ("middle", "ball")] {
         let line = svg.lines().find(|line| line.ends_with(&format!(">{text}</text>")));
         assert!(line.is_some_and(|line| line.contains(&format!("text-anchor=\"{anchor}\""))), "{text}: {svg}");
@@ -170,8 +170,43 @@ fn text_stays_text_in_svg_and_resolutions_are_stored() {
     write_png(path("a.png"), &image, &WriteOptions::default()).unwrap();
     let reader = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path("a.png")).unwrap()));
     let found = reader.read_info().unwrap().info().pixel_dims.unwrap();
-    assert_eq!((found.xppu, found.yppu, found.unit), (10_000, 10_000, png::Unit::Meter));
+    assert_eq!((found.xppu, found.yppu, found.unit), (2835, 2835, png::Unit::Meter));
     assert!(write_svg(path("b.png"), &image, &WriteOptions::default()).is_err());
+}
+
+#[test]
+fn text_is_legible_on_paper_and_stays_in_its_panel() {
+    // Height of 7 pt at 300 dpi, in pixels.
+    const LEAST: f64 = 7.0 / 72.0 * 300.0;
+    let folder = tempfile::tempdir().unwrap();
+    let ball = icosphere(2);
+    let values = vec![0.5; ball.vertices.len()];
+    let label = "statistic, clipped: 102 of 10242 beyond";
+    let paint = Paint::Scalar { values: &values, range: (-3.96, 3.96), label };
+    let panels = [Panel { paint, ..Panel::new(&ball, "the first caption, from -x") }, Panel::new(&ball, "second")];
+    for width in [96, 354, 530] {
+        let settings = Settings { width, height: width, dpi: Some(300), ..Settings::default() };
+        let image = render(&panels, &settings).unwrap();
+        assert!(settings.bytes(2, ball.vertices.len()) >= 6 * image.pixels.len() as u64, "{width}");
+        for x in [0, width - 1, width, 2 * width - 1] {
+            assert!((0..image.height).all(|y| at(&image, x, y) == [255; 3]), "{width}: text in column {x}");
+        }
+        let kept = render(&panels, &Settings { keep_text: true, ..settings }).unwrap();
+        let path = folder.path().join(format!("{width}.svg"));
+        write_svg(&path, &with_note(kept, "line: p = 0.05"), &WriteOptions::default()).unwrap();
+        let svg = std::fs::read_to_string(&path).unwrap();
+        let value = |line: &str, key: &str| -> f64 {
+            let rest = line.split(&format!(" {key}=\"")).nth(1).unwrap();
+            rest.split('"').next().unwrap().parse().unwrap()
+        };
+        let texts: Vec<&str> = svg.lines().filter(|line| line.starts_with("<text")).collect();
+        assert!(texts.len() >= 4 && texts.iter().all(|line| value(line, "font-size") >= LEAST), "{width}: {texts:?}");
+        let centred = texts.iter().filter(|line| line.contains("\"middle\""));
+        let mut places: Vec<[f64; 2]> = centred.map(|line| [value(line, "x"), value(line, "y")]).collect();
+        places.sort_unstable_by(|a, b| a.partial_cmp(b).unwrap());
+        let apart = |pair: &[[f64; 2]]| pair[0][0] < pair[1][0] || pair[1][1] - pair[0][1] >= LEAST;
+        assert!(places.windows(2).all(apart), "{width}: lines overlap: {texts:?}");
+    }
 }
 
 #[test]
