@@ -53,9 +53,10 @@ pub enum ProcrustesWarning {
     Mirrored {
         /// Index of the member, from 0.
         member: usize,
-        /// Distance of the member from the mean of the others.
+        /// Distance of the member from the mean of the others. If the surfaces determine the poses, the distance of its
+        /// surface from that of the typical member, at the typical member's size.
         rmsd: f64,
-        /// Distance of the member's mirror image from the mean of the others.
+        /// The same distance for the member's mirror image.
         mirrored: f64,
     },
     /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by a fifth

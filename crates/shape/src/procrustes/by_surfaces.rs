@@ -13,7 +13,7 @@
 use rayon::prelude::*;
 use spharm_harmonics::Coefficients;
 use spharm_monitor::{Monitor, OnlyCancel};
-use spharm_surface::pose::{GroupPoses, PoseParams, PoseSurface, group_poses, pose};
+use spharm_surface::pose::{GroupPoses, PoseParams, PoseSurface, group_poses, improved, pose};
 
 use super::{Group, Journal, Procrustes, ProcrustesParams, ProcrustesWarning, brought_together};
 use crate::align::{AlignParams, Method};
@@ -126,7 +126,8 @@ fn spread_as_given(
 }
 
 /// Returns warnings about members whose mirror images are much nearer to the typical member than the members
-/// themselves.
+/// themselves. Members and images are compared at the typical member's size, because a difference in size adds to both
+/// distances alike, and each in its best pose, because a member's pose in the group may be wrong.
 fn mirrored(
     surfaces: &[PoseSurface],
     found: &GroupPoses,
@@ -134,15 +135,21 @@ fn mirrored(
     monitor: &dyn Monitor,
 ) -> Result<Vec<ProcrustesWarning>, ShapeError> {
     let typical = found.template;
-    let params = PoseParams { mirror: true, ..*params };
+    let unmirrored = PoseParams { scale: true, mirror: false, ..*params };
+    let either = PoseParams { mirror: true, ..unmirrored };
     let one = |member: usize| -> Result<Option<ProcrustesWarning>, ShapeError> {
+        let (moving, fixed) = (&surfaces[member], &surfaces[typical]);
         if member == typical {
             return Ok(None);
         }
-        let best = pose(&surfaces[member], &surfaces[typical], &params, monitor)?;
+        let best = pose(moving, fixed, &either, monitor)?;
+        if !best.similarity.mirrors() {
+            return Ok(None);
+        }
         let motion = found.similarities[member].then(&found.similarities[typical].inverse());
-        let rmsd = spharm_surface::pose::distance(&surfaces[member], &surfaces[typical], &motion, params.trimmed);
-        let much = best.similarity.mirrors() && best.distance < (1.0 - GAIN) * rmsd;
+        let (_, in_group) = improved(moving, fixed, &motion, &unmirrored);
+        let rmsd = in_group.min(pose(moving, fixed, &unmirrored, monitor)?.distance);
+        let much = best.distance < (1.0 - GAIN) * rmsd;
         Ok(much.then_some(ProcrustesWarning::Mirrored { member, rmsd, mirrored: best.distance }))
     };
     let warnings: Vec<Result<_, ShapeError>> = (0..surfaces.len()).into_par_iter().map(one).collect();

@@ -275,3 +275,20 @@ fn two_sides_are_told_by_their_surfaces() {
     let mirrored: Vec<usize> = found.report.warnings.iter().flat_map(ProcrustesWarning::mirrored).copied().collect();
     assert_eq!(mirrored, [1, 3, 5], "{:?}", found.report.warnings);
 }
+
+/// A mirrored member is detected by its surface even if it is much smaller than the others.
+#[test]
+fn a_smaller_mirrored_member_is_told_by_its_surface() {
+    let align = AlignParams { method: Method::Surfaces, ..ProcrustesParams::default().align };
+    let params = ProcrustesParams { align, ..ProcrustesParams::default() };
+    let mut pose = Transform { antipodal: true, ..some_pose(9) };
+    pose.similarity.scale = 0.6;
+    let member = |n: usize| match n {
+        2 => posed(&reflected(&perturbed(n, 0.02)), &pose),
+        _ => posed(&perturbed(n, 0.02), &some_pose(n)),
+    };
+    let members: Vec<Coefficients> = (0..5).map(member).collect();
+    let warnings = procrustes(&members, &params, &Silent).unwrap().report.warnings;
+    let mirrored: Vec<usize> = warnings.iter().flat_map(ProcrustesWarning::mirrored).copied().collect();
+    assert_eq!(mirrored, [2], "{warnings:?}");
+}
