@@ -122,8 +122,8 @@ impl ProcrustesWarning {
         match self {
             Self::Mirrored { rmsd, mirrored, .. } => {
                 format!(
-                    "the distance from the other members is {rmsd:.4}, but {mirrored:.4} for its mirror image: the \
-                     member may be from the other side"
+                    "its distance is {rmsd:.4}, but {mirrored:.4} as a mirror image: the member may be from the other \
+                     side"
                 )
             }
             Self::Member { warning, .. } => warning.to_string(),
