@@ -42,7 +42,8 @@ impl Bar {
         };
         let (text, ends) = match length {
             Some(_) => (label.to_owned(), Some(ends)),
-            None => (format!("{label} from {} to {}", ends[0], ends[1]), None),
+            // The range comes first, because a long label loses its middle.
+            None => (format!("{} to {} {label}", ends[0], ends[1]), None),
         };
         let label = lines_of(&text, size, width, dpi);
         Self { range, width, length: length.unwrap_or(most), line, size, ends, label }
