@@ -3,9 +3,12 @@
 use std::fs;
 use std::path::Path;
 
+use ndarray::Array2;
+use spharm::{Coefficients, Kind};
+use spharm_model::Model;
 use spharm_surface::io::read_signal;
 
-use crate::common::{error_line, finish, text};
+use crate::common::{error_line, finish, succeed, text, tool};
 use crate::shape_means::{growing, report, test};
 
 /// Writes a table with two rows per subject: the models of both years.
@@ -59,9 +62,9 @@ fn regions_get_maps_and_a_table() {
     assert!(tfce.iter().zip(&statistic).all(|(tfce, t)| tfce * t >= 0.0) && p.iter().all(|p| *p < 0.01), "{p:?}");
     let clusters = fs::read_to_string(site.join("regions/clusters.csv")).expect("a table");
     let mut lines = clusters.lines();
-    assert_eq!(lines.next(), Some("cluster,vertices,area,p_fwe,peak,ux,uy,uz,x,y,z,statistic,effect"));
-    let first: Vec<f64> =
-        lines.next().expect("a cluster").split(',').map(|cell| cell.parse().expect("a number")).collect();
+    assert_eq!(lines.next(), Some("cluster,vertices,area,p_fwe,peak,ux,uy,uz,x,y,z,statistic,effect,unit"));
+    let first = lines.next().and_then(|line| line.strip_suffix(",length^2")).expect("a cluster with its area's unit");
+    let first: Vec<f64> = first.split(',').map(|cell| cell.parse().expect("a number")).collect();
     let numbers = map(site, "regions", "cluster");
     assert_eq!(first[1] as usize, numbers.iter().filter(|number| **number == 1.0).count());
     assert!((first[11] - statistic[first[4] as usize]).abs() < 1e-4 * first[11].abs(), "{clusters}");
@@ -111,6 +114,9 @@ fn measures_are_tested_like_vertices() {
     }
     let table = fs::read_to_string(site.join("found/summary.csv")).expect("a table");
     assert!(table.contains("\nsize,8,4,2.6186"), "{table}");
+    // Units of columns that another program wrote aren't known.
+    assert!(table.lines().next().is_some_and(|header| header.ends_with(",p-fwe,unit")), "{table}");
+    assert!(table.lines().nth(1).is_some_and(|row| row.ends_with(',')), "{table}");
     // A later test without measures removes the earlier table of measures.
     report(site, &[&groups[..], &["--force"]].concat(), "found");
     assert!(!site.join("found/summary.csv").exists());
@@ -140,6 +146,38 @@ fn measures_are_tested_like_vertices() {
     fs::write(site.join("few.csv"), "model,size\ns0,1\n").expect("a table");
     let output = finish(test(site, &[&groups[..], &["--measures", "few.csv"]].concat()).args(["-o", "refused"]));
     assert!(error_line(&output).contains("no row for \"s1\""), "{}", text(&output));
+}
+
+#[test]
+fn tables_of_a_test_have_units() {
+    let site = growing();
+    let site = site.path();
+    let run = |line: &str| succeed(tool("shape").args(line.split(' ')).current_dir(site));
+    run("measure year1 --names -o measured.csv -q");
+    run("pca year1 --modes 2 --scores scores.csv -o group.shape-model.npz -q");
+    let table = ["--table", "t.csv", "--models", "year1", "--effect", "age", "--permutations", "0"];
+    report(site, &[&table[..], &["--measures", "measured.csv", "scores.csv"]].concat(), "units");
+    let summary = fs::read_to_string(site.join("units/summary.csv")).expect("a table");
+    let unit = |measure: &str| {
+        let row = summary.lines().find(|line| line.split(',').next() == Some(measure));
+        row.and_then(|row| row.rsplit(',').next()).unwrap_or_else(|| panic!("{measure}: {summary}"))
+    };
+    let found = ["measure", "area", "volume", "centroid_x", "sphericity", "mode_2"].map(unit);
+    assert_eq!(found, ["unit", "length^2", "length^3", "length", "1", "length"], "{summary}");
+    // Clusters of a signal without a surface have their area on the unit sphere.
+    fs::create_dir(site.join("values")).expect("a folder");
+    for subject in 0..10 {
+        let values =
+            Array2::from_shape_fn((4, 1), |(k, _)| if k == 0 { 3.0 } else { 0.01 * ((subject * k) % 11) as f64 });
+        let model = Model::without_sphere(Coefficients::new(values).expect("coefficients"), Kind::Signal);
+        model.write(site.join(format!("values/s{subject}.spharm.npz"))).expect("a model");
+    }
+    let signal = ["--table", "t.csv", "--models", "values", "--mean", "--signal", "value", "--cluster", "0.01"];
+    report(site, &signal, "signal");
+    let clusters = fs::read_to_string(site.join("signal/clusters.csv")).expect("a table");
+    let mut lines = clusters.lines();
+    assert_eq!(lines.next(), Some("cluster,vertices,area,p_fwe,peak,ux,uy,uz,statistic,effect,unit"));
+    assert!(lines.next().is_some_and(|row| row.starts_with("1,42,") && row.ends_with(",1")), "{clusters}");
 }
 
 #[test]

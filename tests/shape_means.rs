@@ -181,7 +181,8 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
     let mask: String = (0..42).map(|v| format!("{}\n", u8::from(v % 3 == 0))).collect();
     fs::write(site.join("mask.csv"), mask).expect("a mask");
     let (whole, part) = (of(&[], "whole"), of(&["--mask", "mask.csv"], "part"));
-    assert_eq!((&whole["vertices"], &part["vertices"], &part["mask"]), (&42.into(), &14.into(), &"mask.csv".into()));
+    let masks = Value::from(vec!["mask.csv"]);
+    assert_eq!((&whole["vertices"], &part["vertices"], &part["mask"]), (&42.into(), &14.into(), &masks));
     let map = |folder: &str, name: &str| {
         read_signal(site.join(folder).join(format!("{name}.shape.gii"))).expect("a map").values
     };
@@ -198,7 +199,34 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
         }
     }
     assert_eq!(fs::read_to_string(site.join("part/test.csv")).expect("a table").lines().count(), 15);
+    // With several masks, the vertices within all of them are tested.
+    for (name, modulus) in [("odd.csv", 2), ("third.csv", 3)] {
+        let mask: String = (0..42).map(|v| format!("{}\n", u8::from(v % modulus == modulus - 1))).collect();
+        fs::write(site.join(name), mask).expect("a mask");
+    }
+    let both = of(&["--mask", "mask.csv", "--mask", "odd.csv"], "both");
+    assert_eq!((&both["vertices"], &both["mask"]), (&7.into(), &Value::from(vec!["mask.csv", "odd.csv"])));
+    let table = fs::read_to_string(site.join("both/test.csv")).expect("a table");
+    let tested: Vec<&str> = table.lines().skip(1).filter_map(|line| line.split(',').next()).collect();
+    assert_eq!(tested, ["3", "9", "15", "21", "27", "33", "39"]);
+    let about: Value =
+        serde_json::from_str(&fs::read_to_string(site.join("both/test.json")).expect("a description")).expect("JSON");
+    assert_eq!((&about["map"], &about["without_counterpart"]), (&"p-fwe".into(), &0.into()));
+
     fs::write(site.join("short.csv"), "1\n1\n").expect("a mask");
-    let error = fail(&mut self::test(site, &[&test[..], &["--mask", "short.csv", "-o", "x"]].concat()));
-    assert!(error.contains("short.csv: 2 vertices, but the sphere has 42"), "{error}");
+    fs::write(site.join("other.label"), "#!ascii label\n1\n50  1 2 3 0.1\n").expect("a label");
+    for (masks, expected) in [
+        (
+            &["short.csv"][..],
+            "short.csv: expected a mask for the 42 vertices of an icosphere of 1 subdivision, found one for 2; give the \
+             mask's own sphere by --sphere",
+        ),
+        (&["mask.csv", "other.label"], "vertices of an icosphere of 1 subdivision (give the mask's own sphere by"),
+        (&["mask.csv", "third.csv"], "mask.csv, third.csv: expected a vertex within all masks, found none"),
+    ] {
+        let masks = masks.iter().flat_map(|mask| ["--mask", *mask]);
+        let arguments: Vec<&str> = test.into_iter().chain(masks).chain(["-o", "x"]).collect();
+        let error = fail(&mut self::test(site, &arguments));
+        assert!(error.contains(expected), "{error}");
+    }
 }

@@ -78,6 +78,28 @@ fn a_study_is_the_same_from_another_folder() {
     assert!(!site.path().join("out/figures/bump.png").exists() && !site.path().join("out/tests/bump").exists());
 }
 
+/// The reason of a failure names the file by its path from the study's folder, with a table and with a made manifest.
+#[test]
+fn a_failed_subject_is_no_difference_from_another_folder() {
+    let site = site();
+    let at = |name: &str| site.path().join(name);
+    write(site.path(), "meshes/b02.ply", "ply\nnot a mesh\n");
+    let joint = STUDY.replace("[modes]", "[align]\nmethod = \"joint\"\n[modes]");
+    for study_text in [joint.clone(), joint.replace("[fit]", "exclude = [\"a02\"]\n[fit]")] {
+        write(site.path(), "study.toml", &study_text);
+        let output = finish(&mut study(site.path(), &["study.toml"]));
+        assert!(text(&output).contains("1 subject of "), "{}", text(&output));
+        let quality = fs::read_to_string(at("out/quality.tsv")).expect("a table");
+        assert!(quality.contains("\nb02\tfailed\tmeshes/b02.ply: "), "{quality}");
+        let whole = at("out/provenance.json").display().to_string();
+        for (folder, record) in [(Path::new("/"), whole.as_str()), (&at("meshes"), "../out/provenance.json")] {
+            let output = finish(&mut study(folder, &["--again", record]));
+            let printed = text(&output);
+            assert!(output.status.success() && printed.contains("the same bytes as recorded"), "{printed}");
+        }
+    }
+}
+
 #[test]
 fn a_study_runs_once_at_a_time() {
     let site = site();

@@ -228,6 +228,55 @@ fn subjects_that_leave_or_change_make_the_group_anew_and_nothing_else_does() {
     assert!(!said.is_empty() && said.iter().all(shown), "{said:?}");
 }
 
+/// The template of a group of tori has a filled cut, which has no counterpart on the members.
+#[test]
+fn a_mask_of_a_test_is_used_beside_that_of_the_group() {
+    let site = Site::new(
+        "output = \"out\"\n[subjects]\ntable = \"in/study.csv\"\n[fit]\nmax_degree = 3\n\
+         arguments = [\"--fix\", \"--cut-handles\"]\n[modes]\ncount = 2\n[quality]\nplain = false\n[[test]]\n\
+         name = \"half\"\neffect = \"group\"\nmask = \"in/half.csv\"\ntfce = true\npermutations = 20\n",
+    );
+    site.generate(&["--group", "tori", "--members", "4", "--subdivisions", "3", "--output-dir", "in"]);
+    let rows = (1..=4).map(|k| format!("s{k:02},s{k:02}.ply,{}\n", ["a", "b"][k % 2]));
+    site.write("in/study.csv", &("id,surface,group\n".to_owned() + &rows.collect::<String>()));
+    site.write("in/half.csv", "1\n1\n1\n");
+    let error = fail(&mut site.study(&[]));
+    let expected = "mask: in/half.csv: expected a mask for the 10242 vertices of an icosphere of 5 subdivisions, found one \
+                    for 3; give a mask for the vertices of a test's mean.surf.gii, or the mask's own sphere as `sphere`";
+    assert!(error.contains(expected) && !site.path("out").exists(), "{error}");
+
+    site.write("in/half.csv", &(0..10242).map(|vertex| format!("{}\n", vertex % 2)).collect::<String>());
+    succeed(&mut site.study(&[]));
+    let vertices = |folder: &str| -> Vec<usize> {
+        let table = site.text(&format!("{folder}/test.csv"));
+        let vertex = |line: &str| line.split(',').next().and_then(|cell| cell.parse().ok()).expect("a number");
+        table.lines().skip(1).map(vertex).collect()
+    };
+    let of_group = ["test", "--table", "out/.study/aligned.csv", "--effect", "group", "--permutations", "0"];
+    let mut test = tool("shape");
+    succeed(test.args(of_group).args(["--mask", "out/group", "-o", "all", "-q"]).current_dir(site.0.path()));
+    let (tested, all) = (vertices("out/tests/half"), vertices("all"));
+    assert_eq!(tested, all.iter().copied().filter(|vertex| vertex % 2 == 1).collect::<Vec<_>>());
+    assert!((1..10242).contains(&all.len()), "the group masks vertices: {}", all.len());
+
+    let about = site.json("out/tests/half/test.json");
+    assert_eq!((&about["mask"], &about["map"]), (&Value::from(vec!["in/half.csv"]), &"p-tfce".into()), "{about}");
+    let left_out = about["without_counterpart"].as_u64().expect("a number");
+    assert_eq!(left_out as usize, 10242 - all.len());
+    let methods = site.text("out/methods.md");
+    for said in [
+        "Only vertices within the mask in/half.csv were tested.",
+        &format!("Vertices without a counterpart on the subjects' surfaces ({left_out}) were left out."),
+        "shows its statistic and -log10 of p-tfce.",
+    ] {
+        assert!(methods.contains(said), "{said}: {methods}");
+    }
+    let page = site.text("out/report.html");
+    assert!(page.contains("vertices without a counterpart on the members of the group: ") && page.contains("Map of p"));
+    // The group's file isn't shown as a mask that the user gave.
+    assert!(page.contains("Mask</th><td><bdi>in/half.csv</bdi>"));
+}
+
 #[test]
 fn spheres_that_are_shared_are_kept() {
     let site = Site::new("output = \"out\"\n[subjects]\ntable = \"s.csv\"\n[fit]\nmax_degree = 3\n");

@@ -177,8 +177,11 @@ fn tests_leave_out_the_medial_wall_of_a_given_sphere() {
     // Groups differ where y is positive.
     let table = fs::read_to_string(site.join("out/tests/thickness/clusters.csv")).expect("a table");
     let mut lines = table.lines();
-    assert!(lines.next().is_some_and(|header| header.ends_with(",statistic,effect,region")), "{table}");
-    assert!(lines.next().is_some_and(|first| first.starts_with("1,") && first.ends_with(",anterior")), "{table}");
+    assert!(lines.next().is_some_and(|header| header.ends_with(",statistic,effect,region,unit")), "{table}");
+    assert!(
+        lines.next().is_some_and(|first| first.starts_with("1,") && first.ends_with(",anterior,length^2")),
+        "{table}"
+    );
     let about = fs::read(site.join("out/tests/thickness/test.json")).expect("a description");
     let about: serde_json::Value = serde_json::from_slice(&about).expect("JSON");
     assert_eq!(about["peak"]["region"], "anterior");
@@ -224,7 +227,7 @@ fn studies_of_signals_that_would_mislead_are_refused() {
         (
             "permutations",
             "sphere = \"subjects/s0/surf/lh.sphere.reg\"\nmask = \"short.csv\"\npermutations",
-            "mask: short.csv: 2 vertices",
+            "mask: short.csv: expected a mask for the 642 vertices of subjects/s0/surf/lh.sphere.reg, found one for 2; give",
         ),
         ("\"value\"", "\"values\"", "or \"value\", found \"values\""),
     ] {

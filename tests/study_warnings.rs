@@ -6,7 +6,7 @@ use std::process::Output;
 
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
-use crate::common::{fail, finish, succeed, text, tool};
+use crate::common::{error_line, fail, finish, succeed, text, tool};
 
 const STUDY: &str = r#"
 output = "out"
@@ -173,6 +173,11 @@ fn exclusions_that_cannot_be_are_refused() {
         ("[{ id = \"a03\", reason = \"\" }]".to_owned(), "found a table without an id and a reason"),
         ("[{ id = \"a03\", why = \"x\" }]".to_owned(), "`exclude` in [subjects]: expected a list, such as"),
         (format!("[{}]", all[..8].join(", ")), "expected 3 subjects or more, found 2 besides 8 subjects excluded"),
+        (
+            "[{ id = \"b01\", reason = \"moved\" }, \"b02\", \"b03\", \"b04\", \"b05\"]".to_owned(),
+            "test \"bump\": no subject with group \"b\" is left of 5 subjects; excluded: b01 (moved), b02, b03 and 2 more; \
+             keep or repair some of them, or change the test",
+        ),
     ] {
         let text = study.replace("[fit]", &format!("exclude = {exclude}\n[fit]"));
         fs::write(site.path().join("study.toml"), text).expect("a file");
@@ -180,6 +185,42 @@ fn exclusions_that_cannot_be_are_refused() {
         assert!(error.contains(expected), "{exclude}: {error}");
         assert!(!site.path().join("out").exists());
     }
+}
+
+#[test]
+fn a_group_of_which_no_subject_is_left_is_named_with_the_reasons() {
+    let site = site("joint");
+    let study = STUDY.replace("METHOD", "joint");
+    let run = |text: &str, more: &[&str]| {
+        fs::write(site.path().join("study.toml"), text).expect("a file");
+        finish(tool("study").args(["study.toml", "--threads", "2"]).args(more).current_dir(site.path()))
+    };
+    // Of three groups, one may be excluded, unless the test names it.
+    let table = fs::read_to_string(site.path().join("meshes/study.csv")).expect("a table");
+    let third = table.replace("b04.ply,b", "b04.ply,c").replace("b05.ply,b", "b05.ply,c");
+    fs::write(site.path().join("meshes/study.csv"), third).expect("a table");
+    let without = study.replace("[fit]", "exclude = [\"b04\", \"b05\"]\n[fit]");
+    let output = run(&without, &["--dry-run"]);
+    assert!(output.status.success(), "{}", text(&output));
+    for named in ["levels = [\"a\", \"b\", \"c\"]", "contrast = \"a - 1/2 b - 1/2 c\""] {
+        let error = error_line(&run(&without.replace("permutations", &format!("{named}\npermutations")), &[]));
+        assert!(error.contains("no subject with group \"c\" is left of 2 subjects; excluded: b04, b05;"), "{error}");
+    }
+    fs::write(site.path().join("meshes/study.csv"), table).expect("a table");
+    // Failures are found before the models are aligned.
+    for id in ["b02", "b03", "b04", "b05"] {
+        fs::write(site.path().join(format!("meshes/{id}.ply")), "ply\nnot a mesh\n").expect("a file");
+    }
+    let output = run(&study.replace("[fit]", "exclude = [{ id = \"b01\", reason = \"moved\" }]\n[fit]"), &[]);
+    let error = error_line(&output);
+    for said in [
+        "study.toml: test \"bump\": no subject with group \"b\" is left of 5 subjects; excluded: b01 (moved); failed: b02 (",
+        "meshes/b02.ply: ",
+        " and 1 more; keep or repair some of them",
+    ] {
+        assert!(error.contains(said), "{said}: {error}");
+    }
+    assert!(site.path().join("out/models/a01.spharm.npz").exists() && !site.path().join("out/aligned").exists());
 }
 
 #[test]

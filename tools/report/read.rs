@@ -228,8 +228,16 @@ fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
     let more = if by_group { " or more" } else { "" };
     let name = text(&about["statistic"]["name"]);
     row("Statistic", format!("{welch}{name}, {}{more} degrees of freedom", freedom.join(", ")));
-    for (key, name) in [("variance_groups", "Variances by"), ("mask", "Mask"), ("surface", "Shown on")] {
-        about[key].as_str().into_iter().for_each(|value| row(name, value.to_owned()));
+    let shown = [("variance_groups", "Variances by"), ("mask", "Mask"), ("surface", "Shown on"), ("map", "Map of p")];
+    for (key, name) in shown {
+        // Several masks are a list.
+        let values = about[key].as_str().map_or_else(|| list(&about[key]), |value| vec![value.to_owned()]);
+        if !values.is_empty() {
+            row(name, values.join(", "));
+        }
+    }
+    if let Some(count) = about["without_counterpart"].as_u64().filter(|count| *count > 0) {
+        row("Left out", format!("vertices without a counterpart on the members of the group: {count}"));
     }
     if let Some(blocks) = about["blocks"].as_str() {
         let how = if about["whole_blocks"] == true { "whole blocks are exchanged" } else { "exchanges within blocks" };

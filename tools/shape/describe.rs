@@ -89,10 +89,11 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let channels = found.first().map_or(0, |first| first.channels);
     if let Some(other) = found.iter().position(|model| model.channels != channels) {
         anyhow::bail!(
-            "{}: a model of {}, {} has {channels}",
+            "{}: expected {}, as in {}; found {}",
             paths[other].display(),
-            counted(found[other].channels, "channel"),
-            paths[0].display()
+            counted(channels, "channel"),
+            paths[0].display(),
+            found[other].channels
         );
     }
     let row = |(model, path): (&Descriptors, &PathBuf)| -> Vec<String> {

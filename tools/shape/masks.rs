@@ -1,22 +1,84 @@
 //! Reads masks of directions from files of values, from labels, and from groups. A group masks the places that have no
 //! counterpart on its members.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Error, Result, anyhow, bail};
 use spharm::correspond::GroupFiles;
-use spharm_surface::Sphere;
+use spharm_cli::output::counted;
+use spharm_cli::paths::all_shown;
 use spharm_surface::geometry::Vec3;
 use spharm_surface::io::read_mask;
+use spharm_surface::{Sphere, SurfaceError};
 
-/// Returns for each direction of a sphere whether it is kept. A group is given by its folder or its `group.json`, and
-/// can be used with any sphere.
-pub(super) fn read(path: &Path, sphere: &Sphere) -> Result<Vec<bool>> {
+/// Several masks of the vertices of a sampling.
+pub(super) struct Masks {
+    /// Whether each vertex is within all masks; `None` without masks.
+    pub(super) kept: Option<Vec<bool>>,
+    /// Number of vertices without a counterpart on the members of a group, if a mask is a group.
+    pub(super) without_counterpart: usize,
+}
+
+impl Masks {
+    /// Reads masks; see [`read`].
+    pub(super) fn read(paths: &[PathBuf], sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Self> {
+        let mut masks = Self { kept: None, without_counterpart: 0 };
+        for path in paths {
+            let mask = read(path, sphere, sampling, remedy)?;
+            if is_group(path) {
+                masks.without_counterpart += mask.iter().filter(|kept| !**kept).count();
+            }
+            masks.kept = Some(match masks.kept.take() {
+                Some(kept) => kept.iter().zip(&mask).map(|(kept, also)| *kept && *also).collect(),
+                None => mask,
+            });
+        }
+        if masks.kept.as_ref().is_some_and(|kept| !kept.contains(&true)) {
+            bail!("{}: expected a vertex within all masks, found none", all_shown(paths).join(", "));
+        }
+        Ok(masks)
+    }
+}
+
+/// Returns whether a mask is a group, given by its folder or its `group.json`.
+pub(super) fn is_group(path: &Path) -> bool {
+    path.is_dir() || path.file_name().is_some_and(|name| name == "group.json")
+}
+
+/// Returns for each direction of a sphere whether it is kept. A group can be used with any sphere; other masks as by
+/// [`read_file`].
+pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
-    let of_group = path.file_name().is_some_and(|name| name == "group.json");
-    if of_group || path.is_dir() {
-        let folder = if of_group { path.parent().unwrap_or(Path::new("")) } else { path };
+    if is_group(path) {
+        let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
         return Ok(GroupFiles::open(folder)?.template()?.kept_at(directions));
     }
-    Ok(read_mask(path, directions.len())?)
+    read_file(path, directions.len(), sampling, remedy)
+}
+
+/// Reads a mask for the vertices of a sampling from a file of values, a label or an annotation.
+///
+/// # Errors
+///
+/// For a mask of another sphere, the error names the `sampling` and the `remedy`.
+pub(crate) fn read_file(path: &Path, vertices: usize, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
+    read_mask(path, vertices).map_err(|error| {
+        let expected = format!("expected a mask for the {vertices} vertices of {sampling}");
+        match error {
+            SurfaceError::VertexCount { found, .. } => {
+                anyhow!("{}: {expected}, found one for {found}; {remedy}", path.display())
+            }
+            // A label has no number of vertices: in a label of another sphere, a vertex may be out of range.
+            SurfaceError::Malformed { .. } => Error::from(error).context(format!("{expected} ({remedy})")),
+            _ => error.into(),
+        }
+    })
+}
+
+/// Returns the name of a sampling for messages: that of a sphere's file, or else of an icosphere.
+pub(crate) fn sampling(sphere: Option<&Path>, subdivisions: u32) -> String {
+    match sphere {
+        Some(path) => path.display().to_string(),
+        None => format!("an icosphere of {}", counted(subdivisions as usize, "subdivision")),
+    }
 }

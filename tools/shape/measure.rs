@@ -76,7 +76,7 @@ pub(super) struct Cli {
 const TABLE: u64 = 600;
 
 /// Columns of the table.
-const COLUMNS: [&str; 10] = [
+pub(super) const COLUMNS: [&str; 10] = [
     "model",
     "degree",
     "area",

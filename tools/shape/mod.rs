@@ -19,7 +19,7 @@ mod frames;
 mod groups;
 mod landmarks;
 mod maps;
-mod masks;
+pub(crate) mod masks;
 mod matching;
 mod mean;
 mod measure;
@@ -35,7 +35,7 @@ mod rotate;
 mod sample;
 mod smooth;
 pub(crate) mod table;
-mod test;
+pub(crate) mod test;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};

@@ -1,6 +1,6 @@
 //! `shape quality`: measures how well a group's models correspond, and how well its modes represent them.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
@@ -129,7 +129,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         rigid: cli.rigid,
         surfaces: !cli.no_surfaces,
         seed: cli.seed,
-        mask: cli.mask.as_deref().map(|path| masks::read(path, &Sphere::icosphere(cli.icosphere))).transpose()?,
+        mask: cli.mask.as_deref().map(|path| mask(path, cli.icosphere)).transpose()?,
     };
     let (group, marks, found) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&paths, Kind::Surface, cli.max_degree, monitor, monitor.console())?;
@@ -181,6 +181,12 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         monitor.console().note(apart);
     }
     Ok(())
+}
+
+/// Returns which vertices of an icosphere are compared.
+fn mask(path: &Path, subdivisions: u32) -> Result<Vec<bool>> {
+    let sampling = masks::sampling(None, subdivisions);
+    masks::read(path, &Sphere::icosphere(subdivisions), &sampling, "give the mask's own icosphere by --icosphere")
 }
 
 fn curve(curve: &Curve) -> Value {

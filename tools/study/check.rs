@@ -1,19 +1,24 @@
 //! Checks a study before its subjects are fitted, because fitting takes long.
 
+use std::collections::HashSet;
+use std::path::Path;
+
 use anyhow::{Context, Result, bail};
 use spharm::parametrize::volume::is_volume;
 use spharm::shape::stats::{self, TestParams};
 use spharm::{Model, read_sphere};
 use spharm_cli::output::{counted, first_of};
 use spharm_cohort::{Manifest, Row};
-use spharm_surface::io::{read_annotation, read_mask};
+use spharm_surface::generate::icosphere_counts;
+use spharm_surface::io::read_annotation;
 
-use super::LEAST;
 use super::config::Method;
 use super::plan::{Plan, Subject};
-use super::sides;
 use super::test::Test;
+use super::{LEAST, emptied, sides};
+use crate::shape::masks;
 use crate::shape::table::{Subjects, is_missing};
+use crate::shape::test::SUBDIVISIONS;
 
 /// Maximum number of subjects named in a warning.
 const NAMED: usize = 6;
@@ -117,15 +122,18 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.is_of_values() && plan.signal_fits().is_none() {
         bail!("signal: \"value\" needs `signal` in [subjects], the file of each subject's values; found none");
     }
-    if test.mask.is_some() && plan.method == Method::Correspond {
-        bail!("mask: with method \"correspond\", the places that all subjects share are tested; omit it");
-    }
     sampling(plan, test)?;
-    let rows = Rows::of(plan, test);
+    let rows = Rows::of(plan, test, &|_| true);
+    emptied::check(plan, test, &rows.rows, &[])?;
     if rows.rows.len() < LEAST {
         bail!("expected {LEAST} subjects or more with {}, found {}", of_side(test), rows.rows.len());
     }
-    let question = test.asked().question(&rows).with_context(|| plan.table.display().to_string())?;
+    designed(plan, test, &rows)
+}
+
+/// Checks the design of a test, applied to some subjects.
+fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<()> {
+    let question = test.asked().question(rows).with_context(|| plan.table.display().to_string())?;
     let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
     let params = TestParams { welch: test.welch, ..TestParams::default() };
     if test.welch && (question.levels.len() != 2 || !question.covariates.is_empty()) {
@@ -135,26 +143,26 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
         .with_context(|| plan.table.display().to_string())
 }
 
-/// Checks that enough subjects could be fitted for each test of a study with sides. Returns warnings about subjects
-/// with only one fitted side, and about exchanged sides.
+/// Checks the tests again, applied to the subjects that could be fitted. `failed` are the others, with the reasons.
+/// Returns warnings about subjects with only one fitted side, and about exchanged sides.
 ///
 /// # Errors
 ///
-/// If there are too few subjects for a test.
-pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {
+/// If there are too few subjects for a test, or none of a group.
+pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>], failed: &[(String, String)]) -> Result<Vec<String>> {
+    let ids: HashSet<&str> = subjects.iter().map(|subject| subject.id).collect();
+    for test in &plan.study.test {
+        let named = || format!("{}: test {:?}", plan.file.display(), test.name);
+        let rows = Rows::of(plan, test, &|row| ids.contains(row.id.as_str()));
+        emptied::check(plan, test, &rows.rows, failed).with_context(named)?;
+        if rows.rows.len() < LEAST {
+            let (of_side, found) = (of_side(test), rows.rows.len());
+            bail!("{}: expected {LEAST} subjects or more with {of_side} that could be fitted, found {found}", named());
+        }
+        designed(plan, test, &rows).with_context(named)?;
+    }
     if !plan.has_sides() {
         return Ok(Vec::new());
-    }
-    for test in &plan.study.test {
-        let found = plan.tested(test, subjects).len();
-        if found < LEAST {
-            bail!(
-                "{}: test {:?}: expected {LEAST} subjects or more with {} that could be fitted, found {found}",
-                plan.file.display(),
-                test.name,
-                of_side(test)
-            );
-        }
     }
     let alone = sides::alone(&plan.manifest, subjects.iter().map(|subject| subject.cells));
     let (count, names) = (counted(alone.len(), "subject"), first_of(alone.iter().map(String::as_str), NAMED));
@@ -204,7 +212,8 @@ fn of_side(test: &Test) -> String {
     }
 }
 
-/// Checks that the files of a test's sampling exist and have the same number of vertices.
+/// Checks that the files of a test's sampling exist and have the same number of vertices. With method "correspond", a
+/// mask without a sphere belongs to the default icosphere, whose directions are places of the group's template.
 fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     for (key, path) in [("mask", &test.mask), ("sphere", &test.sphere), ("annotation", &test.annotation)] {
         if let Some(path) = path.as_ref().map(|path| plan.folder.join(path)).filter(|path| !path.is_file()) {
@@ -212,19 +221,41 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
         }
     }
     for (key, path) in [("mask", &test.mask), ("annotation", &test.annotation)] {
-        if path.is_some() && test.sphere.is_none() {
+        let is_of_icosphere = key == "mask" && plan.method == Method::Correspond;
+        if path.is_some() && test.sphere.is_none() && !is_of_icosphere {
             bail!("{key}: also give `sphere`, the sphere to whose vertices the {key} belongs");
         }
     }
-    let Some(sphere) = &test.sphere else { return Ok(()) };
-    let vertices = read_sphere(plan.folder.join(sphere)).context("sphere")?.directions.len();
+    let sphere = test.sphere.as_ref().map(|sphere| plan.folder.join(sphere));
+    let vertices = match &sphere {
+        Some(sphere) => read_sphere(sphere).context("sphere")?.directions.len(),
+        None => usize::try_from(icosphere_counts(SUBDIVISIONS)[0])?,
+    };
     if let Some(mask) = &test.mask {
-        read_mask(plan.folder.join(mask), vertices).context("mask")?;
+        if plan.method == Method::Correspond && test.sphere.is_none() && is_of_freesurfer(mask) {
+            bail!(
+                "mask: {}: expected a value for each vertex of a test's mean.surf.gii, as the method is correspond; found \
+                 a label of FreeSurfer's surfaces, whose vertices aren't places of this group",
+                plan.folder.join(mask).display()
+            );
+        }
+        let sampling = masks::sampling(sphere.as_deref(), SUBDIVISIONS);
+        let remedy = match sphere {
+            Some(_) => "give the mask's own sphere as `sphere`",
+            None => "give a mask for the vertices of a test's mean.surf.gii, or the mask's own sphere as `sphere`",
+        };
+        masks::read_file(&plan.folder.join(mask), vertices, &sampling, remedy).context("mask")?;
     }
     if let Some(annotation) = &test.annotation {
         read_annotation(plan.folder.join(annotation), vertices).context("annotation")?;
     }
     Ok(())
+}
+
+/// Returns whether a mask is a label or an annotation of FreeSurfer. A label doesn't tell the number of vertices of its
+/// surface, and fsaverage5 has as many vertices as the default icosphere.
+fn is_of_freesurfer(mask: &Path) -> bool {
+    mask.extension().is_some_and(|ending| ending == "label" || ending == "annot")
 }
 
 /// Table of the subjects of a test.
@@ -234,10 +265,12 @@ struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    fn of(plan: &'a Plan, test: &Test) -> Self {
+    /// Returns the rows of a test among those that `is_left` selects.
+    fn of(plan: &'a Plan, test: &Test, is_left: &dyn Fn(&Row) -> bool) -> Self {
         let Manifest { rows, columns, .. } = &plan.manifest;
+        let rows: Vec<&Row> = rows.iter().filter(|row| is_left(row)).collect();
         let tested = sides::tested(test, &plan.study.subjects, rows.iter().map(|row| row.extra.as_slice()), columns);
-        Self { plan, rows: tested.into_iter().map(|(row, _)| &rows[row]).collect() }
+        Self { plan, rows: tested.into_iter().map(|(row, _)| rows[row]).collect() }
     }
 }
 

@@ -201,6 +201,12 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         text += ", by Welch's t (Welch 1951)";
     }
     text += ". ";
+    if let Some(mask) = &test.mask {
+        let _ = write!(text, "Only vertices within the mask {} were tested. ", mask.display());
+    }
+    if let Some(count) = about["without_counterpart"].as_u64().filter(|count| *count > 0) {
+        let _ = write!(text, "Vertices without a counterpart on the subjects' surfaces ({count}) were left out. ");
+    }
     if let (Some(count), Some(assumption)) = (about["relabellings"].as_u64(), about["assumption"].as_str()) {
         let which = if about["exact"] == true { "all" } else { "random" };
         let _ = write!(
@@ -226,6 +232,12 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         }
         text += ". ";
     }
+    let p = match test.map() {
+        "q" => "the false-discovery rate",
+        "p-tfce" => "the family-wise p values of threshold-free cluster enhancement",
+        _ => "the family-wise p values",
+    };
+    let _ = write!(text, "The figure of this test shows its statistic and -log10 of {p}. ");
     Ok(text)
 }
 

@@ -7,9 +7,10 @@
 //! | `surfaces` | the table of meshes that are made to correspond |
 //! | `fits` | the fits of the subjects' surfaces and signals |
 //! | `plan`, `lists` | the study's files and their locations, and the lists that stages read |
+//! | `paths` | paths that don't depend on the current folder |
 //! | `provenance`, `methods` | the record of the study, and the paragraph for a paper |
 //! | `stages` | the commands of the study |
-//! | `check` | checks before any command is run |
+//! | `check`, `emptied` | checks before any command is run, and after the fits |
 //! | `ending` | what a study prints at its end |
 //! | `stage` | one command, and the decision whether it must run |
 //! | `tidy` | removal of files that no longer belong to the study |
@@ -18,6 +19,7 @@
 mod args;
 mod check;
 mod config;
+mod emptied;
 mod ending;
 mod exclusion;
 mod fits;
@@ -25,6 +27,7 @@ mod init;
 mod keys;
 mod lists;
 mod methods;
+mod paths;
 mod plan;
 mod provenance;
 mod sides;
@@ -238,7 +241,7 @@ impl Call<'_> {
             let removed = counted(removed, "model");
             self.console.note(format!("removed {removed} of subjects no longer in the study, or now failing"));
         }
-        self.warnings.extend(check::fitted(self.plan, &subjects)?);
+        self.warnings.extend(check::fitted(self.plan, &subjects, &self.failed)?);
         self.plan.write_lists(&subjects)?;
         self.plan.write_status(&outcomes)?;
         let stages = self.plan.stages(&subjects);

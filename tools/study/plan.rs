@@ -8,6 +8,7 @@ use spharm_surface::io::write_new;
 
 use super::config::{Method, Study};
 use super::fits::{Fits, Outcomes, SIGNALS, SIGNALS_FOLDER, SURFACES};
+use super::paths::{absolute, ascend, without_folder};
 use super::test::Test;
 use super::{exclusion, sides, subjects};
 
@@ -254,7 +255,8 @@ impl Plan {
         self.subjects_planned().into_iter().filter(|subject| done(subject.id)).collect()
     }
 
-    /// Writes the outcome of each subject for the page. Times are omitted, so that equal results give equal bytes.
+    /// Writes the outcome of each subject for the page. Times are omitted and paths are relative to the study's folder,
+    /// so that equal results give equal bytes.
     pub(super) fn write_status(&self, outcomes: &Outcomes) -> Result<()> {
         let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());
         writer.write_record(["id", "state", "error", "accepted"].into_iter().chain(self.columns()))?;
@@ -265,15 +267,24 @@ impl Plan {
                 Some(State::Failed) => "failed",
                 _ => "missing",
             };
-            let error = entry.map_or("", |entry| entry.error.as_str());
+            let error = entry.map_or_else(String::new, |entry| self.in_folder(&entry.error));
             let cells = row.extra.iter().map(String::as_str);
-            writer.write_record([&row.id, state, error, self.accepted(&row.id)].into_iter().chain(cells))?;
+            writer.write_record([&row.id, state, error.as_str(), self.accepted(&row.id)].into_iter().chain(cells))?;
         }
         for (row, reason) in &self.excluded {
             let cells = row.extra.iter().map(String::as_str);
             writer.write_record([&row.id, "excluded", reason, ""].into_iter().chain(cells))?;
         }
         self.write("subjects.tsv", &String::from_utf8(writer.into_inner()?)?)
+    }
+
+    /// Returns a message with the paths of files within the study's folder relative to it, so that the message doesn't
+    /// depend on the current folder.
+    fn in_folder(&self, message: &str) -> String {
+        // A manifest that the study makes has absolute paths, with or without `..`.
+        let whole = absolute(&self.folder).unwrap_or_default();
+        let folders = [self.folder.clone(), ascend(Path::new(""), &whole), whole];
+        folders.iter().fold(message.to_owned(), |message, folder| without_folder(&message, &text(&folder.join(""))))
     }
 
     /// Writes the warnings shown at the head of the page.

@@ -2,7 +2,7 @@
 //! are the same.
 
 use std::collections::{BTreeMap, HashMap};
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
@@ -12,6 +12,7 @@ use spharm_cli::inputs::{MOST_OWN, read_text};
 use spharm_cli::output::counted;
 use spharm_model::FileRecord;
 
+use super::paths::{absolute, ascend};
 use super::plan::Plan;
 use super::stage::Stage;
 
@@ -195,11 +196,6 @@ impl Provenance {
     }
 }
 
-fn absolute(path: &Path) -> std::io::Result<PathBuf> {
-    // The empty path stands for the current folder.
-    std::path::absolute(if path.as_os_str().is_empty() { Path::new(".") } else { path })
-}
-
 /// Returns whether a result must be the same in every run.
 fn is_compared(path: &Path) -> bool {
     path.extension().and_then(|ending| ending.to_str()).is_some_and(|ending| COMPARED.contains(&ending))
@@ -212,19 +208,4 @@ fn hash(model: &Model) -> String {
         hasher.update(&value.to_le_bytes());
     }
     hasher.finalize().to_hex().to_string()
-}
-
-/// Resolves the relative path `way` from `place`. Each `..` removes a folder's name, if the path ends with one, so
-/// that equal files get the same paths as in the first run.
-fn ascend(place: &Path, way: &Path) -> PathBuf {
-    let mut path = place.to_owned();
-    for part in way.components() {
-        let named = matches!(path.components().next_back(), Some(Component::Normal(_)));
-        if part == Component::ParentDir && named {
-            path.pop();
-        } else {
-            path.push(part);
-        }
-    }
-    path
 }

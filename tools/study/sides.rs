@@ -207,6 +207,11 @@ pub(super) fn tested<'a>(
     pairs_of(subjects, &rows).into_iter().map(|(first, second)| (first, Some(second))).collect()
 }
 
+/// Returns whether a test uses the side of a row.
+pub(super) fn uses(test: &Test, manifest: &Manifest, row: &Row) -> bool {
+    test.side.is_none() || test.is_of_differences() || cells(manifest, row)[1] == test.side.as_deref()
+}
+
 /// Returns the indices of the rows of both sides, for each subject with two sides.
 pub(super) fn pairs<'a>(
     subjects: &Subjects,

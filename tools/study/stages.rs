@@ -246,11 +246,12 @@ impl Plan {
             &text(&scores),
         ]));
         inputs.extend([measures, scores]);
+        // Vertices without a counterpart on the members of the group are left out.
         let group = (self.method == Method::Correspond).then(|| self.group_file());
-        let mask = test.mask.as_ref().map(|mask| self.folder.join(mask)).or(group);
+        let mask = test.mask.as_ref().map(|mask| self.folder.join(mask));
         let sphere = test.sphere.as_ref().map(|sphere| self.folder.join(sphere));
         let annotation = test.annotation.as_ref().map(|annotation| self.folder.join(annotation));
-        for (flag, path) in [("--mask", mask), ("--sphere", sphere), ("--annotation", annotation)] {
+        for (flag, path) in [("--mask", group), ("--mask", mask), ("--sphere", sphere), ("--annotation", annotation)] {
             arguments.extend(path.iter().flat_map(|path| words(&[flag, &text(path)])));
             inputs.extend(path);
         }

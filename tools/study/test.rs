@@ -56,7 +56,8 @@ pub(super) struct Test {
     pub(super) categorical: Vec<String>,
     /// Name of the quantity tested at each vertex.
     pub(super) signal: Option<String>,
-    /// File of the mask of tested vertices, and the sphere of the sampling.
+    /// File of the mask of tested vertices, and the sphere of the sampling: without it, the default icosphere of
+    /// `shape test`.
     pub(super) mask: Option<PathBuf>,
     pub(super) sphere: Option<PathBuf>,
     /// File of regions of the vertices, for the peaks of clusters.

@@ -21,7 +21,10 @@ pub enum ShapeError {
         column: usize,
     },
     /// The number of subjects is too small or differs from the expected number.
-    #[error("{what}: expected {expected} subjects{}, found {found}", if *.what == "covariates" || *.expected == 0 { "" } else { " or more, one row each" })]
+    #[error(
+        "{what}: expected {expected} subjects{}; found {found}",
+        if *.what == "the design" || *.what == "a group" { " or more" } else { ", one per row" }
+    )]
     Subjects {
         /// Name of the array or table.
         what: &'static str,
@@ -59,12 +62,11 @@ pub enum ShapeError {
     },
     /// Requested relabellings that leave the statistics unchanged.
     #[error(
-        "{} leave the statistics of this contrast unchanged{}: {}",
+        "{}{} leave the statistics of this contrast unchanged; {}",
         .resampling.name(),
         if *.blocks { " in these blocks" } else { "" },
         if *.blocks {
-            "blocks have to differ within themselves in the tested columns if their members are exchanged, or from each \
-             other if whole blocks are"
+            "the tested columns must differ between the rows of a block or, if whole blocks are exchanged, between blocks"
         } else {
             "choose another assumption about the errors"
         }

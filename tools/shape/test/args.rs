@@ -8,6 +8,9 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 
 use super::super::args::{ReportArgs, Resources};
 
+/// Default number of subdivisions of the icosphere at whose vertices is tested.
+pub(crate) const SUBDIVISIONS: u32 = 5;
+
 /// Test groups, covariates and means at every vertex
 ///
 /// Compares two groups of models, --a and --b, or tests a table of subjects with an --effect or --mean and
@@ -91,14 +94,15 @@ pub(crate) struct Cli {
     /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
-    /// File of the vertices of the sampling to test: those with nonzero values, or those of a FreeSurfer label
+    /// File of the vertices of the sampling to test: those with nonzero values, or those of a FreeSurfer label; given
+    /// several times, the vertices within all masks
     ///
     /// Masked vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their statistic
     /// is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label
     /// masks the medial wall. The folder of a group made by `spharm shape correspond`, or its group.json, masks the
     /// places that exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
-    pub(super) mask: Option<PathBuf>,
+    pub(super) mask: Vec<PathBuf>,
     /// Regions of the sampling's vertices, for the peaks of clusters: FreeSurfer's .annot, or GIfTI labels
     #[arg(long, value_name = "FILE", requires = "sphere", help_heading = INPUT)]
     pub(super) annotation: Option<PathBuf>,
@@ -165,7 +169,7 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "SPHERE", conflicts_with = "icosphere", help_heading = METHOD)]
     pub(super) sphere: Option<PathBuf>,
     /// Test at the vertices of an icosphere of N subdivisions
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=9), help_heading = METHOD)]
+    #[arg(long, value_name = "N", default_value_t = SUBDIVISIONS, value_parser = clap::value_parser!(u32).range(0..=9), help_heading = METHOD)]
     pub(super) icosphere: u32,
     /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]

@@ -11,6 +11,7 @@ use spharm::shape::stats::{Test, TestParams, test};
 use spharm_cli::paths::model_name;
 use spharm_monitor::number;
 
+use super::super::measure::COLUMNS;
 use super::super::outputs::{csv, short};
 use super::super::table::{Table, finite, rows_of};
 use super::args::Source;
@@ -19,6 +20,8 @@ use super::question::Study;
 /// Measures of all subjects.
 pub(super) struct Measures {
     names: Vec<String>,
+    /// Units, as [`unit`] returns them.
+    units: Vec<&'static str>,
     /// Values, (subjects, measures).
     values: Array2<f64>,
 }
@@ -50,7 +53,8 @@ impl Measures {
         }
         let (rows, columns) = (count, found.columns.len());
         let values = Array2::from_shape_fn((rows, columns), |(row, column)| found.columns[column].values[row]);
-        Ok(Self { names: found.columns.into_iter().map(|column| column.name).collect(), values })
+        let (names, units) = found.columns.into_iter().map(|column| (column.name, column.unit)).unzip();
+        Ok(Self { names, units, values })
     }
 
     /// Tests the measures.
@@ -71,6 +75,7 @@ struct Read {
 /// A column of numbers.
 struct Numbers {
     name: String,
+    unit: &'static str,
     /// Whether the user named the column.
     named: bool,
     values: Vec<f64>,
@@ -109,10 +114,26 @@ impl Read {
                 if columns.iter().any(|other| other.name == *name) {
                     bail!("{}: the measure {name:?} is also in another table", path.display());
                 }
-                columns.push(Numbers { name: name.clone(), named: !wanted.is_empty(), values });
+                let unit = unit(&table, name);
+                columns.push(Numbers { name: name.clone(), unit, named: !wanted.is_empty(), values });
             }
         }
         Ok(Self { columns })
+    }
+}
+
+/// Returns the unit of a column of a table of `shape measure` or `shape pca --scores`: a power of the models' unit of
+/// length, which models don't record, or 1. Empty for columns of other tables, whose units aren't known.
+fn unit(table: &Table, column: &str) -> &'static str {
+    let measured = COLUMNS.iter().all(|name| table.has(name));
+    let scores = table.names().skip(1).enumerate().all(|(at, name)| name == format!("mode_{}", at + 1));
+    match column {
+        "area" if measured => "length^2",
+        "volume" if measured => "length^3",
+        "centroid_x" | "centroid_y" | "centroid_z" if measured => "length",
+        _ if measured && COLUMNS.contains(&column) => "1",
+        _ if scores => "length",
+        _ => "",
     }
 }
 
@@ -174,7 +195,8 @@ impl Tested {
         header.extend(self.levels.iter().flat_map(own));
         let of_effect = ["effect", "low", "high", "size"];
         let columns = of_effect.into_iter().filter(|_| self.found.effect.is_some()).chain(["statistic", "p", "q"]);
-        header.extend(columns.chain(self.found.family_wise.as_ref().map(|_| "p-fwe")).map(str::to_owned));
+        let columns = columns.chain(self.found.family_wise.as_ref().map(|_| "p-fwe")).chain(["unit"]);
+        header.extend(columns.map(str::to_owned));
         let row = |at: usize| -> Vec<String> {
             let values = self.measures.values.column(at);
             let cells = |spread: Spread| [spread.count.to_string(), short(spread.mean), short(spread.deviation)];
@@ -184,6 +206,7 @@ impl Tested {
             row.extend(self.effect(at).into_iter().flatten().chain(self.size(at)).map(short));
             let tested = [self.found.statistic[at], self.found.p[at], self.found.q[at]];
             row.extend(tested.into_iter().chain(self.family_wise(at)).map(short));
+            row.push(self.measures.units[at].to_owned());
             row
         };
         let rows: Vec<Vec<String>> = (0..self.measures.names.len()).map(row).collect();

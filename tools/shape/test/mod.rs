@@ -24,12 +24,13 @@ use spharm_surface::io::{Output, WriteOptions, read_annotation, write_mesh, writ
 use spharm_surface::{Hemisphere, Signal};
 
 pub(super) use self::args::Cli;
+pub(crate) use self::args::SUBDIVISIONS;
 use self::args::What;
 use self::measures::{Measures, Tested};
 use self::places::Places;
 use self::results::MAPS;
 use super::groups::read_group;
-use super::masks;
+use super::masks::{self, Masks};
 use super::outputs::{finish, write_text};
 use super::plan::Plan;
 
@@ -104,7 +105,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let measures = (!cli.measures.is_empty())
         .then(|| Measures::of(&study, &cli.measures, &|text| console.warn(text)))
         .transpose()?;
-    let mask = cli.mask.as_deref().map(|path| masks::read(path, &sphere)).transpose()?;
+    let sampling = masks::sampling(cli.sphere.as_deref(), cli.icosphere);
+    let masks = Masks::read(&cli.mask, &sphere, &sampling, "give the mask's own sphere by --sphere")?;
+    let mask = &masks.kept;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
     let mut params = TestParams {
         permutations: (cli.permutations > 0).then_some(permutations),
@@ -124,7 +127,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let group = read_group(&study.paths, kind, cli.max_degree, monitor, console)?;
         let field = measure_group(&group.members, &sphere.directions, measurement, monitor)?;
         let field = if study.pairs { field.differences()? } else { field };
-        let field = match &mask {
+        let field = match mask {
             Some(kept) => field.at(kept)?,
             None => field,
         };
@@ -138,7 +141,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             // A signal without a surface is tested over the sphere.
             let vertices = mean.as_ref().map_or(sphere.directions.as_slice(), |mean| &mean.vertices);
             let surface = SurfaceGraph::new(vertices, &sphere.faces)?;
-            let surface = match &mask {
+            let surface = match mask {
                 Some(kept) => surface.at(kept)?,
                 None => surface,
             };
@@ -189,7 +192,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         std::fs::remove_file(file).with_context(|| file.display().to_string())?;
     }
     write_text(&table_file, cli.report.force, &results::table(&sphere, &maps, mask.as_deref()))?;
-    let about = results::about(&found, &study, cli, &places, &tested);
+    let mut about = results::about(&found, &study, cli, &places, &tested);
+    about["without_counterpart"] = masks.without_counterpart.into();
     write_text(&about_file, cli.report.force, &(serde_json::to_string_pretty(&about)? + "\n"))?;
     let warnings: Vec<String> = group.warnings.iter().cloned().chain(tested).collect();
     let mut report = results::report(&found, &study, cli, group.degree, &warnings);

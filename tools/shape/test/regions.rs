@@ -20,9 +20,9 @@ pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
     maps
 }
 
-/// Returns the table of the clusters; `None` if none were requested. The columns are number, vertices, area in the
-/// models' unit squared (for a signal, on the unit sphere), family-wise p, and the peak's vertex, direction, position
-/// on the mean, statistic, effect and region.
+/// Returns the table of the clusters; `None` if none were requested. The columns are number, vertices, area,
+/// family-wise p, the peak's vertex, direction, position on the mean, statistic, effect and region, and the unit of the
+/// area: the square of the models' unit of length, or 1 for a signal's clusters on the unit sphere.
 pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     let found = test.family_wise.as_ref()?.clusters.as_ref()?;
     let mut header = vec!["cluster", "vertices", "area", "p_fwe", "peak", "ux", "uy", "uz"];
@@ -31,6 +31,8 @@ pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     let effect = test.effect.as_ref().filter(|effect| effect.estimate.ncols() == 1);
     header.extend(effect.map(|_| "effect"));
     header.extend(places.has_regions().then_some("region"));
+    header.push("unit");
+    let unit = if places.has_positions() { "length^2" } else { "1" };
     let row = |(at, cluster): (usize, &Cluster)| {
         let peak = cluster.peak;
         let mut row = vec![(at + 1).to_string(), cluster.vertices.to_string(), short(cluster.area), short(cluster.p)];
@@ -40,6 +42,7 @@ pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
         row.push(short(cluster.statistic));
         row.extend(effect.map(|effect| short(effect.estimate[[peak, 0]])));
         row.extend(places.region(peak).map(str::to_owned));
+        row.push(unit.to_owned());
         row
     };
     let rows: Vec<Vec<String>> = found.clusters.iter().enumerate().map(row).collect();

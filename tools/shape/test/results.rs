@@ -7,6 +7,7 @@ use spharm::shape::stats::{FamilyWise, Statistic, Test};
 use spharm_cli::paths::shown;
 use spharm_monitor::number;
 
+use super::super::masks::is_group;
 use super::super::outputs::{csv, exact};
 use super::args::Cli;
 use super::places::Places;
@@ -96,10 +97,11 @@ pub(super) fn about(found: &Test, study: &Study, cli: &Cli, places: &Places<'_>,
         "assumption": found.family_wise.as_ref().map(|found| found.resampling.assumption()),
         "level": cli.level,
         "vertices": found.p.len(),
-        "mask": cli.mask.as_ref().map(shown),
+        "mask": masks_of(cli),
         "surface": cli.surface.as_ref().map(shown),
         "tfce": cli.tfce,
         "cluster": cli.cluster,
+        "map": map_of(found),
         "annotation": cli.annotation.as_ref().map(shown),
         "summary": summary(found, cli.level),
         "peak": places.peak(&found.statistic),
@@ -127,7 +129,7 @@ pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warn
         "whole_blocks": cli.whole_blocks,
         "variance_groups": cli.variance_groups,
         "vertices": found.p.len(),
-        "mask": cli.mask.as_ref().map(shown),
+        "mask": masks_of(cli),
         "surface": cli.surface.as_ref().map(shown),
         "relabellings": relabellings(found),
         "exact": found.family_wise.as_ref().map(|found| found.exact),
@@ -139,6 +141,20 @@ pub(super) fn report(found: &Test, study: &Study, cli: &Cli, degree: usize, warn
         "folder": cli.output.display().to_string(),
         "warnings": warnings,
     })
+}
+
+/// Returns the files of the masks that aren't groups.
+fn masks_of(cli: &Cli) -> Vec<String> {
+    cli.mask.iter().filter(|path| !is_group(path)).map(shown).collect()
+}
+
+/// Returns the name of the map of p values that pages and figures show.
+fn map_of(found: &Test) -> &'static str {
+    match &found.family_wise {
+        Some(family_wise) if family_wise.tfce.is_some() => "p-tfce",
+        Some(_) => "p-fwe",
+        None => "q",
+    }
 }
 
 fn relabellings(found: &Test) -> Option<usize> {
