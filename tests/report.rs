@@ -4,6 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+use spharm_surface::Signal;
+use spharm_surface::io::{WriteOptions, write_signal_of};
 
 use crate::common::{fail, finish, shared, succeed, text, tool};
 
@@ -159,7 +161,7 @@ fn a_group_has_modes_maps_and_status() {
     site.run(&["shape", "pca", "aligned", "-o", "group.shape-model.npz"]);
     let models = |group: &str| (1..=3).map(|k| format!("aligned/{group}{k:02}.spharm.npz")).collect::<Vec<_>>();
     let (a, b) = (models("a"), models("b"));
-    let mut test = vec!["shape", "test", "--icosphere", "2", "-o", "test", "--a"];
+    let mut test = vec!["shape", "test", "--icosphere", "2", "--cluster", "0.5", "-o", "test", "--a"];
     test.extend(a.iter().map(String::as_str));
     test.push("--b");
     test.extend(b.iter().map(String::as_str));
@@ -172,15 +174,85 @@ fn a_group_has_modes_maps_and_status() {
     site.run(&page);
     let html = site.page("g.html");
     assert_closed(&html);
+    // The view opens with the first item: the test.
     let items = info(&html)["items"].clone();
-    assert_eq!((&items[0]["kind"], &items[1]["kind"]), (&"modes".into(), &"maps".into()));
-    assert_eq!(items[0]["members"].as_array().map(Vec::len), Some(6));
-    let shares: f64 = items[0]["shares"].as_array().expect("shares").iter().filter_map(Value::as_f64).sum();
+    assert_eq!((&items[0]["kind"], &items[1]["kind"]), (&"maps".into(), &"modes".into()));
+    let at = |heading: &str| html.find(&format!("<h2><bdi>{heading}")).expect("a heading");
+    assert!(at("test: test") < at("group: modes"));
+    assert_eq!(items[1]["members"].as_array().map(Vec::len), Some(6));
+    let shares: f64 = items[1]["shares"].as_array().expect("shares").iter().filter_map(Value::as_f64).sum();
     assert!((shares - 1.0).abs() < 1e-9, "five modes hold all of the variance: {shares}");
     let names: Vec<&str> =
-        items[1]["maps"].as_array().expect("maps").iter().filter_map(|m| m["name"].as_str()).collect();
+        items[0]["maps"].as_array().expect("maps").iter().filter_map(|m| m["name"].as_str()).collect();
     assert!(["effect", "statistic", "p-fwe"].iter().all(|name| names.contains(name)), "{names:?}");
     assert!(html.contains("<bdi>a01</bdi>"));
+    // The table of clusters as `shape test` writes it.
+    let clusters = table(&html, "test: clusters");
+    for heading in ["cluster", "vertices", "area, ", "p-fwe", "peak's vertex", "x", "y", "z", "statistic", "effect"] {
+        let heading = format!("<th scope=\"col\" class=\"number\"><bdi>{}", heading.replace('\'', "&#39;"));
+        assert!(clusters.contains(&heading), "{heading}: {clusters}");
+    }
+    assert!(!clusters.contains("<bdi>ux") && clusters.contains("test/clusters.csv</bdi></p>"), "{clusters}");
+}
+
+/// Returns the section of the table with this title.
+fn table<'a>(html: &'a str, title: &str) -> &'a str {
+    let heading = format!("<section class=\"table\"><h2>{title}</h2>");
+    let (_, rest) = html.split_once(&heading).unwrap_or_else(|| panic!("no table {title}"));
+    rest.split_once("</section>").expect("its end").0
+}
+
+#[test]
+fn the_largest_clusters_are_listed_with_the_name_of_their_file() {
+    let site = Site { folder: tempfile::tempdir().expect("a folder") };
+    let folder = site.path("out/tests/size");
+    fs::create_dir_all(&folder).expect("a folder");
+    site.run(&["generate", "--subdivisions", "1", "--surface", "out/tests/size/mean.surf.gii"]);
+    let statistic = Signal::new((0..42).map(f64::from).collect(), 42, 1);
+    write_signal_of(folder.join("statistic.shape.gii"), &statistic, None, &WriteOptions::default()).expect("a map");
+    fs::write(folder.join("summary.csv"), "measure,n,p\nvolume,8,0.5\n").expect("a table");
+    fs::write(folder.join("test.json"), r#"{"mask": ["cortex.label", "seen.label"]}"#).expect("a description");
+    let page = |output: &str| {
+        site.run(&["report", "--test", "out/tests/size", "--force", "-o", output]);
+        site.page(output)
+    };
+    let html = page("out/report.html");
+    assert!(html.contains("size: measures") && !html.contains("size: clusters"), "results of earlier versions");
+    assert!(html.contains("Mask</th><td><bdi>cortex.label, seen.label"), "several masks");
+    let clusters = |count: usize| {
+        let row = |k: usize| format!("{},{},1.5,0.01,{k},0,0,1,0,0,2,3.5,0.2,<b>front</b>,mm^2\n", k + 1, 30 - k);
+        let header = "cluster,vertices,area,p_fwe,peak,ux,uy,uz,x,y,z,statistic,effect,region,unit\n";
+        let rows: String = (0..count).map(row).collect();
+        fs::write(folder.join("clusters.csv"), header.to_owned() + &rows).expect("a table");
+    };
+    for (count, output, rows, note) in [
+        (23, "out/report.html", 20, "3 more clusters in tests/size/clusters.csv"),
+        (21, "elsewhere/report.html", 20, "1 more cluster in out/tests/size/clusters.csv"),
+        (2, "report.html", 2, "All clusters of out/tests/size/clusters.csv"),
+        (0, "out/report.html", 0, "No clusters: tests/size/clusters.csv"),
+    ] {
+        clusters(count);
+        let html = page(output);
+        let (_, after) = html.split_once("<h2>size: measures").expect("measures");
+        assert!(after.contains("<h2>size: clusters"), "{count}");
+        let found = table(&html, "size: clusters");
+        assert_eq!(found.matches("<tr><td").count(), rows, "{count}: {found}");
+        assert!(found.ends_with(&format!("<p class=\"note\"><bdi>{note}</bdi></p>")), "{count}: {found}");
+    }
+    clusters(1);
+    let html = page("out/report.html");
+    let found = table(&html, "size: clusters");
+    let headings = ["<th scope=\"col\" class=\"number\"><bdi>area, mm²<", "<th scope=\"col\"><bdi>region<"];
+    for cell in headings.into_iter().chain(["<td><bdi>&lt;b&gt;front"]) {
+        assert!(found.contains(cell), "{cell}: {found}");
+    }
+    assert!(!found.contains("<bdi>uz") && !found.contains("<bdi>unit"), "{found}");
+    // Earlier versions wrote no units; a signal tested on the sphere has directions alone.
+    let directions = "cluster,vertices,area,p_fwe,peak,ux,uy,uz,statistic\n1,3,0.1,0.01,4,0,0,1,3\n";
+    fs::write(folder.join("clusters.csv"), directions).expect("a table");
+    let html = page("out/report.html");
+    let found = table(&html, "size: clusters");
+    assert!(found.contains("<bdi>uz") && found.contains("<bdi>area on the unit sphere"), "{found}");
 }
 
 #[test]

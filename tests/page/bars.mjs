@@ -215,6 +215,12 @@ async function group(browser) {
   writeFileSync(at('status.tsv'), 'id\tstate\tmsd\terror\nsub-02\tdone\t2.5e-5\t\nsub-10\tfailed\t\ttruncated file\nsub-01\tdone\t1e-4\t\n');
   run('report', '--modes', 'group.shape-model.npz', '--test', 'test', '--status', 'status.tsv', '-o', 'group.html', '--title', 'A study');
   const { page, heard } = await open(browser, at('group.html'));
+  const kind = 'window.spharmReport.view.item.kind';
+  const choices = () => page.locator('#choices button').evaluateAll((all) => all.map((e) => [e.textContent, e.ariaPressed].join(' ')));
+  const opened = [await page.evaluate(kind), ...(await choices())].join('; ');
+  bar('a group opens with its test', opened, opened === 'maps; test: test true; group: modes false');
+  await page.locator('#choices button').nth(1).press('Enter');
+  await until(page, `${kind} === 'modes'`);
   await page.locator('#mode-0').fill('2');
   const found = await page.evaluate(() => [...window.spharmReport.view.positions.array]);
   run('shape', 'sample', 'group.shape-model.npz', '--mode', '1=2', '-o', 'mode.spharm.npz');
@@ -226,8 +232,8 @@ async function group(browser) {
   const relative = worst / size(expected);
   bar('two deviations along a mode, of the size, at most 1e-6', relative.toExponential(1), same && relative <= 1e-6);
   await page.screenshot({ path: at('group-modes.png') });
-  await page.locator('#item').selectOption('1');
-  await until(page, "window.spharmReport.view.item.kind === 'maps'");
+  await page.locator('#choices button').first().click();
+  await until(page, `${kind} === 'maps'`);
   await page.locator('#level').fill('1.3');
   const shown = await page.locator('#level-shown').textContent();
   bar('a threshold counts its vertices', shown, /≤ 0.05: \d+ of \d+ vertices/.test(shown));

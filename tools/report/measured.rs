@@ -73,8 +73,8 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
     };
     let columns = std::iter::once("subject").chain(MEMBERS.iter().map(|(name, ..)| *name)).map(str::to_owned);
     let columns = columns.collect();
-    let mut tables =
-        vec![Table { title: "Correspondence".to_owned(), columns, rows: members.iter().map(row).collect() }];
+    let rows = members.iter().map(row).collect();
+    let mut tables = vec![Table { title: "Correspondence".to_owned(), columns, rows, note: None }];
     let marks = &found["landmarks"];
     if let (Some(names), Some(means)) = (marks["names"].as_array(), marks["by_landmark"].as_array()) {
         let length = |value: &Value| value.as_f64().map_or("–".to_owned(), number);
@@ -88,7 +88,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
         let mut columns = vec!["landmark", "mean distance, carried from subject to subject"];
         columns.extend(left_out.map(|_| "distance from the group's place, if not used as a guide"));
         let columns = columns.into_iter().map(str::to_owned).collect();
-        tables.push(Table { title: "Landmarks".to_owned(), columns, rows });
+        tables.push(Table { title: "Landmarks".to_owned(), columns, rows, note: None });
     }
     Ok(Correspondence { tables, landmarks: mean_and_median(marks) })
 }

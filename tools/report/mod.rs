@@ -4,6 +4,7 @@ mod args;
 mod checked;
 mod measured;
 mod read;
+mod tested;
 
 use std::path::PathBuf;
 
@@ -41,7 +42,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         }
         tables.extend(found.tables);
     }
-    tables.extend(read::summaries(&cli.test)?);
+    tables.extend(tested::tables(&cli.test, &cli.output)?);
     tables.extend(read::tables(&cli.status)?);
     let mut contents = Contents {
         warnings: cli.warnings.iter().map(|path| warnings(path)).collect::<Result<Vec<_>>>()?.concat(),

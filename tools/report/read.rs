@@ -7,7 +7,7 @@ use serde_json::Value;
 use spharm::parametrize::volume::is_volume;
 use spharm::shape::pca::file::ShapeModel;
 use spharm_cli::console::Console;
-use spharm_cli::inputs::{expand_lists, read_text, stem};
+use spharm_cli::inputs::{expand_lists, read_text};
 use spharm_cli::output::counted;
 use spharm_cli::paths::{expand, model_name, shown};
 use spharm_cohort::files::ModelFiles;
@@ -17,6 +17,7 @@ use spharm_surface::Mesh;
 use spharm_surface::io::{read_mesh, read_signal};
 
 use super::args::Cli;
+use super::tested::{CLUSTERS, LARGEST_TABLE, SUMMARY, table};
 
 /// Names of maps, in the order of the page's list; `spharm shape test` writes only some of them.
 const MAPS: [&str; 16] = [
@@ -39,13 +40,8 @@ const MAPS: [&str; 16] = [
 ];
 /// File in a test's folder that describes the test.
 const ABOUT: &str = "test.json";
-/// File in a test's folder with a table of measures.
-const SUMMARY: &str = "summary.csv";
 /// Maximum size of a report of a fit in bytes: larger files aren't reports.
 const LARGEST_REPORT: u64 = 1 << 30;
-
-/// Maximum size of a table in bytes, far above what a page could show.
-const LARGEST_TABLE: u64 = 64 << 20;
 
 /// Reads the models, each with its surface and its entry in the reports of fits.
 pub(super) fn models(cli: &Cli, console: &Console) -> Result<Vec<Shown>> {
@@ -178,12 +174,6 @@ fn test(folder: &Path) -> Result<Maps> {
     Ok(Maps { name: format!("{name}: test"), meaning, about, mesh, maps })
 }
 
-/// Reads the tables of measures in the folders of tests.
-pub(super) fn summaries(folders: &[PathBuf]) -> Result<Vec<Table>> {
-    let files = folders.iter().map(|folder| (folder, folder.join(SUMMARY))).filter(|(_, file)| file.is_file());
-    files.map(|(folder, file)| Ok(Table { title: format!("{}: measures", stem(folder)), ..table(&file)? })).collect()
-}
-
 /// Reads the description of a test in `test.json` as rows of the page's table; empty for folders of earlier versions,
 /// which have no such file.
 fn about(folder: &Path) -> Result<(String, Vec<(String, String)>)> {
@@ -264,26 +254,12 @@ fn map_files(folder: &Path, name: &str) -> [PathBuf; 2] {
 /// Returns the paths of a test's files, whether or not they exist.
 pub(super) fn files(folder: &Path) -> Vec<PathBuf> {
     let maps = MAPS.iter().flat_map(|name| map_files(folder, name));
-    maps.chain(["mean.surf.gii", ABOUT, SUMMARY].map(|name| folder.join(name))).collect()
+    maps.chain(["mean.surf.gii", ABOUT, SUMMARY, CLUSTERS].map(|name| folder.join(name))).collect()
 }
 
 /// Reads tables with a header.
 pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
     paths.iter().map(|path| table(path)).collect()
-}
-
-fn table(path: &Path) -> Result<Table> {
-    let open = || format!("{}: cannot read the table", path.display());
-    let text = read_text(path, "table", LARGEST_TABLE)?;
-    let tabs = text.lines().next().is_some_and(|line| line.contains('\t'));
-    let mut reader = csv::ReaderBuilder::new().delimiter(if tabs { b'\t' } else { b',' }).from_reader(text.as_bytes());
-    let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
-    let columns = cells(reader.headers().with_context(open)?);
-    if columns.is_empty() {
-        bail!("{}: expected a table with a header, found nothing", path.display());
-    }
-    let rows = reader.records().map(|record| Ok(cells(&record?))).collect::<Result<Vec<_>, csv::Error>>();
-    Ok(Table { title: stem(path), columns, rows: rows.with_context(open)? })
 }
 
 /// Reads a list of warnings.

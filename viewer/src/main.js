@@ -71,7 +71,10 @@ async function start() {
   const open = async (number) => {
     stop();
     const item = items[number];
-    select.value = number;
+    select.value = item.kind === 'model' ? number : '';
+    choices.forEach((button, k) => {
+      button.ariaPressed = k === number;
+    });
     const [View, controls] = KINDS[item.kind];
     view = await View.open(item, { engine, stage, panels, colours });
     report.view = view;
@@ -85,7 +88,7 @@ async function start() {
     sections.forEach((section, k) => {
       section.hidden = k !== number;
     });
-    tab(0);
+    tab(view.first ?? 0);
   };
 
   const tab = (number) => {
@@ -98,15 +101,28 @@ async function start() {
   };
   tabs.forEach((button, k) => button.addEventListener('click', () => tab(k)));
 
+  // Each test and each group's modes have a button; models, which may be many, are in a list.
   const select = byId('item');
-  items.forEach((item, k) => select.append(make('option', { value: k }, item.name)));
-  select.parentElement.hidden = items.length < 2;
+  const choices = new Map();
+  const models = [];
+  items.forEach((item, k) => {
+    if (item.kind === 'model') {
+      models.push(k);
+      select.append(make('option', { value: k }, item.name));
+      return;
+    }
+    choices.set(k, make('button', { type: 'button', onclick: () => open(k) }, item.name));
+    byId('choices').append(choices.get(k));
+  });
+  if (choices.size > 0) select.prepend(make('option', { value: '', disabled: true }, '–'));
+  byId('choices').hidden = items.length < 2 || choices.size === 0;
+  select.parentElement.hidden = items.length < 2 || models.length === 0;
   select.onchange = () => open(Number(select.value));
   document.querySelectorAll('table.models tbody tr').forEach((row, k) => {
     const [cell] = row.cells;
     const button = make('button', { type: 'button', title: 'Show' }, ...cell.childNodes);
     button.onclick = async () => {
-      await open(k);
+      await open(models[k]);
       viewer.scrollIntoView({ block: 'nearest' });
     };
     cell.append(button);
@@ -125,7 +141,7 @@ async function start() {
     say(view.describe(vertex, 1));
     stage.draw();
   };
-  byId('save-png').onclick = () => png(stage, panels, items[select.value || 0].name);
+  byId('save-png').onclick = () => png(stage, panels, view.item.name);
   byId('save-ply').onclick = () => ply(view.mesh());
   byId('save-gifti').onclick = () => gifti(view.mesh());
   stage.canvas.addEventListener('webglcontextlost', () => {

@@ -65,6 +65,11 @@ export class MapsView {
     return this.chosen.map((index) => this.item.maps[index].name);
   }
 
+  /** The panel that narrow pages show first: that of the p values. */
+  get first() {
+    return Math.max(0, this.chosen.indexOf(this.threshold));
+  }
+
   get vertices() {
     return this.item.mesh.grid.vertices;
   }

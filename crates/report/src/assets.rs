@@ -14,7 +14,8 @@ const SCRIPT: &[u8] = include_bytes!("../assets/page.js.gz");
 /// `crates/viewer` as WebAssembly, gzipped.
 pub(crate) const WASM: &[u8] = include_bytes!("../assets/viewer.wasm.gz");
 /// The page's style sheets, concatenated.
-pub(crate) const STYLE: &str = concat!(include_str!("page.css"), include_str!("chart.css"), include_str!("check.css"));
+pub(crate) const STYLE: &str =
+    concat!(include_str!("page.css"), include_str!("table.css"), include_str!("chart.css"), include_str!("check.css"));
 /// The HTML elements of the view, which the script fills in.
 pub(crate) const VIEW: &str = include_str!("view.html");
 

@@ -6,6 +6,7 @@ use base64::engine::general_purpose::STANDARD;
 use spharm_shape::outliers::FAR;
 
 use crate::ReportError;
+use crate::table::{head, numeric};
 use crate::text::{escape, name, number};
 
 /// Quality control of a group, from `spharm shape check`.
@@ -72,12 +73,12 @@ pub(crate) fn section(check: &Check) -> Result<String, ReportError> {
         1 => "1 subject".to_owned(),
         count => format!("{count} subjects"),
     };
-    let heads: String = ["subject", "state", "why"]
-        .into_iter()
-        .chain(check.columns.iter().map(String::as_str))
-        .map(|column| format!("<th scope=\"col\">{}</th>", escape(column)))
-        .collect();
-    let rows: String = check.subjects.iter().enumerate().map(row).collect();
+    let is_numeric = |column: usize| numeric(check.subjects.iter().map(|of| of.cells[column].text.as_str()));
+    let numeric: Vec<bool> = (0..expected).map(is_numeric).collect();
+    let texts = ["subject", "state", "why"].map(|column| head(column, false)).concat();
+    let values: String = check.columns.iter().zip(&numeric).map(|(column, numeric)| head(column, *numeric)).collect();
+    let heads = texts + &values;
+    let rows: String = check.subjects.iter().enumerate().map(|(index, of)| row(index, of, &numeric)).collect();
     Ok(format!(
         "<section class=\"table check\" id=\"quality-control\"><h2>Quality control</h2>\n\
          <p>{total}: {summary}. Marked values are far from the others (robust z above {FAR} or below -{FAR}).</p>\n\
@@ -87,13 +88,14 @@ pub(crate) fn section(check: &Check) -> Result<String, ReportError> {
     ))
 }
 
-fn row((index, subject): (usize, &CheckedSubject)) -> String {
+/// Returns the row of a subject; `numeric` tells which columns have numbers.
+fn row(index: usize, subject: &CheckedSubject, numeric: &[bool]) -> String {
     let CheckedSubject { id, state, flags, cells, picture, .. } = subject;
     let id = match picture {
         Some(_) => format!("<a href=\"#picture-{index}\">{}</a>", name(id)),
         None => name(id),
     };
-    let cell = |cell: &CheckedCell| {
+    let cell = |(cell, numeric): (&CheckedCell, &bool)| {
         let (mark, title) = match cell.z {
             Some(z) => {
                 let mark = match cell.far {
@@ -105,12 +107,11 @@ fn row((index, subject): (usize, &CheckedSubject)) -> String {
             }
             None => ("", String::new()),
         };
-        let numeric = cell.text.is_empty() || cell.text.parse::<f64>().is_ok();
-        let class = if numeric { "number" } else { "" };
+        let class = if *numeric { "number" } else { "" };
         format!("<td class=\"{class}{mark}\"{title}>{}</td>", name(&cell.text))
     };
     let state = escape(state);
-    let cells: String = cells.iter().map(cell).collect();
+    let cells: String = cells.iter().zip(numeric).map(cell).collect();
     let why = reasons(flags);
     format!(
         "<tr class=\"{state}\"><th scope=\"row\">{id}</th><td>{state}</td><td class=\"why\">{why}</td>{cells}</tr>\n"
@@ -194,6 +195,10 @@ mod tests {
         assert!(html.contains("3 subjects: 1 flagged, 1 failed."), "{html}");
         assert!(html.contains("&lt;giant&gt;") && !html.contains("<giant>"), "{html}");
         assert_eq!(html.matches("very-far").count(), 1, "{html}");
+        assert!(
+            html.contains("<th scope=\"col\" class=\"number\"><bdi>volume") && !html.contains("number\"><bdi>repair")
+        );
+        assert_eq!(html.matches("<td class=\"number").count(), 3, "the cells of volumes: {html}");
         assert_eq!((html.matches("<figure").count(), html.matches("href=\"#picture-").count()), (2, 2));
         assert!(html.contains("<span>0.8</span>") && html.contains("(at 1/10 of the scale)"));
         assert!(html.contains("volume 2e6</bdi></td>") && !html.contains("<details>"));

@@ -18,12 +18,12 @@ pub struct Contents {
     pub warnings: Vec<String>,
     /// Quality control of the subjects, shown after the warnings.
     pub check: Option<Check>,
+    /// Maps of statistical tests. The view opens with the first test or, without tests, the first model or modes.
+    pub tests: Vec<Maps>,
     /// Models of surfaces.
     pub models: Vec<Shown>,
     /// Modes of groups, with the names of the groups.
     pub modes: Vec<(String, ShapeModel)>,
-    /// Maps of statistical tests.
-    pub tests: Vec<Maps>,
     /// Quality of several alignments of one group, for comparison; the first is the main alignment.
     pub quality: Vec<Quality>,
     /// Tables shown unchanged, such as the status of a study's subjects.

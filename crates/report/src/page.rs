@@ -48,7 +48,7 @@ enum Item {
 /// [`ReportError`] if there are no contents, a model isn't a model of a surface, maps don't match their mesh, or the
 /// monitor interrupts, which is reported as an error of the surface.
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
-    let Contents { title, warnings, check, models, modes, tests, quality: measured, tables, version, .. } = contents;
+    let Contents { title, warnings, check, tests, models, modes, quality: measured, tables, version, .. } = contents;
     if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] && check.is_none() {
         return Err(ReportError::Empty);
     }
@@ -59,6 +59,11 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
         let heading = if alone && name == title.as_str() { None } else { Some(name) };
         sections += &item(heading, name, still, details);
     };
+    for test in tests {
+        let (item, still) = MapsItem::new(test, params.max_vertices, &mut blocks)?;
+        section(&test.name, &still, &pairs("Maps", &maps_item::rows(test)));
+        items.push(Item::Maps(item));
+    }
     monitor.begin(Stage::counted("page", "models"), models.len() as u64);
     let mut errors = Vec::new();
     for shown in models {
@@ -73,11 +78,6 @@ pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Resul
         let (item, still) = ModesItem::new(name, shapes, params.max_vertices, &mut blocks)?;
         section(name, &still, &spectrum_of_variance(shapes));
         items.push(Item::Modes(item));
-    }
-    for test in tests {
-        let (item, still) = MapsItem::new(test, params.max_vertices, &mut blocks)?;
-        section(&test.name, &still, &pairs("Maps", &maps_item::rows(test)));
-        items.push(Item::Maps(item));
     }
     let mut rows = quality::section(measured)?;
     if models.len() > 1 {
@@ -217,6 +217,7 @@ fn models_table(models: &[Shown], errors: &[Option<[f64; 2]>]) -> Table {
         title: "Models".to_owned(),
         columns: columns.map(str::to_owned).to_vec(),
         rows: models.iter().zip(errors).map(row).collect(),
+        note: None,
     }
 }
 
@@ -228,9 +229,9 @@ fn summary(contents: &Contents) -> String {
     };
     let rows = contents.tables.iter().map(|table| table.rows.len()).sum();
     let parts = [
+        counted(contents.tests.len(), "test", "tests"),
         counted(contents.models.len(), "model", "models"),
         counted(contents.modes.len(), "group's modes", "groups' modes"),
-        counted(contents.tests.len(), "test", "tests"),
         counted(contents.quality.len(), "alignment's quality", "alignments' quality"),
         counted(rows, "row of a table", "rows of tables"),
     ];

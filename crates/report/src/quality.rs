@@ -102,7 +102,7 @@ fn table(measured: &[Quality]) -> Table {
         add("landmarks apart, mean".to_owned(), &|of| of.landmarks.map(|[mean, _]| mean));
         add("landmarks apart, median".to_owned(), &|of| of.landmarks.map(|[_, median]| median));
     }
-    Table { title: "Quality with few modes".to_owned(), columns, rows }
+    Table { title: "Quality with few modes".to_owned(), columns, rows, note: None }
 }
 
 #[cfg(test)]

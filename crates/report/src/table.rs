@@ -12,6 +12,8 @@ pub struct Table {
     pub columns: Vec<String>,
     /// Rows of the table, with one cell per column.
     pub rows: Vec<Vec<String>>,
+    /// Line under the table, such as the file that has further rows.
+    pub note: Option<String>,
 }
 
 impl Table {
@@ -22,9 +24,9 @@ impl Table {
             let found = cells.len();
             return Err(ReportError::Cells { name: self.title.clone(), row: row + 1, expected, found });
         }
-        let heads: String =
-            self.columns.iter().map(|column| format!("<th scope=\"col\">{}</th>", name(column))).collect();
-        let numeric: Vec<bool> = (0..expected).map(|column| self.numeric(column)).collect();
+        let is_numeric = |column: usize| numeric(self.rows.iter().map(|row| row[column].as_str()));
+        let numeric: Vec<bool> = (0..expected).map(is_numeric).collect();
+        let heads: String = self.columns.iter().zip(&numeric).map(|(column, numeric)| head(column, *numeric)).collect();
         let cell = |(text, numeric): (&String, &bool)| {
             let class = match text.as_str() {
                 _ if *numeric => " class=\"number\"",
@@ -36,19 +38,26 @@ impl Table {
         let row =
             |cells: &Vec<String>| format!("<tr>{}</tr>\n", cells.iter().zip(&numeric).map(cell).collect::<String>());
         let rows: String = self.rows.iter().map(row).collect();
+        let note = self.note.as_ref().map_or_else(String::new, |note| format!("<p class=\"note\">{}</p>", name(note)));
         Ok(format!(
             "<section class=\"table\"><h2>{}</h2><div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{}\">\
-             <table class=\"sortable\"><thead><tr>{heads}</tr></thead><tbody>\n{rows}</tbody></table></div></section>\n",
+             <table class=\"sortable\"><thead><tr>{heads}</tr></thead><tbody>\n{rows}</tbody></table></div>{note}</section>\n",
             escape(&self.title),
             escape(&self.title)
         ))
     }
+}
 
-    /// Returns whether all non-empty cells of a column are numbers.
-    fn numeric(&self, column: usize) -> bool {
-        let mut cells = self.rows.iter().map(|row| row[column].as_str()).filter(|cell| !matches!(*cell, "" | "–"));
-        cells.clone().next().is_some() && cells.all(|cell| cell.parse::<f64>().is_ok())
-    }
+/// Returns the heading of a column, aligned like its cells.
+pub(crate) fn head(column: &str, numeric: bool) -> String {
+    let class = if numeric { " class=\"number\"" } else { "" };
+    format!("<th scope=\"col\"{class}>{}</th>", name(column))
+}
+
+/// Returns whether a column has non-empty cells, and all of them are numbers.
+pub(crate) fn numeric<'a>(cells: impl Iterator<Item = &'a str>) -> bool {
+    let mut filled = cells.filter(|cell| !matches!(*cell, "" | "–")).peekable();
+    filled.peek().is_some() && filled.all(|cell| cell.parse::<f64>().is_ok())
 }
 
 /// Returns rows of names and values as an HTML table.
@@ -70,10 +79,31 @@ mod tests {
             title: "Status".to_owned(),
             columns: vec!["id".to_owned(), "msd".to_owned()],
             rows: vec![vec!["<i>".to_owned(), "1e-5".to_owned()], vec!["b".to_owned(), String::new()]],
+            note: Some("more in <b>".to_owned()),
         };
         let html = table.html().unwrap();
-        assert!(html.contains("&lt;i&gt;") && !html.contains("<i>") && html.contains("class=\"number\""), "{html}");
+        assert!(html.contains("&lt;i&gt;") && !html.contains("<i>"), "{html}");
+        assert!(html.contains("</div><p class=\"note\"><bdi>more in &lt;b&gt;</bdi></p></section>"), "{html}");
         table.rows[1].pop();
         assert!(matches!(table.html(), Err(ReportError::Cells { row: 2, expected: 2, found: 1, .. })));
+    }
+
+    #[test]
+    fn headings_are_aligned_like_their_columns() {
+        let row = |cells: [&str; 4]| cells.map(str::to_owned).to_vec();
+        let table = Table {
+            title: "Status".to_owned(),
+            columns: row(["id", "msd", "mixed", "empty"]),
+            rows: vec![row(["a", "1e-5", "1", ""]), row(["b", "–", "b", "–"])],
+            note: None,
+        };
+        let html = table.html().unwrap();
+        for column in ["<th scope=\"col\"><bdi>id", "<th scope=\"col\" class=\"number\"><bdi>msd"] {
+            assert!(html.contains(column), "{html}");
+        }
+        let numbers = ["msd", "1e-5", "–"].map(|text| format!(" class=\"number\"><bdi>{text}</bdi>"));
+        assert!(numbers.iter().all(|cell| html.contains(cell)), "{html}");
+        assert_eq!(html.matches("class=\"number\"").count(), 3, "{html}");
+        assert!(!html.contains("class=\"note\""), "{html}");
     }
 }

@@ -1,0 +1,91 @@
+//! Reads tables, and those in the folders of tests: measures and clusters.
+
+use std::path::{Path, PathBuf, absolute};
+
+use anyhow::{Context, Result, bail};
+use spharm_cli::inputs::{read_text, stem};
+use spharm_cli::output::counted;
+use spharm_cli::paths::shown;
+use spharm_report::Table;
+
+/// File in a test's folder with a table of measures.
+pub(super) const SUMMARY: &str = "summary.csv";
+/// File in a test's folder with a table of clusters, the largest first.
+pub(super) const CLUSTERS: &str = "clusters.csv";
+/// Maximum size of a table in bytes, far above what a page could show.
+pub(super) const LARGEST_TABLE: u64 = 64 << 20;
+/// Maximum number of clusters in a table of the page.
+const MOST: usize = 20;
+
+/// Reads the tables of each test, measures before clusters. A test may have none of them.
+pub(super) fn tables(folders: &[PathBuf], page: &Path) -> Result<Vec<Table>> {
+    let mut tables = Vec::new();
+    for folder in folders {
+        let (measures, clusters) = (folder.join(SUMMARY), folder.join(CLUSTERS));
+        if measures.is_file() {
+            tables.push(Table { title: format!("{}: measures", stem(folder)), ..table(&measures)? });
+        }
+        if clusters.is_file() {
+            let title = format!("{}: clusters", stem(folder));
+            tables.push(of_clusters(Table { title, ..table(&clusters)? }, &from_page(&clusters, page)));
+        }
+    }
+    Ok(tables)
+}
+
+/// Reads a table with a header, of columns separated by tabs if the header has a tab, otherwise by commas.
+pub(super) fn table(path: &Path) -> Result<Table> {
+    let open = || format!("{}: cannot read the table", path.display());
+    let text = read_text(path, "table", LARGEST_TABLE)?;
+    let tabs = text.lines().next().is_some_and(|line| line.contains('\t'));
+    let mut reader = csv::ReaderBuilder::new().delimiter(if tabs { b'\t' } else { b',' }).from_reader(text.as_bytes());
+    let cells = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect::<Vec<_>>();
+    let columns = cells(reader.headers().with_context(open)?);
+    if columns.is_empty() {
+        bail!("{}: expected a table with a header, found nothing", path.display());
+    }
+    let rows = reader.records().map(|record| Ok(cells(&record?))).collect::<Result<Vec<_>, csv::Error>>();
+    Ok(Table { title: stem(path), columns, rows: rows.with_context(open)?, note: None })
+}
+
+/// Returns the page's table of clusters: the first rows of a table read from `file`, with headings in words. Directions
+/// are omitted if there are positions.
+fn of_clusters(read: Table, file: &str) -> Table {
+    let has_positions = read.columns.iter().any(|name| name == "x");
+    let left_out: &[&str] = if has_positions { &["unit", "ux", "uy", "uz"] } else { &["unit"] };
+    let kept: Vec<bool> = read.columns.iter().map(|name| !left_out.contains(&name.as_str())).collect();
+    let keep = |cells: Vec<String>| -> Vec<String> {
+        cells.into_iter().zip(&kept).filter(|(_, kept)| **kept).map(|(cell, _)| cell).collect()
+    };
+    // All rows have the same unit. Tables of earlier versions don't name it.
+    let unit = read.columns.iter().position(|name| name == "unit");
+    let unit = unit.and_then(|at| read.rows.first()?.get(at).cloned());
+    let area = match unit.as_deref().unwrap_or(if has_positions { "length^2" } else { "1" }) {
+        "1" => "area on the unit sphere".to_owned(),
+        unit => format!("area, {}", unit.replace("^2", "²")),
+    };
+    let note = match (read.rows.len(), read.rows.len().saturating_sub(MOST)) {
+        (0, _) => format!("No clusters: {file}"),
+        (_, 0) => format!("All clusters of {file}"),
+        (_, more) => format!("{} in {file}", counted(more, "more cluster")),
+    };
+    let columns = keep(read.columns).iter().map(|name| heading(name, &area)).collect();
+    let rows = read.rows.into_iter().take(MOST).map(keep).collect();
+    Table { title: read.title, columns, rows, note: Some(note) }
+}
+
+/// Returns the heading of a column of clusters; `area` is that of the areas.
+fn heading(column: &str, area: &str) -> String {
+    match column {
+        "area" => area.to_owned(),
+        "peak" => "peak's vertex".to_owned(),
+        "p_fwe" => "p-fwe".to_owned(),
+        _ => column.to_owned(),
+    }
+}
+
+/// Returns the path of a file relative to the page's folder if the file is in it, otherwise the path as given.
+fn from_page(file: &Path, page: &Path) -> String {
+    let (Ok(inside), Ok(page)) = (absolute(file), absolute(page)) else { return shown(file) };
+    page.parent().and_then(|folder| inside.strip_prefix(folder).ok()).map_or_else(|| shown(file), shown)
+}
