@@ -88,9 +88,9 @@ pub enum GroupPoseWarning {
     Mirrored {
         /// Index of the member, counted from 0.
         member: usize,
-        /// The member's distance from the others, after it is scaled to their size.
+        /// The member's distance from the others.
         distance: f64,
-        /// The distance of the member's mirror image from the others, likewise.
+        /// The distance of the member's mirror image from the others.
         mirrored: f64,
     },
 }
@@ -117,8 +117,8 @@ impl GroupPoseWarning {
                  the surface may be of another kind or in another unit"
             ),
             Self::Mirrored { distance, mirrored, .. } => format!(
-                "scaled to the other surfaces, its distance from them is {distance:.4}, and {mirrored:.4} for its mirror \
-                 image: the surface may be from the other side, or the file may be mirrored"
+                "the distance from the other surfaces is {distance:.4}, and {mirrored:.4} for its mirror image: the \
+                 surface may be from the other side, or the file may be mirrored"
             ),
         }
     }
@@ -163,7 +163,7 @@ pub fn group_poses(
         template = nearest;
         poses = group.to(template)?;
     }
-    let Decided { mut motions, seconds, doubts } = group.decided(&poses)?;
+    let (mut motions, doubts) = group.decided(&poses)?;
     // Outliers are excluded from the rounds below, so that they don't affect the other members.
     let as_decided = group.distances(&motions);
     let usual = OF_ANOTHER_KIND * median(as_decided.clone());
@@ -188,7 +188,7 @@ pub fn group_poses(
     let far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
     let mut others = doubts;
     if !params.mirror {
-        others.extend(group.mirrored(&motions, &seconds, template)?);
+        others.extend(group.mirrored(&motions, template, &distances)?);
     }
     // An outlier has no right pose, so other warnings about it are dropped.
     others.retain(|warning| !far.contains(&warning.member()));
@@ -196,14 +196,6 @@ pub fn group_poses(
     let warnings = named.chain(others).collect();
     monitor.end();
     Ok(GroupPoses { similarities: motions, template, distances, warnings })
-}
-
-/// Poses of the members, chosen between nearly equally good ones.
-struct Decided {
-    motions: Vec<Similarity>,
-    /// The poses that weren't chosen, of members with two nearly equally good poses.
-    seconds: Vec<Option<Similarity>>,
-    doubts: Vec<GroupPoseWarning>,
 }
 
 struct Group<'a> {
@@ -282,7 +274,7 @@ impl Group<'_> {
 
     /// Chooses a pose for each member: of two nearly equally good poses, the one in which it is nearer to the others.
     /// Also returns a warning for each member whose two poses remain nearly equally good.
-    fn decided(&self, poses: &[Pose]) -> Result<Decided, Interrupted> {
+    fn decided(&self, poses: &[Pose]) -> Result<(Vec<Similarity>, Vec<GroupPoseWarning>), Interrupted> {
         let close = |pose: &Pose| pose.other.filter(|_| pose.second < CLOSE * pose.distance);
         let mut motions: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
         let mut others: Vec<Option<Similarity>> = poses.iter().map(close).collect();
@@ -308,7 +300,7 @@ impl Group<'_> {
             (turned < DOUBTFUL * own).then_some(doubt)
         };
         let doubts = others.iter().enumerate().filter_map(doubt).collect();
-        Ok(Decided { motions, seconds: others, doubts })
+        Ok((motions, doubts))
     }
 
     /// Returns a member's pose after one step towards others.
@@ -336,13 +328,12 @@ impl Group<'_> {
     }
 
     /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
-    /// planes through the group's principal axes, and in the group's centre. Both are scaled to the others, because a
-    /// difference in size hides the mirroring. Of two nearly equally good poses, the nearer one is compared.
+    /// planes through the group's principal axes, and in the group's centre.
     fn mirrored(
         &self,
         motions: &[Similarity],
-        seconds: &[Option<Similarity>],
         template: usize,
+        distances: &[f64],
     ) -> Result<Vec<GroupPoseWarning>, Interrupted> {
         let typical = &self.surfaces[template];
         let axes = product(&typical.axes, &transposed(&motions[template].orthogonal));
@@ -353,23 +344,16 @@ impl Group<'_> {
             Similarity { orthogonal, translation: sub(centre, times(&orthogonal, centre)), ..Similarity::default() }
         };
         let reflections = [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(reflected);
-        let params = PoseParams { scale: true, ..*self.params };
-        let scaled = Group { params: &params, ..*self };
         let one = |member: usize| -> Result<Option<GroupPoseWarning>, Interrupted> {
             self.monitor.check()?;
             let others = self.seen(member, motions, |_| true);
-            let moving = &self.surfaces[member];
-            let factor = typical.size() * motions[template].scale / (moving.size() * motions[member].scale);
-            let translation = sub(centre, scale(centre, factor));
-            let sized = Similarity { scale: factor, translation, ..Similarity::default() };
-            let nearest = |start: Similarity| {
-                let start = start.then(&sized);
-                let motion = (0..MIRRORED_STEPS).fold(start, |motion, _| scaled.step(member, &motion, &others));
+            let nearest = |start: &Similarity| {
+                let start = motions[member].then(start);
+                let motion = (0..MIRRORED_STEPS).fold(start, |motion, _| self.step(member, &motion, &others));
                 self.distance_of(member, &motion, motions)
             };
-            let distance = seconds[member].into_iter().map(nearest).fold(nearest(motions[member]), f64::min);
-            let images = reflections.iter().map(|reflection| nearest(motions[member].then(reflection)));
-            let mirrored = images.fold(f64::INFINITY, f64::min);
+            let mirrored = reflections.iter().map(nearest).fold(f64::INFINITY, f64::min);
+            let distance = distances[member];
             let warning = GroupPoseWarning::Mirrored { member, distance, mirrored };
             Ok((mirrored < NEARER_MIRRORED * distance).then_some(warning))
         };
