@@ -1,4 +1,4 @@
-//! Reads tables, and those in the folders of tests: measures and clusters.
+//! Reads tables: any with a header, and the measures and clusters in the folders of tests.
 
 use std::path::{Path, PathBuf, absolute};
 
