@@ -133,7 +133,7 @@ fn a_study_of_probabilities_passes_them_to_all_stages() {
     fs::write(site.join("table.csv"), format!("id,surface\n{rows}")).unwrap();
     let study = "output = \"out\"\n[subjects]\ntable = \"table.csv\"\n[fit]\nmax_degree = 6\n\
                  arguments = [\"--probability\", \"--voxel-size\", \"1,1,1\", \"--fix\"]\n\
-                 [align]\nmethod = \"correspond\"\n";
+                 [align]\nmethod = \"correspond\"\n[quality]\nplain = false\nsurfaces = false\n";
     fs::write(site.join("study.toml"), study).unwrap();
     let output = finish(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site));
     assert!(output.status.success(), "{}", text(&output));

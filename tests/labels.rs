@@ -75,7 +75,7 @@ fn a_study_of_labels_says_on_its_page_that_they_follow_the_voxels() {
     let rows: String = ids.iter().map(|id| format!("{id},{id}.nii,1\n")).collect();
     fs::write(site.join("table.csv"), format!("id,surface,label\n{rows}")).unwrap();
     let study = "output = \"out\"\n[subjects]\ntable = \"table.csv\"\n[fit]\nmax_degree = 12\n\
-         arguments = [\"--label-surface\", \"voxels\"]\n[page]\nsubjects = true\n";
+         arguments = [\"--label-surface\", \"voxels\"]\n[quality]\nplain = false\nsurfaces = false\n[page]\nsubjects = true\n";
     fs::write(site.join("study.toml"), study).unwrap();
     let output = finish(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site));
     assert!(output.status.success(), "{}", text(&output));

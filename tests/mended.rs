@@ -173,8 +173,8 @@ fn a_pair_of_spharm_pdm_is_surface_and_sphere() {
             n.iter().map(|x| x * x).sum::<f64>().sqrt()
         };
         let whole = |mesh: &Mesh| mesh.faces.iter().map(|face| area(mesh, face)).sum::<f64>();
-        let ratio =
-            |face: &[u32; 3]| (area(sphere, face) / whole(sphere) * whole(&surface) / area(&surface, face)).ln();
+        let share = whole(&surface) / whole(sphere);
+        let ratio = |face: &[u32; 3]| (area(sphere, face) * share / area(&surface, face)).ln();
         let ratios: Vec<f64> = surface.faces.iter().map(ratio).collect();
         (ratios.iter().map(|x| x * x).sum::<f64>() / ratios.len() as f64).sqrt()
     };

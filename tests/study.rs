@@ -16,6 +16,8 @@ table = "meshes/study.csv"
 max_degree = 4
 [modes]
 count = 3
+[quality]
+surfaces = false
 [[test]]
 name = "bump"
 effect = "group"

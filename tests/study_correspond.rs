@@ -92,7 +92,7 @@ fn a_study_of_bare_meshes_finds_the_bump_and_shows_its_quality() {
 
 /// Creates a study of ellipsoids with landmarks at known ends; `subjects` is its section of subjects.
 fn ellipsoids(subjects: &str) -> Site {
-    let rest = "\n[fit]\nmax_degree = 4\n[modes]\ncount = 2\n[quality]\nplain = false\n";
+    let rest = "\n[fit]\nmax_degree = 4\n[modes]\ncount = 2\n[quality]\nplain = false\nsurfaces = false\n";
     let site = Site::new(&format!("output = \"out\"\n[subjects]\n{subjects}{rest}"));
     site.generate(&["--group", "ellipsoids", "--members", "4", "--subdivisions", "3", "--output-dir", "in"]);
     site
@@ -233,7 +233,7 @@ fn subjects_that_leave_or_change_make_the_group_anew_and_nothing_else_does() {
 fn a_mask_of_a_test_is_used_beside_that_of_the_group() {
     let site = Site::new(
         "output = \"out\"\n[subjects]\ntable = \"in/study.csv\"\n[fit]\nmax_degree = 3\n\
-         arguments = [\"--fix\", \"--cut-handles\"]\n[modes]\ncount = 2\n[quality]\nplain = false\n[[test]]\n\
+         arguments = [\"--fix\", \"--cut-handles\"]\n[modes]\ncount = 2\n[quality]\nplain = false\nsurfaces = false\n[[test]]\n\
          name = \"half\"\neffect = \"group\"\nmask = \"in/half.csv\"\ntfce = true\npermutations = 20\n",
     );
     site.generate(&["--group", "tori", "--members", "4", "--subdivisions", "3", "--output-dir", "in"]);

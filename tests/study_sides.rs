@@ -54,7 +54,7 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     }
     fs::write(site.join("table.csv"), table).expect("a table");
     let head = "output = \"out\"\n[subjects]\ntable = \"table.csv\"\nsurface = \"in/{id}/{side}.ply\"\nsides = [\"lh\", \"rh\"]\n\
-                exclude = [{ id = \"s12\", reason = \"moved\" }]\n[fit]\nmax_degree = 8\n[quality]\nplain = false\n";
+                exclude = [{ id = \"s12\", reason = \"moved\" }]\n[fit]\nmax_degree = 8\n[quality]\nplain = false\nsurfaces = false\n";
     fs::write(site.join("study.toml"), format!("{head}{TESTS}")).expect("a study");
     let output = study(site);
     assert!(output.status.success(), "{}", text(&output));

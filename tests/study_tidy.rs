@@ -14,6 +14,8 @@ table = "meshes/study.csv"
 max_degree = 3
 [modes]
 count = 2
+[quality]
+surfaces = false
 [[test]]
 name = "bump"
 effect = "group"

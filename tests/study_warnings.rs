@@ -20,6 +20,9 @@ arguments = ["--area", "0.8"]
 method = "METHOD"
 [modes]
 count = 2
+[quality]
+plain = false
+surfaces = false
 [[test]]
 name = "bump"
 effect = "group"

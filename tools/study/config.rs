@@ -194,11 +194,13 @@ impl Default for Modes {
 pub(super) struct Quality {
     /// Whether the plain alignment ("joint") is also made and measured, for comparison.
     pub(super) plain: bool,
+    /// Whether generalisation and specificity are also measured by the distance between surfaces.
+    pub(super) surfaces: bool,
 }
 
 impl Default for Quality {
     fn default() -> Self {
-        Self { plain: true }
+        Self { plain: true, surfaces: true }
     }
 }
 

@@ -30,7 +30,7 @@ const SECTIONS: [(&str, usize, &[&str]); 8] = [
     ("fit", 1, &["max_degree", "arguments"]),
     ("align", 0, &["method", "scale", "mirror", "guide", "signals"]),
     ("modes", 0, &["count"]),
-    ("quality", 0, &["plain"]),
+    ("quality", 0, &["plain", "surfaces"]),
     ("page", 0, &["subjects"]),
     ("test", 1, &KEYS),
 ];

@@ -185,6 +185,9 @@ impl Plan {
         let measure = |name: &str, list: &str, models: &[PathBuf], frames: &Path, [table, curves]: [PathBuf; 2]| {
             let mut arguments = words(&["shape", "quality", &self.list(list), "-o", &text(&table)]);
             arguments.extend(words(&["--curves", &text(&curves)]));
+            if !self.study.quality.surfaces {
+                arguments.push("--no-surfaces".to_owned());
+            }
             let mut inputs = models.to_vec();
             if models == aligned {
                 arguments.extend(words(&["--mask", &text(&self.group_file())]));

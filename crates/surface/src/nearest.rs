@@ -65,7 +65,12 @@ impl TriangleTree {
 
     /// Returns the nearest triangle and its distance from `point`; `None` in the same cases as
     /// [`nearest`](Self::nearest). The search is fast if `near`, a triangle close to the nearest one, is given.
-    pub(crate) fn distance(&self, point: Vec3, near: Option<u32>) -> Option<(u32, f64)> {
+    ///
+    /// # Panics
+    ///
+    /// When `near` is out of range.
+    #[must_use]
+    pub fn distance(&self, point: [f64; 3], near: Option<u32>) -> Option<(u32, f64)> {
         if self.slivers.is_some() {
             return self.nearest(point).map(|found| (found.triangle, found.distance));
         }

@@ -27,7 +27,7 @@
 //! *Bands* are from a bootstrap over the members; see `bands`.
 //!
 //! Cost, for n members, V directions and m modes: `V n (n + m)` operations for the products, and a decomposition of
-//! an (n, n) matrix for each of up to 200 members. Distances between surfaces take about 15 ms for each member and
+//! an (n, n) matrix for each of up to 200 members. Distances between surfaces take about 10 ms for each member and
 //! mode at V = 2,562.
 
 mod bands;

@@ -32,14 +32,48 @@ impl Side {
         Self { vertices: mesh.vertices, shares, tree }
     }
 
-    fn mean_to(&self, other: &Self) -> f64 {
-        let distance = |p: &Vec3| other.tree.nearest(*p).map_or(0.0, |found| found.distance);
-        self.vertices.iter().zip(&self.shares).map(|(p, share)| share * distance(p)).sum()
+    /// Returns the mean distance to the other surface, or infinity if its sum with `before` is above `most`. `near`,
+    /// (V), has the triangle of the other surface from which each vertex's search starts, and then the nearest one.
+    fn mean_to(&self, other: &Self, near: &mut [u32], before: f64, most: f64) -> f64 {
+        let mut sum = 0.0;
+        for ((p, share), near) in self.vertices.iter().zip(&self.shares).zip(near) {
+            if let Some((triangle, distance)) = other.tree.distance(*p, Some(*near)) {
+                *near = triangle;
+                sum += share * distance;
+            }
+            if before + sum > most {
+                return f64::INFINITY;
+            }
+        }
+        sum
     }
 
-    /// Returns the mean of the two mean distances from one surface to the other.
-    fn distance(&self, other: &Self) -> f64 {
-        0.5 * (self.mean_to(other) + other.mean_to(self))
+    /// Returns the mean of the two mean distances from one surface to the other, or infinity if it is above `most`.
+    fn distance(&self, other: &Self, nearby: &mut Nearby, most: f64) -> f64 {
+        let there = self.mean_to(other, &mut nearby.there, 0.0, 2.0 * most);
+        if there.is_infinite() {
+            return there;
+        }
+        0.5 * (there + other.mean_to(self, &mut nearby.back, there, 2.0 * most))
+    }
+}
+
+/// For each of two surfaces, the triangles of the other surface that are nearest to its vertices, (V). The search for
+/// the next shape, which has one mode more, starts from them.
+#[derive(Clone)]
+struct Nearby {
+    there: Vec<u32>,
+    back: Vec<u32>,
+}
+
+impl Nearby {
+    /// Starts from a triangle at each vertex, as surfaces correspond.
+    fn at_vertices(points: &Points) -> Self {
+        let mut at = vec![0; points.weights.len()];
+        for (triangle, face) in (0..).zip(&points.faces) {
+            face.iter().for_each(|&v| at[v as usize] = triangle);
+        }
+        Self { there: at.clone(), back: at }
     }
 }
 
@@ -54,10 +88,11 @@ pub(super) fn distances(
     monitor: &dyn Monitor,
 ) -> Result<(Rows, Rows), ShapeError> {
     let near = &near[..near.len().min(SHAPES)];
+    let start = Nearby::at_vertices(points);
     monitor.begin(STAGE, (left.len() + near.len()) as u64);
     let one = |left: &Left| -> Result<Vec<f64>, ShapeError> {
         let own = Side::new(points, points.members[left.member].clone());
-        let mut distances: Vec<f64> = Vec::with_capacity(most);
+        let (mut distances, mut nearby) = (Vec::with_capacity(most), start.clone());
         for k in 0..most {
             monitor.check()?;
             // The other members have no further modes, so the nearest shape and its distance are unchanged.
@@ -65,7 +100,11 @@ pub(super) fn distances(
                 distances.push(distances[k - 1]);
                 continue;
             }
-            distances.push(own.distance(&Side::new(points, points.combined(&left.factors[k]))));
+            distances.push(own.distance(
+                &Side::new(points, points.combined(&left.factors[k])),
+                &mut nearby,
+                f64::INFINITY,
+            ));
         }
         monitor.step(1);
         Ok(distances)
@@ -75,15 +114,16 @@ pub(super) fn distances(
     let n = points.members.len();
     let one = |near: &Near| -> Result<Vec<f64>, ShapeError> {
         let mut factors = vec![1.0 / n as f64; n];
-        let mut distances = Vec::with_capacity(most);
+        let (mut distances, mut nearby) = (Vec::with_capacity(most), [start.clone(), start.clone()]);
         for k in 0..most {
             monitor.check()?;
             if let Some(along) = near.along.get(k) {
                 factors.iter_mut().zip(model.loadings.row(k)).for_each(|(factor, loading)| *factor += along * loading);
             }
             let shape = Side::new(points, points.combined(&factors));
-            distances
-                .push(near.rows[k].map(|row| shape.distance(&members[row])).into_iter().fold(f64::INFINITY, f64::min));
+            let both = near.rows[k].into_iter().zip(&mut nearby);
+            let least = |least: f64, (row, nearby)| shape.distance(&members[row], nearby, least).min(least);
+            distances.push(both.fold(f64::INFINITY, least));
         }
         monitor.step(1);
         Ok(distances)
