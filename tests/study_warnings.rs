@@ -81,7 +81,7 @@ fn warnings(site: &Path, output: &Output) -> (Vec<String>, Vec<String>) {
 #[test]
 fn a_wrong_unit_and_a_file_under_two_ids_are_named_at_the_end_and_on_the_page() {
     let site = site("joint");
-    run(site.path());
+    assert!(text(&run(site.path())).contains("quality control: no subject flagged, see out/quality.tsv"));
     for (id, state, why) in checked(site.path()) {
         assert!(state == "ok" && why.is_empty(), "a study without faults: {id}: {why}");
     }

@@ -9,6 +9,7 @@ use spharm_cli::paths::{all_shown, shown};
 
 use super::Call;
 use super::provenance::Provenance;
+use super::stages::CHECK;
 use super::test::Test;
 use super::warnings::{Flagged, about};
 
@@ -116,8 +117,12 @@ impl Call<'_> {
                 .map(|Done { stage, state, seconds }| vec![stage.clone(), state.clone(), format!("{seconds:.1} s")]),
         );
         print(&format!("\n{}", table(&rows)))?;
-        if !self.flagged.is_empty() {
-            let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
+        if self.rows.iter().any(|done| done.stage == CHECK) {
+            let table = self.plan.checked();
+            let flagged = match self.flagged.len() {
+                0 => "no subject".to_owned(),
+                count => counted(count, "subject"),
+            };
             let excluded = match self.plan.excluded.len() {
                 0 => String::new(),
                 count => format!(", {count} excluded"),

@@ -239,7 +239,8 @@ impl Call<'_> {
         let removed: usize = self.plan.fits().iter().map(tidy::models).sum::<Result<_>>()?;
         if removed > 0 {
             let removed = counted(removed, "model");
-            self.console.note(format!("removed {removed} of subjects no longer in the study, or now failing"));
+            self.console
+                .note(format!("removed {removed} of subjects that are excluded, failed or not in the table any more"));
         }
         self.warnings.extend(check::fitted(self.plan, &subjects, &self.failed)?);
         self.plan.write_lists(&subjects)?;

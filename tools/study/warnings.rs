@@ -6,13 +6,17 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde_json::Value;
+use spharm::pose::IN_DOUBT;
 use spharm_cli::inputs::{MOST_OWN, read_text};
-use spharm_cli::output::counted;
+use spharm_cli::output::{counted, first_of};
 use spharm_cohort::check::subject_of;
 
 use super::plan::{Plan, Subject};
 use super::test::Test;
 use crate::report;
+
+/// Maximum number of subjects that a warning about poses names.
+const NAMED: usize = 10;
 
 /// A flagged subject, with its flags.
 pub(super) struct Flagged {
@@ -31,9 +35,21 @@ pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
     };
     let flagged: Vec<Flagged> = subjects.filter(|subject| subject["state"] == "flagged").map(of).collect();
     let mut warnings = texts(&report["warnings"]);
+    let subjects = report["subjects"].as_array().into_iter().flatten();
+    let is_in_doubt = |subject: &&Value| subject["remarks"].as_str().is_some_and(|text| text.contains(IN_DOUBT));
+    let in_doubt: Vec<&str> = subjects.filter(is_in_doubt).filter_map(|subject| subject["id"].as_str()).collect();
+    if !in_doubt.is_empty() {
+        warnings.push(format!(
+            "two poses fit nearly equally well for {}: {}; some may be turned round, and an effect at one end may appear at \
+             the other, too",
+            counted(in_doubt.len(), "subject"),
+            first_of(in_doubt.iter().copied(), NAMED)
+        ));
+    }
     if !flagged.is_empty() {
         warnings.push(format!(
-            "{} flagged in the quality control, and part of the mean, the modes and the tests all the same",
+            "{} flagged in the quality control, but still part of the mean, the modes and the tests; exclude or accept \
+             them in [subjects]",
             counted(flagged.len(), "subject")
         ));
     }
