@@ -7,6 +7,7 @@ import { existsSync, mkdirSync, statSync, writeFileSync } from 'node:fs';
 import { cpus, loadavg } from 'node:os';
 import { resolve } from 'node:path';
 
+import { barriers } from './accessibility.mjs';
 import { launch, open, program, until } from './browser.mjs';
 import { readPly, size } from './files.mjs';
 
@@ -46,6 +47,16 @@ function prepare() {
   run('shape', 'pca', 'aligned', '-o', 'group.shape-model.npz');
   const group = (letter) => execFileSync('sh', ['-c', `ls aligned/${letter}*`], { cwd: folder }).toString().trim().split('\n');
   run('shape', 'test', '--a', ...group('a'), '--b', ...group('b'), '-o', 'test');
+}
+
+/** A page in light and dark colours against the rules of axe-core. */
+async function accessible(browser, file) {
+  for (const dark of [false, true]) {
+    const { page } = await open(browser, at(file), { dark });
+    const found = await barriers(page);
+    bar(`${file}, ${dark ? 'dark' : 'light'}: serious findings of axe-core, none`, found.join('; ') || 'none', found.length === 0);
+    await page.context().close();
+  }
 }
 
 /** Positions and colours in the page against those of the program, at some degrees. */
@@ -273,6 +284,7 @@ await group(browser);
 await hostile(browser);
 await several(browser);
 await still(browser);
+for (const file of ['small.html', 'group.html', 'several.html']) await accessible(browser, file);
 if (data && existsSync(`${data}/cort40962.surf.gii`)) {
   if (!existsSync(at('cort.spharm.npz'))) {
     run('fit', '--surface', `${data}/cort40962.surf.gii`, '--sphere', `${data}/cort40962.sphere.surf.gii`, '--max-degree', 100, '-o', 'cort.spharm.npz');
