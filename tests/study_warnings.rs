@@ -20,9 +20,6 @@ arguments = ["--area", "0.8"]
 method = "METHOD"
 [modes]
 count = 2
-[quality]
-plain = false
-surfaces = false
 [[test]]
 name = "bump"
 effect = "group"

@@ -28,16 +28,16 @@ pub(super) struct Flagged {
 /// control.
 pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
     let report = read(&plan.check_report(), "report")?;
-    let subjects = report["subjects"].as_array().into_iter().flatten();
+    let subjects = report["subjects"].as_array().map_or(&[][..], Vec::as_slice);
     let of = |subject: &Value| Flagged {
         id: subject["id"].as_str().unwrap_or_default().to_owned(),
         flags: texts(&subject["flags"]),
     };
-    let flagged: Vec<Flagged> = subjects.filter(|subject| subject["state"] == "flagged").map(of).collect();
+    let flagged: Vec<Flagged> = subjects.iter().filter(|subject| subject["state"] == "flagged").map(of).collect();
     let mut warnings = texts(&report["warnings"]);
-    let subjects = report["subjects"].as_array().into_iter().flatten();
     let is_in_doubt = |subject: &&Value| subject["remarks"].as_str().is_some_and(|text| text.contains(IN_DOUBT));
-    let in_doubt: Vec<&str> = subjects.filter(is_in_doubt).filter_map(|subject| subject["id"].as_str()).collect();
+    let in_doubt: Vec<&str> =
+        subjects.iter().filter(is_in_doubt).filter_map(|subject| subject["id"].as_str()).collect();
     if !in_doubt.is_empty() {
         warnings.push(format!(
             "two poses fit nearly equally well for {}: {}; some may be turned round, and an effect at one end may appear at \
