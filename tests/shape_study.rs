@@ -138,6 +138,21 @@ fn a_study_finds_the_bump_of_its_second_group() {
     succeed(&mut run(site.path(), &line));
     let svg = std::fs::read_to_string(at("line.svg")).expect("a picture");
     assert!(svg.contains(">line: p-fwe = 0.05</text>") && svg.contains("width=\"81.280mm\""), "{}", &svg[..300]);
+    // A test's result in one command: the texts say what was subtracted from what, and which p values are shown.
+    let shown = succeed(&mut run(site.path(), &["picture", "--test", "test", "--dpi", "300", "-o", "test.svg"]));
+    assert!(shown.contains("4 panels"), "{shown}");
+    let svg = std::fs::read_to_string(at("test.svg")).expect("a picture");
+    for text in ["a - b, positive outward", "t of a - b", "-log10 family-wise p", "line: family-wise p = 0.05"] {
+        assert!(svg.contains(&format!(">{text}</text>")), "{text}");
+    }
+    succeed(&mut run(site.path(), &["picture", "--test", "positions", "--dpi", "300", "-o", "positions.svg"]));
+    let svg = std::fs::read_to_string(at("positions.svg")).expect("a picture");
+    assert!(
+        svg.contains(">T2 of second - first</text>") && !svg.contains("outward"),
+        "positions have no map of one effect"
+    );
+    let none = fail(&mut run(site.path(), &["picture", "--test", "meshes", "-o", "none.png"]));
+    assert!(none.contains("meshes: expected a folder of `spharm shape test`"), "{none}");
     let without = fail(&mut run(site.path(), &[&contour[..], &["test/effect.shape.gii", "-o", "x.png"]].concat()));
     assert!(without.contains("--contour-level is required for maps other than p values"), "{without}");
     let wrong = ["picture", "meshes/a01.ply", "--map", "test/test.csv", "-o", "other.png"];

@@ -269,7 +269,7 @@ fn a_mask_of_a_test_is_used_beside_that_of_the_group() {
     for said in [
         "Only vertices within the mask in/half.csv were tested.",
         &format!("Vertices without a counterpart on the subjects' surfaces ({left_out}) were left out."),
-        "shows its statistic and -log10 of the family-wise p values of threshold-free cluster enhancement.",
+        "shows the effect, the statistic and -log10 of the family-wise p values of threshold-free cluster enhancement.",
     ] {
         assert!(methods.contains(said), "{said}: {methods}");
     }

@@ -17,6 +17,7 @@ use spharm_render::View;
         "spharm picture bunny.ply bunny60.ply --error -o bunny.png",
         "spharm picture bunny.ply bunny60.ply --sphere bunny.sphere.surf.gii -o map.png",
         "spharm picture a.ply b.ply c.ply d.ply --columns 2 --view top -o four.png",
+        "spharm picture --test study/tests/group --view left right top bottom --dpi 300 -o group.svg",
         "spharm picture cells --centre --colour-by cells/volumes.tsv:sphericity --size 96 -o montage.png",
     ],
     &[help::MESHES],
@@ -25,8 +26,19 @@ pub(crate) struct Cli {
     /// Surfaces, in the order of the panels: meshes or models
     ///
     /// Files, folders (all their models), or @LIST with one path per line.
-    #[arg(required = true, value_name = "SURFACE")]
+    #[arg(required_unless_present = "test", value_name = "SURFACE")]
     pub(super) surfaces: Vec<PathBuf>,
+    /// Show the result of `spharm shape test` in a folder: mean, effect, statistic and p values
+    ///
+    /// A line encloses p values of at most the test's level: family-wise ones, of TFCE if the test had it, or the false
+    /// discovery rate without relabellings.
+    #[arg(
+        long,
+        value_name = "FOLDER",
+        conflicts_with_all = ["surfaces", "sphere", "map", "contour", "range", "colour_by", "error"],
+        help_heading = INPUT
+    )]
+    pub(super) test: Option<PathBuf>,
     /// Add a panel with the sphere of the first surface
     ///
     /// The panel follows the first surface. It is coloured by the logarithm of the area that the map to the sphere

@@ -1,29 +1,28 @@
 //! `picture`: draws surfaces side by side as a PNG.
 
 mod args;
+mod maps;
 mod surfaces;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use spharm_cli::Usage;
-use spharm_cli::inputs::stem;
 use spharm_cli::memory::Budget;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
 use spharm_harmonics::Directions;
-use spharm_monitor::number;
 use spharm_parametrize::quality::log_area_ratios;
 use spharm_render::{
-    Contour, Paint, Panel, Settings, color_of, fit_into, is_probability, render, scale_label, significance,
-    symmetric_range, with_bar, with_note, write_png, write_svg,
+    Paint, Panel, Settings, color_of, fit_into, render, symmetric_range, with_bar, with_note, write_png, write_svg,
 };
 use spharm_surface::Mesh;
-use spharm_surface::io::{WriteOptions, read_mesh, read_signal};
+use spharm_surface::io::{WriteOptions, read_mesh};
 use spharm_surface::metrics::{correspond, distances_to_surface, distances_to_surface_bytes, vertex_distances};
 
 pub(crate) use self::args::Cli;
 use self::args::Side;
+use self::maps::{Coloured, Content, ContourMap, range_of};
 use self::surfaces::Surface;
 
 /// Runs the verb.
@@ -33,13 +32,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         return Err(Usage::missing("--range needs --map or --colour-by: it sets the range of their colours").into());
     }
     let budget = cli.memory.budget(1);
-    let files = surfaces::files(&cli.surfaces)?;
-    let panels = files.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + cli.map.len();
+    let content = Content::of(cli)?;
+    let files = surfaces::files(&content.surfaces)?;
+    let panels = files.len() + usize::from(cli.error) + usize::from(cli.sphere.is_some()) + content.maps.len();
     check_memory(cli, &[], panels, budget)?;
-    budget.check_inputs(
-        "picture",
-        files.iter().chain(&cli.sphere).chain(&cli.map).chain(&cli.contour).map(PathBuf::as_path),
-    )?;
+    let maps = content.maps.iter().chain(&content.contour).map(|map| &map.path);
+    budget.check_inputs("picture", files.iter().chain(&cli.sphere).chain(maps).map(PathBuf::as_path))?;
     let by_column = cli.colour_by.as_ref();
     let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files)).transpose()?;
     let numbers = numbers.unwrap_or_default();
@@ -80,44 +78,17 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         let paint = Paint::Scalar { values: &ratios, range: symmetric_range(&ratios), label: "log area ratio" };
         panels.insert(1, Panel { paint, ..Panel::new(&sphere, "sphere") });
     }
-    let maps = cli.map.iter().map(|path| read_map(path, &meshes[0])).collect::<Result<Vec<_>>>()?;
-    let names: Vec<String> = cli.map.iter().map(|path| stem(path)).collect();
-    // Show p values as -log10 p, so that the smallest values get the last colours, as on a page.
-    let maps: Vec<(Vec<f64>, (f64, f64), String)> = maps
-        .into_iter()
-        .zip(&names)
-        .map(|(values, name)| {
-            let (values, range) = if is_probability(name) {
-                significance(&values)
-            } else {
-                let range = range_of(&values);
-                (values, range)
-            };
-            let range = cli.range.unwrap_or(range);
-            let label = scale_label(name, &values, range);
-            (values, range, label)
-        })
-        .collect();
-    for ((values, range, label), name) in maps.iter().zip(&names) {
+    let read = content.maps.into_iter().map(|map| map.read(&meshes[0], cli.range));
+    let maps = read.collect::<Result<Vec<_>>>()?;
+    for Coloured { values, range, label, caption } in &maps {
         let paint = Paint::Scalar { values, range: *range, label };
-        panels.push(Panel { paint, ..Panel::new(&meshes[0], name) });
+        panels.push(Panel { paint, ..Panel::new(&meshes[0], caption) });
     }
-    let contour = cli.contour.as_ref().map(|path| read_contour(cli, path, &meshes[0])).transpose()?;
-    if let Some(contour @ ContourMap { values, level, .. }) = &contour {
-        if !contour.has_line() {
-            let path = cli.contour.as_deref().unwrap_or(Path::new("")).display();
-            let (low, high) = contour.range;
-            let text = format!(
-                "{path}: the picture has no line at {}: all values are from {} to {}",
-                contour.stated,
-                number(low),
-                number(high)
-            );
-            cli.common.console().warn(text);
-        }
-        let line = contour.has_line().then_some(Contour { values, level: *level });
+    let contour = content.contour.map(|map| ContourMap::read(map, content.level, &meshes[0], &cli.common.console()));
+    let contour = contour.transpose()?;
+    if let Some(contour) = &contour {
         let of_first = |panel: &&mut Panel<'_>| std::ptr::eq(panel.mesh, &raw const meshes[0]);
-        panels.iter_mut().filter(of_first).for_each(|panel| panel.contour = line);
+        panels.iter_mut().filter(of_first).for_each(|panel| panel.contour = contour.line());
     }
     panels.iter_mut().zip(&cli.caption).for_each(|(panel, caption)| panel.caption = caption);
     let captions: Vec<String> = match &cli.view[..] {
@@ -154,59 +125,11 @@ fn is_svg(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("svg"))
 }
 
-/// A map and the value along its contour. For p values, both are -log10.
-struct ContourMap {
-    values: Vec<f64>,
-    level: f64,
-    name: String,
-    /// Level as given by the user, and the range of the map's values in the same unit.
-    stated: f64,
-    range: (f64, f64),
-}
-
-impl ContourMap {
-    /// Returns whether the map has values on both sides of the level.
-    fn has_line(&self) -> bool {
-        self.values.iter().any(|value| *value < self.level) && self.values.iter().any(|value| *value >= self.level)
-    }
-
-    /// Returns the text beneath the picture.
-    fn note(&self) -> String {
-        let (name, stated) = (&self.name, self.stated);
-        if self.has_line() {
-            format!("line: {name} = {stated}")
-        } else {
-            let (low, high) = self.range;
-            let side = if low > stated { "above" } else { "at most" };
-            format!("no line: {name} is {side} {stated} everywhere ({} to {})", number(low), number(high))
-        }
-    }
-}
-
-fn read_contour(cli: &Cli, path: &Path, surface: &Mesh) -> Result<ContourMap> {
-    let (values, name) = (read_map(path, surface)?, stem(path));
-    let range = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
-    let (values, level, stated) = match (cli.contour_level, is_probability(&name)) {
-        (None, false) => bail!("{}: --contour-level is required for maps other than p values", path.display()),
-        (Some(level), true) if !(level > 0.0 && level < 1.0) => {
-            bail!("--contour-level: expected between 0 and 1 for p values ({}), found {level}", path.display())
-        }
-        (Some(level), false) => (values, level, level),
-        (level, true) => {
-            let p = level.unwrap_or(LEVEL);
-            (significance(&values).0, -p.log10(), p)
-        }
-    };
-    Ok(ContourMap { values, level, name, stated, range })
-}
-
 /// Returns the text beneath a panel of a surface that is shown from several sides.
 fn caption(name: &str, view: Side) -> String {
     if name.is_empty() { view.axis().to_owned() } else { format!("{name}, {}", view.axis()) }
 }
 
-/// Default level of contours of p values.
-const LEVEL: f64 = 0.05;
 /// Largest number of panels that are in one row by default.
 const ROW: usize = 6;
 
@@ -238,7 +161,9 @@ fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) 
     let evaluating = surfaces.iter().map(Surface::bytes_to_evaluate).max().unwrap_or_default();
     // Memory of the sphere, as read and as scaled, and of the values of each panel, in bytes.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
-    let values = 8 * vertices * (panels.saturating_sub(surfaces.len()) + 2 * usize::from(cli.contour.is_some()));
+    let values = 8
+        * vertices
+        * (panels.saturating_sub(surfaces.len()) + 2 * usize::from(cli.contour.is_some() || cli.test.is_some()));
     let painting = match surfaces {
         [Surface::Mesh(first), .., Surface::Mesh(last)] if cli.error && correspond(first, last) => 0,
         [first, .., last] if cli.error => {
@@ -256,24 +181,6 @@ fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) 
     budget.check_or(what, needed(cli.size), smaller)
 }
 
-/// Reads values on a surface's vertices.
-fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
-    let signal = read_signal(path)?;
-    let (vertices, found) = (surface.vertices.len(), (signal.vertices, signal.channels));
-    if found != (vertices, 1) {
-        bail!(
-            "{}: expected one value for each of {vertices} vertices, found {} for each of {}",
-            path.display(),
-            counted(found.1, "value"),
-            found.0
-        );
-    }
-    match signal.values.iter().position(|value| !value.is_finite()) {
-        Some(vertex) => bail!("{}: vertex {vertex} has no finite value", path.display()),
-        None => Ok(signal.values),
-    }
-}
-
 /// Returns the range of the colours for the numbers of surfaces: the range of the numbers, widened if all are equal.
 fn colours_of(numbers: &[f64]) -> (f64, f64) {
     match numbers.first() {
@@ -283,16 +190,6 @@ fn colours_of(numbers: &[f64]) -> (f64, f64) {
         }
         _ => range_of(numbers),
     }
-}
-
-/// Returns the range of the colours: symmetric about 0 if values have both signs, otherwise from the minimum to the
-/// maximum.
-fn range_of(values: &[f64]) -> (f64, f64) {
-    let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
-    if low < 0.0 {
-        return symmetric_range(values);
-    }
-    if low < high { (low, high) } else { (low, low + f64::MIN_POSITIVE.max(low.abs())) }
 }
 
 /// Reads the sphere of a surface and scales it to radius 1.

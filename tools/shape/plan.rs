@@ -6,6 +6,7 @@ use anyhow::Result;
 use spharm::shape::memory::GroupSizes;
 use spharm_cli::console::Console;
 use spharm_cli::memory::{Budget, Memory};
+use spharm_cli::output::counted;
 use spharm_cli::threads::Threads;
 use spharm_model::Model;
 use spharm_surface::Sphere;
@@ -81,8 +82,7 @@ impl Plan {
     /// fits.
     pub(super) fn check(&self, needed: u64, others: impl IntoIterator<Item = (String, u64)>) -> Result<()> {
         let GroupSizes { models, max_degree, .. } = self.group;
-        let count = if models == 1 { "1 model".to_owned() } else { format!("{models} models") };
-        let what = format!("shape {} of {count} of degree {max_degree}", self.subcommand);
+        let what = format!("shape {} of {} of degree {max_degree}", self.subcommand, counted(models, "model"));
         self.budget.check_or(what, needed, others)
     }
 
@@ -90,6 +90,7 @@ impl Plan {
     pub(super) fn note(&self, needed: u64, console: &Console) {
         let GroupSizes { models, max_degree, .. } = self.group;
         let (needed, budget) = (needed.div_ceil(1 << 20), self.budget.work() >> 20);
+        let models = counted(models, "model");
         console.note(format!("{models} of degree {max_degree}: {needed} of {budget} MiB planned"));
     }
 

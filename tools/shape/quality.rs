@@ -221,9 +221,9 @@ fn rows(found: &GroupQuality) -> Vec<Vec<String>> {
 /// between surfaces.
 fn panels(found: &GroupQuality) -> Vec<CurvePanel<'_>> {
     vec![
-        panel("compactness", &found.compactness, None),
-        panel("generalisation", &found.generalisation, found.surface_generalisation.as_ref()),
-        panel("specificity", &found.specificity, found.surface_specificity.as_ref()),
+        panel("compactness, share of the variance", &found.compactness, None),
+        panel("generalisation, distance", &found.generalisation, found.surface_generalisation.as_ref()),
+        panel("specificity, distance", &found.specificity, found.surface_specificity.as_ref()),
     ]
 }
 

@@ -237,7 +237,8 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         "p-tfce" => "the family-wise p values of threshold-free cluster enhancement",
         _ => "the family-wise p values",
     };
-    let _ = write!(text, "The figure of this test shows its statistic and -log10 of {p}. ");
+    let effect = if plan.test_folder(test).join("effect.shape.gii").is_file() { "the effect, " } else { "" };
+    let _ = write!(text, "The figure of this test shows {effect}the statistic and -log10 of {p}. ");
     Ok(text)
 }
 

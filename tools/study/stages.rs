@@ -259,17 +259,15 @@ impl Plan {
             inputs.extend(path);
         }
         let tested = self.stage(&name, arguments, &inputs, [folder.clone()]);
-        let map = |name: &str| folder.join(format!("{name}.shape.gii"));
-        let (mean, statistic, map) = (folder.join("mean.surf.gii"), map("statistic"), map(test.map()));
+        let [statistic, p] = ["statistic", test.map()].map(|name| folder.join(format!("{name}.shape.gii")));
+        let shown = [folder.join("test.json"), folder.join("mean.surf.gii"), statistic, p];
         let [png, svg] = ["png", "svg"].map(|ending| {
             let picture = self.output.join("figures").join(format!("{}.{ending}", test.name));
-            let mut drawing = words(&["picture", &text(&mean), "--map", &text(&statistic), &text(&map)]);
-            drawing.extend(words(&["--contour", &text(&map), "--view"]));
+            let mut drawing = words(&["picture", "--test", &text(&folder), "--view"]);
             drawing.extend(words(&["left", "right", "top", "bottom", "front", "back"]));
             // Six panels of 354 pixels are 180 mm wide, the width of a page in most journals.
             drawing.extend(words(&["--size", "354", "--dpi", "300", "-o", &text(&picture)]));
-            let inputs = [mean.clone(), statistic.clone(), map.clone()];
-            self.stage(&format!("picture.{}.{ending}", test.name), drawing, &inputs, [picture])
+            self.stage(&format!("picture.{}.{ending}", test.name), drawing, &shown, [picture])
         });
         [tested, png, svg]
     }

@@ -304,7 +304,7 @@ mod tests {
         facts[8].repair = Counts { voxels: 300, texts: vec!["1 piece dropped".to_owned()] };
         facts[9].notes = vec!["it may be of the other side".to_owned()];
         facts[12].notes =
-            vec![format!("{IN_DOUBT}: the distance is 1, but another pose has a similar distance of 1.01")];
+            vec![format!("{IN_DOUBT}: another pose fits nearly equally well, with a distance of 1.01 in place of 1")];
         // A residual far below those of the others is good, so it isn't flagged.
         facts[10].measures[Measure::Rms as usize] = Some(0.001);
         facts[11].measures[Measure::Rms as usize] = Some(1.0);

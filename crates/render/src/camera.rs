@@ -35,6 +35,7 @@ impl View {
 }
 
 /// Maps points in space to pixels, with x to the right and y down, and to a depth that grows towards the camera.
+#[derive(Clone, Copy)]
 pub(crate) struct Camera {
     right: Vec3,
     up: Vec3,

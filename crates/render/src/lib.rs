@@ -184,16 +184,29 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
 
     let mut picture = Image::filled(width, height, BACKGROUND);
     (picture.dpi, picture.texts) = (settings.dpi, settings.keep_text.then(Vec::new));
+    // Panels often show one mesh from many sides, or many meshes from one side: each mesh counts once, and each side
+    // has one camera.
+    let mut meshes: Vec<&Mesh> = Vec::new();
+    for panel in panels {
+        if !meshes.iter().any(|mesh| std::ptr::eq(*mesh, panel.mesh)) {
+            meshes.push(panel.mesh);
+        }
+    }
+    let mut common: Vec<(View, Camera)> = Vec::new();
     for (i, panel) in panels.iter().enumerate() {
         let (x, y) = ((i % columns) * settings.width, (i / columns) * panel_height);
-        let framed = if settings.common_scale { panels } else { std::slice::from_ref(panel) };
         let view = panel.view.unwrap_or(settings.view);
-        let camera = match settings.frame {
-            Some(corners) => Camera::framing(view, &box_corners(corners), settings.width, mesh_height),
-            None => {
-                let points = framed.iter().flat_map(|p| &p.mesh.vertices);
-                Camera::framing(view, points, settings.width, mesh_height)
-            }
+        let camera = match (settings.frame, settings.common_scale) {
+            (Some(corners), _) => Camera::framing(view, &box_corners(corners), settings.width, mesh_height),
+            (None, false) => Camera::framing(view, &panel.mesh.vertices, settings.width, mesh_height),
+            (None, true) => *match common.iter().find(|(of, _)| *of == view) {
+                Some((_, camera)) => camera,
+                None => {
+                    let points = meshes.iter().flat_map(|mesh| &mesh.vertices);
+                    common.push((view, Camera::framing(view, points, settings.width, mesh_height)));
+                    &common[common.len() - 1].1
+                }
+            },
         };
         let painted = match panel.paint {
             Paint::Plain(color) => vec![color; panel.mesh.vertices.len()],

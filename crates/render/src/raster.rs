@@ -96,20 +96,16 @@ impl Raster {
                 if weights.iter().any(|&w| w < 0.0) {
                     continue;
                 }
-                let mixed = |of: fn(&Corner) -> Vec3| {
-                    let parts = corners.iter().zip(weights).map(|(corner, w)| scale(of(corner), w));
-                    parts.fold([0.0; 3], add)
-                };
-                let depth = mixed(|corner| corner.at)[2];
+                let depth = mixed(corners.map(|corner| [corner.at[2]]), weights)[0];
                 let sample = row * columns + column;
                 if depth > self.depth[sample] {
                     self.depth[sample] = depth;
-                    let normal = unit(mixed(|corner| corner.normal));
+                    let normal = unit(mixed(corners.map(|corner| corner.normal), weights));
                     let light = shade(normal, lights, towards);
                     let color = if line.is_some_and(|line| line.covers(weights)) {
                         INK.map(to_linear)
                     } else {
-                        mixed(|corner| corner.color).map(|x| x * light)
+                        mixed(corners.map(|corner| corner.color), weights).map(|x| x * light)
                     };
                     self.color[sample] = color.map(|x| x as f32);
                 }
@@ -123,10 +119,14 @@ impl Raster {
         let columns = self.width * FINE;
         for row in 0..self.height {
             for column in 0..self.width {
+                let sample = |i: usize| (row * FINE + i / FINE) * columns + column * FINE + i % FINE;
+                if (0..FINE * FINE).all(|i| self.depth[sample(i)] == f64::NEG_INFINITY) {
+                    continue;
+                }
                 let background = picture.get(x + column, y + row).map(to_linear);
                 let mut sum = [0.0; 3];
                 for i in 0..FINE * FINE {
-                    let sample = (row * FINE + i / FINE) * columns + column * FINE + i % FINE;
+                    let sample = sample(i);
                     let light = match self.depth[sample] {
                         f64::NEG_INFINITY => background,
                         _ => self.color[sample].map(f64::from),
@@ -189,6 +189,12 @@ fn columns_of(corners: [Vec3; 3], y: f64, across: &Range<usize>) -> Range<usize>
     }
     let start = across.start.max((low - 1.0).floor().max(0.0) as usize);
     start..across.end.min((high + 1.0).ceil().max(0.0) as usize).max(start)
+}
+
+/// Returns the mean of the corners' values, weighted by barycentric coordinates.
+#[inline]
+fn mixed<const N: usize>([a, b, c]: [[f64; N]; 3], weights: [f64; 3]) -> [f64; N] {
+    std::array::from_fn(|k| a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2])
 }
 
 /// Returns the brightness of a point by Lambert's cosine law plus ambient light.

@@ -50,11 +50,11 @@ pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     (values, (0.0, most))
 }
 
-/// Returns the label of a map's scale: the name of the map, preceded by `-log10` for p values, or followed by the
+/// Returns the label of a map's scale: the name of the map, preceded by `-log10` for probabilities, or followed by the
 /// number of values that lie beyond the range.
 #[must_use]
-pub fn scale_label(name: &str, values: &[f64], (low, high): (f64, f64)) -> String {
-    if is_probability(name) {
+pub fn scale_label(name: &str, probability: bool, values: &[f64], (low, high): (f64, f64)) -> String {
+    if probability {
         return format!("-log10 {name}");
     }
     let beyond = values.iter().filter(|value| **value < low || **value > high).count();
@@ -72,9 +72,9 @@ mod tests {
         assert!((values[1] - 3.0).abs() < 1e-12 && values[3].is_nan());
         assert_eq!(significance(&[0.5]).1, (0.0, 1.0));
         assert!(is_probability("p-fwe") && is_probability("q") && !is_probability("power"));
-        assert_eq!(scale_label("p-fwe", &[0.5], (0.0, 1.0)), "-log10 p-fwe");
-        assert_eq!(scale_label("effect", &[0.5, -0.5], (-0.5, 0.5)), "effect");
-        assert_eq!(scale_label("effect", &[0.5, 2.0], (-1.0, 1.0)), "effect, clipped: 1 of 2 beyond");
+        assert_eq!(scale_label("p-fwe", true, &[0.5], (0.0, 1.0)), "-log10 p-fwe");
+        assert_eq!(scale_label("effect", false, &[0.5, -0.5], (-0.5, 0.5)), "effect");
+        assert_eq!(scale_label("effect", false, &[0.5, 2.0], (-1.0, 1.0)), "effect, clipped: 1 of 2 beyond");
     }
 
     #[test]

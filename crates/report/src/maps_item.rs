@@ -56,7 +56,7 @@ impl MapsItem {
             .iter()
             .filter(|(name, _)| shown.contains(&name.as_str()))
             .map(|(name, values)| {
-                let label = scale_label(name, values, range(values));
+                let label = scale_label(name, is_probability(name), values, range(values));
                 let (values, range) =
                     if is_probability(name) { significance(values) } else { (values.clone(), range(values)) };
                 (values, range, label)
@@ -77,7 +77,7 @@ impl MapsItem {
         for (name, values) in &test.maps {
             let probability = is_probability(name);
             let (low, high) = range(values);
-            let label = scale_label(name, values, (low, high));
+            let label = scale_label(name, probability, values, (low, high));
             let values = blocks.f32(values.iter().copied());
             maps.push(Map { name: name.clone(), values, probability, range: [low, high], label });
         }

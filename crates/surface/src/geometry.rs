@@ -5,36 +5,42 @@ pub type Vec3 = [f64; 3];
 
 /// Returns a + b.
 #[must_use]
+#[inline]
 pub fn add(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// Returns a - b.
 #[must_use]
+#[inline]
 pub fn sub(a: Vec3, b: Vec3) -> Vec3 {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// Returns s a.
 #[must_use]
+#[inline]
 pub fn scale(a: Vec3, s: f64) -> Vec3 {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
 /// Returns the inner product.
 #[must_use]
+#[inline]
 pub fn dot(a: Vec3, b: Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Returns the vector product.
 #[must_use]
+#[inline]
 pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Returns `a` scaled to length 1, or the zero vector if the length of `a` is 0 or not finite.
 #[must_use]
+#[inline]
 pub fn unit(a: Vec3) -> Vec3 {
     let length = dot(a, a).sqrt();
     if length > 0.0 && length.is_finite() { scale(a, 1.0 / length) } else { [0.0; 3] }
@@ -42,6 +48,7 @@ pub fn unit(a: Vec3) -> Vec3 {
 
 /// Returns the normal of a triangle, with twice the triangle's area as its length.
 #[must_use]
+#[inline]
 pub fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
@@ -66,6 +73,7 @@ pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
 /// The corners are unit vectors. The determinant is computed from edges, as `a . ((b - a) x (c - a))`. Computed from
 /// the corners, it would lose all digits in triangles with edges of 1e-8 rad.
 #[must_use]
+#[inline]
 pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f64 {
     let volume = dot(a, face_normal([a, b, c]));
     2.0 * volume.atan2(1.0 + dot(a, b) + dot(b, c) + dot(c, a))

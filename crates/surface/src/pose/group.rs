@@ -109,16 +109,16 @@ impl GroupPoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Doubtful { distance, second, .. } => format!(
-                "{IN_DOUBT}: the distance from the other surfaces is {distance:.4}, but another pose has a similar \
-                 distance of {second:.4}"
+                "{IN_DOUBT}: another pose fits the other surfaces nearly equally well, with a distance of {second:.4} \
+                 in place of {distance:.4}, so the surface may be turned round"
             ),
             Self::Far { distance, median, .. } => format!(
                 "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \
                  the surface may be of another kind or in another unit"
             ),
             Self::Mirrored { distance, mirrored, .. } => format!(
-                "the distance from the other surfaces is {distance:.4}, and {mirrored:.4} for its mirror image: the \
-                 surface may be from the other side, or the file may be mirrored"
+                "the mirror image fits the other surfaces better, with a distance of {mirrored:.4} in place of \
+                 {distance:.4}: the surface may be from the other side, or the file may be mirrored"
             ),
         }
     }

@@ -1,0 +1,206 @@
+//! Maps on the first surface: values on its vertices, in colours or along a line.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use spharm_cli::console::Console;
+use spharm_cli::inputs::{read_text, stem};
+use spharm_cli::output::counted;
+use spharm_monitor::number;
+use spharm_render::{Contour, is_probability, scale_label, significance, symmetric_range};
+use spharm_surface::Mesh;
+use spharm_surface::io::read_signal;
+
+use super::args::Cli;
+
+/// Maximum size in bytes of the description of a test.
+const LARGEST_DESCRIPTION: u64 = 64 << 20;
+/// Default level of contours of p values.
+const LEVEL: f64 = 0.05;
+
+/// What a picture shows: surfaces, maps on the first of them, and the map along which a line is drawn.
+pub(super) struct Content {
+    pub(super) surfaces: Vec<PathBuf>,
+    pub(super) maps: Vec<MapFile>,
+    pub(super) contour: Option<MapFile>,
+    /// Value along the contour, if it was chosen.
+    pub(super) level: Option<f64>,
+}
+
+/// A file of one value per vertex of the first surface.
+pub(super) struct MapFile {
+    pub(super) path: PathBuf,
+    /// Text beneath the panel.
+    pub(super) caption: String,
+    /// Name of the values, for the colour scale.
+    label: String,
+}
+
+impl Content {
+    /// Returns what the command line asks for.
+    pub(super) fn of(cli: &Cli) -> Result<Self> {
+        if let Some(folder) = &cli.test {
+            return Self::of_test(folder).with_context(|| format!("--test {}", folder.display()));
+        }
+        Ok(Self {
+            surfaces: cli.surfaces.clone(),
+            maps: cli.map.iter().map(|path| MapFile::new(path)).collect(),
+            contour: cli.contour.as_deref().map(MapFile::new),
+            level: cli.contour_level,
+        })
+    }
+
+    /// Returns the result of `spharm shape test` in a folder: the mean, the effect, the statistic and the p values,
+    /// with a line at the test's level. A test of several contrasts has no map of an effect.
+    fn of_test(folder: &Path) -> Result<Self> {
+        let path = folder.join("test.json");
+        let text = read_text(&path, "description of a test", LARGEST_DESCRIPTION)
+            .context("expected a folder of `spharm shape test`")?;
+        let about: Value = serde_json::from_str(&text).context("test.json isn't JSON")?;
+        let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+        let (tested, statistic) = (text(&about["tested"]), text(&about["statistic"]["name"]));
+        let outward = if about["signal"] == "normal" { ", positive outward" } else { "" };
+        let file = |name: &str| {
+            let files = ["shape.gii", "mgh"].map(|ending| folder.join(format!("{name}.{ending}")));
+            files.into_iter().find(|path| path.is_file())
+        };
+        let map = |name: &str, caption: &str, label: String| {
+            file(name).map(|path| MapFile { path, caption: caption.to_owned(), label })
+        };
+        let names = [("p-tfce", "family-wise p of TFCE"), ("p-fwe", "family-wise p"), ("q", "false discovery rate q")];
+        let p = || names.iter().find_map(|(name, label)| map(name, label, (*label).to_owned()));
+        let effect = map("effect", "effect", format!("{tested}{outward}"));
+        let statistic = map("statistic", &statistic, format!("{statistic} of {tested}"));
+        if statistic.is_none() {
+            bail!("expected maps of `spharm shape test`, found no statistic.shape.gii");
+        }
+        Ok(Self {
+            surfaces: vec![folder.join("mean.surf.gii")],
+            maps: [effect, statistic, p()].into_iter().flatten().collect(),
+            contour: p(),
+            level: about["level"].as_f64(),
+        })
+    }
+}
+
+impl MapFile {
+    fn new(path: &Path) -> Self {
+        Self { path: path.to_owned(), caption: stem(path), label: stem(path) }
+    }
+
+    /// Returns whether the values are p values or false-discovery rates, judging by the file's name.
+    fn is_probability(&self) -> bool {
+        is_probability(&stem(&self.path))
+    }
+
+    /// Reads a map to be shown in colours.
+    pub(super) fn read(self, surface: &Mesh, range: Option<(f64, f64)>) -> Result<Coloured> {
+        let values = read_map(&self.path, surface)?;
+        // p values are shown as -log10 p, so that the smallest values get the last colours, as on a page.
+        let (values, own) = if self.is_probability() {
+            significance(&values)
+        } else {
+            let range = range_of(&values);
+            (values, range)
+        };
+        let range = range.unwrap_or(own);
+        let label = scale_label(&self.label, self.is_probability(), &values, range);
+        Ok(Coloured { values, range, label, caption: self.caption })
+    }
+}
+
+/// A map to be shown in colours.
+pub(super) struct Coloured {
+    pub(super) values: Vec<f64>,
+    /// Values with the first and the last colour.
+    pub(super) range: (f64, f64),
+    /// Text beneath the colour scale.
+    pub(super) label: String,
+    /// Text beneath the panel.
+    pub(super) caption: String,
+}
+
+/// A map and the value along its contour. For p values, both are -log10.
+pub(super) struct ContourMap {
+    pub(super) values: Vec<f64>,
+    level: f64,
+    label: String,
+    /// Level as given by the user, and the range of the map's values in the same unit.
+    stated: f64,
+    range: (f64, f64),
+}
+
+impl ContourMap {
+    /// Reads a map, and warns if it has no line at the level.
+    pub(super) fn read(map: MapFile, level: Option<f64>, surface: &Mesh, console: &Console) -> Result<Self> {
+        let path = map.path.display();
+        let values = read_map(&map.path, surface)?;
+        let range = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
+        let (values, level, stated) = match (level, map.is_probability()) {
+            (None, false) => bail!("{path}: --contour-level is required for maps other than p values"),
+            (Some(level), true) if !(level > 0.0 && level < 1.0) => {
+                bail!("--contour-level: expected between 0 and 1 for p values ({path}), found {level}")
+            }
+            (Some(level), false) => (values, level, level),
+            (level, true) => {
+                let p = level.unwrap_or(LEVEL);
+                (significance(&values).0, -p.log10(), p)
+            }
+        };
+        let contour = Self { values, level, stated, range, label: map.label.clone() };
+        if contour.line().is_none() {
+            let (low, high) = contour.range;
+            let (low, high) = (number(low), number(high));
+            console.warn(format!("{path}: the picture has no line at {stated}: all values are from {low} to {high}"));
+        }
+        Ok(contour)
+    }
+
+    /// Returns the line to draw, if the map has values on both sides of the level.
+    pub(super) fn line(&self) -> Option<Contour<'_>> {
+        let crosses =
+            self.values.iter().any(|value| *value < self.level) && self.values.iter().any(|value| *value >= self.level);
+        crosses.then_some(Contour { values: &self.values, level: self.level })
+    }
+
+    /// Returns the text beneath the picture.
+    pub(super) fn note(&self) -> String {
+        let (label, stated) = (&self.label, self.stated);
+        if self.line().is_some() {
+            format!("line: {label} = {stated}")
+        } else {
+            let (low, high) = self.range;
+            let side = if low > stated { "above" } else { "at most" };
+            format!("no line: {label} is {side} {stated} everywhere ({} to {})", number(low), number(high))
+        }
+    }
+}
+
+/// Reads values on a surface's vertices.
+fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
+    let signal = read_signal(path)?;
+    let (vertices, found) = (surface.vertices.len(), (signal.vertices, signal.channels));
+    if found != (vertices, 1) {
+        bail!(
+            "{}: expected one value for each of {vertices} vertices, found {} for each of {}",
+            path.display(),
+            counted(found.1, "value"),
+            found.0
+        );
+    }
+    match signal.values.iter().position(|value| !value.is_finite()) {
+        Some(vertex) => bail!("{}: vertex {vertex} has no finite value", path.display()),
+        None => Ok(signal.values),
+    }
+}
+
+/// Returns the range of the colours: symmetric about 0 if values have both signs, otherwise from the minimum to the
+/// maximum.
+pub(super) fn range_of(values: &[f64]) -> (f64, f64) {
+    let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
+    if low < 0.0 {
+        return symmetric_range(values);
+    }
+    if low < high { (low, high) } else { (low, low + f64::MIN_POSITIVE.max(low.abs())) }
+}
