@@ -94,6 +94,39 @@ fn a_broken_mesh_is_mended_and_what_was_done_is_counted() {
     assert!(said.contains("--fix makes a new surface") && said.contains("--surface-output"), "{said}");
 }
 
+/// Models from collections for graphics: parts that touch, fins and open sheets. What changes a large part of a surface
+/// is refused unless it is allowed.
+#[test]
+fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
+    let site = Site::new();
+    let run = |name: &str, more: &[&str]| {
+        let path = shared(name)?;
+        let mut command = site.run("fit", &["--fix", "--max-degree", "8", "-o", "m.spharm.npz", "--force"]);
+        Some(finish(command.arg("--surface").arg(path).args(more)))
+    };
+    let suzanne =
+        "1 triangle of fins or inner walls dropped, 2 smaller pieces dropped (5.6 % of the area), 2 holes filled";
+    for (name, more, said) in [
+        ("bad_cow.obj", &[][..], "1 vertex added where parts touched"),
+        ("bad_suzanne.obj", &["--largest-repair", "6"], suzanne),
+        ("wild/beetle.obj", &["--largest-repair", "61%"], "2 triangles turned, 20 smaller pieces dropped"),
+    ] {
+        let Some(output) = run(name, more) else { return };
+        assert!(output.status.success() && text(&output).contains(said), "{name}: {}", text(&output));
+        let mended = read_mesh(site.path("m.fixed.surf.gii")).expect("a mesh");
+        assert!(Topology::of(&mended).is_sphere(), "{name}");
+    }
+    for (name, said) in [
+        ("bad_suzanne.obj", "at most 5 % is allowed: 2 smaller pieces dropped (5.6 % of the area), 2 holes filled"),
+        ("wild/teapot.obj", "3 smaller pieces dropped (27 % of the area)"),
+        ("wild/woody.obj", "at most 25 % is allowed: 1 hole filled (68 % of the area); --largest-repair 68 allows it"),
+    ] {
+        let Some(output) = run(name, &[]) else { return };
+        let error = error_line(&output);
+        assert!(!output.status.success() && error.contains(name) && error.contains(said), "{name}: {error}");
+    }
+}
+
 /// Values at masked vertices have no effect, and the model still covers the entire sphere.
 #[test]
 fn masked_vertices_and_missing_values_are_not_read() {

@@ -8,7 +8,7 @@ use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
-use spharm_cli::values::{self, Dtype};
+use spharm_cli::values::{self, Dtype, percent};
 use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 use spharm_cli::{Common, help};
 
@@ -90,10 +90,15 @@ pub(super) struct Input {
     /// Repair labels and meshes instead of refusing them
     ///
     /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
-    /// repeated and degenerate triangles, unused vertices and all pieces but the largest, and fills holes of up to 32
-    /// edges; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
+    /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, turns triangles to
+    /// agree with their neighbours, separates parts that touch, and fills holes of up to 1,000 edges by surfaces that
+    /// bend least; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
+    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes [default: 5
+    /// dropped, 25 added]
+    #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true)]
+    pub(super) largest_repair: Option<f64>,
     #[command(flatten)]
     pub(super) label_surface: LabelSurfaceArgs,
     #[command(flatten)]

@@ -108,7 +108,14 @@ fn options(cli: &Cli, params: FitParams) -> Result<Options> {
 
 fn preparation(input: &Input) -> Result<Preparation> {
     let (reading, label_surface) = (input.volume.reading(), input.label_surface.surface(&input.volume)?);
-    Ok(Preparation { reading, label_surface, fix: input.fix, cut_handles: input.cut_handles })
+    let Input { fix, cut_handles, largest_repair, .. } = *input;
+    Ok(Preparation {
+        reading,
+        label_surface,
+        fix,
+        cut_handles,
+        largest_repair: largest_repair.map(|share| 0.01 * share),
+    })
 }
 
 /// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`.

@@ -9,6 +9,7 @@ use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
+use spharm_cli::values::percent;
 use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 use spharm_parametrize::Sampling;
 
@@ -40,11 +41,16 @@ pub(crate) struct Cli {
     pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
-    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds vertices that lie exactly on
-    /// others, drops repeated and degenerate triangles, unused vertices and all pieces except the largest, and fills
-    /// holes of up to 32 edges; the repaired mesh is written to --surface-output.
+    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds vertices that lie on
+    /// others, drops repeated and degenerate triangles, fins, unused vertices and all pieces except the largest, turns
+    /// triangles to agree with their neighbours, separates parts that touch, and fills holes of up to 1,000 edges by
+    /// surfaces that bend least; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
+    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes [default: 5
+    /// dropped, 25 added]
+    #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
+    pub(super) largest_repair: Option<f64>,
     #[command(flatten, next_help_heading = INPUT)]
     pub(super) label_surface: LabelSurfaceArgs,
     #[command(flatten, next_help_heading = INPUT)]

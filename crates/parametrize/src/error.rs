@@ -4,6 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use spharm_surface::SurfaceError;
+use spharm_surface::repair::MeshRepair;
 
 use crate::volume::ImageChoice;
 
@@ -193,6 +194,15 @@ pub enum ParametrizeError {
     SinglePrecision {
         /// Number of triangles that would be flipped or without area.
         flipped: usize,
+    },
+
+    /// The repair of a mesh would drop or add a large part of its surface.
+    #[error("a repair would change a large part of the surface, but at most {} % is allowed: {}", (1e4 * *most).round() / 1e2, repair.drops_and_fills())]
+    LargeRepair {
+        /// The repair that wasn't accepted.
+        repair: Box<MeshRepair>,
+        /// Largest share of the area that may be dropped or added, of the one that is exceeded.
+        most: f64,
     },
 
     /// The monitor asked to stop.

@@ -10,7 +10,7 @@ use spharm_surface::io::{bytes_to_read, read_mesh};
 use spharm_surface::repair::{MeshRepair, repair};
 
 use crate::error::ParametrizeError;
-use crate::handles::{CutSurface, HandlesReport, cut_handles};
+use crate::handles::{CutSurface, HandlesReport, cut_handles, fill_holes};
 use crate::method::Source;
 use crate::volume::{Repair, VolumeSurface};
 
@@ -76,13 +76,17 @@ impl Input {
         })
     }
 
-    /// Repairs a mesh if necessary, see [`repair`](spharm_surface::repair). The surface around a label is returned
-    /// unchanged.
-    #[must_use]
-    pub fn mended(self) -> Self {
-        let Self::Mesh(mesh) = &self else { return self };
-        let (mended, found) = repair(mesh);
-        if found.is_any() { Self::Fixed(mended, found) } else { self }
+    /// Repairs a mesh if necessary, see [`repair`](spharm_surface::repair) and [`fill_holes`]. The surface around a
+    /// label is returned unchanged.
+    ///
+    /// # Errors
+    ///
+    /// [`ParametrizeError::Interrupted`].
+    pub fn mended(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
+        let Self::Mesh(mesh) = &self else { return Ok(self) };
+        let (mut mended, mut found) = repair(mesh);
+        fill_holes(&mut mended, &mut found, monitor)?;
+        Ok(if found.is_any() { Self::Fixed(mended, found) } else { self })
     }
 
     /// Returns the changes that the repair of a mesh made, if any.

@@ -104,7 +104,7 @@ pub use deform::{DeformParams, deform};
 pub use equal_area::{EqualAreaParams, area_deviation, equal_area};
 pub use error::ParametrizeError;
 pub use fill::fill_in;
-pub use handles::{CutSurface, HandlesReport, cut_handles};
+pub use handles::{CutSurface, HandlesReport, LARGEST_HOLE, cut_handles, fill_holes};
 pub use input::{Given, Input, Sampling};
 pub use method::{Method, Source};
 pub use quality::Quality;

@@ -152,7 +152,7 @@ impl CohortRun {
         let mut params = RunParams::new(fit);
         let label_surface = label_surface_of(py, label_surface, smooth_radius)?;
         let reading = VolumeReading { voxel_size, ..reading(image, VoxelValues::of(threshold, probability)) };
-        params.preparation = Preparation { reading, label_surface, fix, cut_handles };
+        params.preparation = Preparation { reading, label_surface, fix, cut_handles, largest_repair: None };
         (params.mask, params.status, params.keep_going) = (mask, status, keep_going);
         params.if_exists = match exists {
             "refuse" => IfExists::Refuse,

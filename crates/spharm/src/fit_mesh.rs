@@ -9,7 +9,7 @@ use spharm_surface::{Mesh, Target};
 
 use crate::fit::check_sizes;
 use crate::parametrize::volume::{LabelSurface, Repair, VolumeReading, VoxelSteps};
-use crate::parametrize::{HandlesReport, Input, Parametrized, Source, parametrize_with};
+use crate::parametrize::{HandlesReport, Input, ParametrizeError, Parametrized, Source, parametrize_with};
 use crate::{Error, Fit, FitParams, ManyReport, check_mapping, fit_target};
 
 /// Changes to a surface before it is mapped to a sphere. A surface that is given with a sphere isn't changed.
@@ -21,9 +21,16 @@ pub struct Preparation {
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
+    /// Largest share of the area that the repair of a mesh may drop or add; `None` for [`DROPPED`] and [`FILLED`].
+    pub largest_repair: Option<f64>,
     /// Whether to cut handles.
     pub cut_handles: bool,
 }
+
+/// Largest share of the area that pieces may have which the repair of a mesh drops.
+pub const DROPPED: f64 = 0.05;
+/// Largest share of the area that holes may have which the repair of a mesh fills.
+pub const FILLED: f64 = 0.25;
 
 impl Preparation {
     /// Returns the changes that apply to a surface: none for a surface with a sphere, and default settings for volumes
@@ -41,9 +48,16 @@ impl Preparation {
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] if handles can't be cut.
+    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, or handles can't be cut.
     pub fn apply(self, surface: Input, monitor: &dyn Monitor) -> Result<Input, Error> {
-        let surface = if self.fix { surface.mended() } else { surface };
+        let surface = if self.fix { surface.mended(monitor)? } else { surface };
+        if let Some(repair) = surface.mesh_repair() {
+            let limits = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
+            let limits = limits.map(|(share, usual)| (share, self.largest_repair.unwrap_or(usual)));
+            if let Some((_, most)) = limits.into_iter().find(|(share, most)| share > most) {
+                return Err(ParametrizeError::LargeRepair { repair: Box::new(*repair), most }.into());
+            }
+        }
         Ok(if self.cut_handles { surface.without_handles(monitor)? } else { surface })
     }
 }

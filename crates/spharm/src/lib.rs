@@ -123,7 +123,9 @@ pub use fit::{
     Fit, MomentsFit, MomentsReport, PlannedSphere, Quadrature, ToTarget, check_mapping, check_memory, fit, fit_each,
     fit_many, fit_moments, fit_target, fit_with,
 };
-pub use fit_mesh::{MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_masked, fit_mesh_with};
+pub use fit_mesh::{
+    DROPPED, FILLED, MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_masked, fit_mesh_with,
+};
 pub use model::versions;
 pub use objective::Objective;
 pub use params::{FitParams, Method, Preconditioner, Smoothness};

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 use spharm::parametrize::Input;
-use spharm::{FitParams, Monitor, check_surface};
+use spharm::{Error, FitParams, Monitor, ParametrizeError, check_surface};
 
 use super::error::RunError;
 use super::event::{Event, Mapping, RowFit};
@@ -91,7 +91,14 @@ impl Work<'_> {
         mut params: FitParams,
         monitor: &dyn Monitor,
     ) -> Result<RowFit, RunError> {
-        let surface = self.reader.read(&row.surface, item.record.label, monitor)?;
+        let read = self.reader.read(&row.surface, item.record.label, monitor);
+        // Errors of files name them; those of repairs and cuts don't.
+        let surface = read.map_err(|error| match error {
+            Error::Parametrize(ParametrizeError::BadSurface { .. } | ParametrizeError::LargeRepair { .. }) => {
+                RunError::from(error).of(&item.record)
+            }
+            error => error.into(),
+        })?;
         if share.is_some() {
             // Check before the surface's repairs are reported, since a second attempt would report them again.
             params.memory = share;

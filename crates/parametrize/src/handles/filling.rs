@@ -16,7 +16,8 @@ const SWEEPS: usize = 2;
 pub(super) struct Rim<'a> {
     /// Vertices on the right of the loop, in the loop's order.
     pub(super) right: &'a [u32],
-    /// Vertices on the left of the loop, at the same positions as those on the right.
+    /// Vertices on the left of the loop, at the same positions as those on the right; none for the rim of a hole on
+    /// the left.
     pub(super) left: &'a [u32],
     /// Positions of the rim's vertices.
     pub(super) places: &'a [Vec3],
@@ -41,7 +42,7 @@ pub(super) struct Filling {
 }
 
 impl Rim<'_> {
-    /// Fills both sides; new vertices get indices from `first` on.
+    /// Fills the sides that have vertices; new vertices get indices from `first` on.
     pub(super) fn fill(&self, first: u32, monitor: &dyn Monitor) -> Result<Filling, Interrupted> {
         let count = self.places.len();
         let lengths: Vec<f64> = (0..count).map(|i| norm(sub(self.places[(i + 1) % count], self.places[i]))).collect();
@@ -54,7 +55,7 @@ impl Rim<'_> {
         let mut filling = Filling { vertices: Vec::new(), faces: Vec::new(), kind, area: 0.0 };
         // The two sides face each other, so the filling of the left side continues in the direction opposite to that of
         // the right side.
-        for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)] {
+        for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)].into_iter().filter(|(rim, _)| !rim.is_empty()) {
             let positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
             let new = first + filling.vertices.len() as u32;
             let vertex = |v: u32| rim.get(v as usize).copied().unwrap_or_else(|| new + v - count as u32);

@@ -9,6 +9,7 @@
 //!   through it; the shortest is cut.
 //! - `complex`: makes the cuts.
 //! - `disc`, `fair`, `filling`: make the fillings, which continue the surface smoothly across the seam.
+//! - `holes`: fills holes of a mesh in the same way.
 //!
 //! Cost: O(n log n) for a single handle; with many handles, O(n log n) for each round. Each of the two fillings of a
 //! loop with m vertices has 0.09 m^2 vertices.
@@ -17,11 +18,13 @@ mod complex;
 mod disc;
 mod fair;
 mod filling;
+mod holes;
 mod homology;
 mod report;
 mod rounds;
 mod search;
 
+pub use holes::{LARGEST_HOLE, fill_holes};
 pub use report::{CutLoop, CutSurface, HandlesReport, Kind};
 
 use rayon::prelude::*;

@@ -36,7 +36,7 @@ impl MappedTemplate {
     ///
     /// [`Error::Parametrize`] if the surface can't be mapped.
     pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
-        let input = Input::Mesh(surface.clone()).mended().without_handles(monitor)?;
+        let input = Input::Mesh(surface.clone()).mended(monitor)?.without_handles(monitor)?;
         let changes = input.changes(true);
         let map = CaldParams::for_degree(max_degree.max(DEGREE));
         let mapped = parametrize_with(&input, &map, monitor)?;

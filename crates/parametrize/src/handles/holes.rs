@@ -1,0 +1,74 @@
+//! Fills holes of a mesh by surfaces that bend least, as cuts are filled.
+
+use spharm_monitor::{Interrupted, Monitor};
+use spharm_surface::Mesh;
+use spharm_surface::geometry::face_normal;
+use spharm_surface::nearest::TriangleTree;
+use spharm_surface::repair::{MeshRepair, rims};
+
+use super::filling::Rim;
+use crate::geometry::{Vec3, add};
+
+/// Largest number of edges of a hole that is filled. Its filling has 90,000 vertices.
+pub const LARGEST_HOLE: usize = 1000;
+
+/// Fills the holes that a repair has left, up to [`LARGEST_HOLE`] edges, and counts them in its report. Each vertex of
+/// the mesh must have one fan of triangles.
+///
+/// # Errors
+///
+/// [`Interrupted`].
+pub fn fill_holes(mesh: &mut Mesh, found: &mut MeshRepair, monitor: &dyn Monitor) -> Result<(), Interrupted> {
+    let rims = rims(&mesh.faces).into_iter().filter(|rim| rim.len() <= LARGEST_HOLE).collect::<Vec<_>>();
+    if rims.is_empty() {
+        return Ok(());
+    }
+    let mut normals: Vec<Vec3> = vec![[0.0; 3]; mesh.vertices.len()];
+    for face in &mesh.faces {
+        let normal = face_normal(face.map(|v| mesh.vertices[v as usize]));
+        face.iter().for_each(|&v| normals[v as usize] = add(normals[v as usize], normal));
+    }
+    let surface = TriangleTree::new(mesh);
+    for rim in rims {
+        let places: Vec<Vec3> = rim.iter().map(|&v| mesh.vertices[v as usize]).collect();
+        let normals: Vec<Vec3> = rim.iter().map(|&v| spharm_surface::geometry::unit(normals[v as usize])).collect();
+        let rim = Rim { right: &rim, left: &[], places: &places, normals: &normals, surface: &surface };
+        let filling = rim.fill(mesh.vertices.len() as u32, monitor)?;
+        found.holes += 1;
+        found.filled += filling.faces.len();
+        mesh.vertices.extend(filling.vertices);
+        mesh.faces.extend(filling.faces);
+    }
+    found.measure(mesh);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm_monitor::Silent;
+    use spharm_surface::generate::icosphere;
+    use spharm_surface::repair::repair;
+    use spharm_surface::topology::Topology;
+
+    /// The filling of a ball without a cap continues the ball: much nearer to it than a flat lid.
+    #[test]
+    fn a_cap_of_a_ball_is_filled_round() {
+        let mut open = icosphere(4);
+        let high = |face: &[u32; 3]| face.iter().all(|&v| open.vertices[v as usize][2] > 0.7);
+        let faces: Vec<[u32; 3]> = open.faces.iter().filter(|face| !high(face)).copied().collect();
+        open.faces = faces;
+        let (mut mesh, mut found) = repair(&open);
+        assert_eq!((found.holes, rims(&mesh.faces).len()), (0, 1), "{found}");
+        let before = mesh.vertices.len();
+        fill_holes(&mut mesh, &mut found, &Silent).unwrap();
+        assert!(Topology::of(&mesh).is_sphere(), "{found}");
+        let radius = |v: &Vec3| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let off = mesh.vertices[before..].iter().map(|v| (radius(v) - 1.0).abs()).fold(0.0, f64::max);
+        assert!(off < 0.02, "a flat lid is off by 0.3: {off}");
+        assert!(
+            (found.filled_area - 0.14).abs() < 0.02 && found.to_string().contains("1 hole filled (14 % of"),
+            "{found}"
+        );
+    }
+}

@@ -1,0 +1,226 @@
+//! Repairs common defects of scanned or exported meshes: duplicate vertices, repeated triangles, fins, triangles wound
+//! against their neighbours, parts that touch, unreferenced vertices, loose pieces and small holes.
+//!
+//! Rims that nearly coincide are welded; no other vertex is moved. Holes of more than [`LARGEST_FAN`] edges and
+//! surfaces with one side remain; [`Topology`](crate::topology::Topology) reports them.
+
+mod rims;
+mod sheets;
+
+use std::collections::{HashMap, HashSet};
+use std::fmt;
+
+use crate::geometry::{Vec3, dot, face_normal};
+use crate::mesh::Mesh;
+pub use rims::{LARGEST_FAN, rims};
+
+/// The changes that a repair made, in the order in which they are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct MeshRepair {
+    /// Number of vertices merged with another vertex: at exactly the same position, or on rims at nearly the same.
+    pub welded: usize,
+    /// Number of triangles dropped because they used a vertex twice.
+    pub degenerate: usize,
+    /// Number of triangles dropped because an earlier triangle has the same vertices.
+    pub repeated: usize,
+    /// Number of triangles dropped in fins and in walls between chambers.
+    pub fins: usize,
+    /// Number of triangles turned to agree with their neighbours.
+    pub turned: usize,
+    /// Number of vertices added where parts of the surface touched.
+    pub split: usize,
+    /// Number of pieces dropped, which are all except the one with the largest area.
+    pub pieces: usize,
+    /// Area of the dropped pieces as a fraction of the area of all pieces.
+    pub dropped_area: f64,
+    /// Number of holes filled.
+    pub holes: usize,
+    /// Number of triangles added to fill the holes. They are the last of the repaired mesh.
+    pub filled: usize,
+    /// Area of these triangles as a fraction of the area of the repaired mesh.
+    pub filled_area: f64,
+    /// Number of vertices dropped because no triangle used them after all other changes.
+    pub unused: usize,
+}
+
+impl MeshRepair {
+    /// Returns whether anything was changed.
+    #[must_use]
+    pub fn is_any(&self) -> bool {
+        *self != Self::default()
+    }
+
+    /// Returns a description of the pieces dropped and the holes filled, with their shares of the area.
+    #[must_use]
+    pub fn drops_and_fills(&self) -> String {
+        let [dropped, filled] = self.large();
+        [dropped, filled].into_iter().flatten().collect::<Vec<_>>().join(", ")
+    }
+
+    fn large(&self) -> [Option<String>; 2] {
+        let of = |count: usize, one: &str, many: &str, share: f64| {
+            let text = phrase(count, one, many)?;
+            Some(format!("{text} ({} % of the area)", percent(share)))
+        };
+        [
+            of(self.pieces, "smaller piece dropped", "smaller pieces dropped", self.dropped_area),
+            of(self.holes, "hole filled", "holes filled", self.filled_area),
+        ]
+    }
+
+    /// Sets the share of the area that the filled holes have in the repaired mesh.
+    pub fn measure(&mut self, repaired: &Mesh) {
+        let area = |faces: &[[u32; 3]]| faces.iter().map(|face| area_of(&repaired.vertices, face)).sum::<f64>();
+        let (filled, all) = (&repaired.faces[repaired.faces.len() - self.filled..], area(&repaired.faces));
+        self.filled_area = if all > 0.0 { area(filled) / all } else { 0.0 };
+    }
+
+    /// Returns each count with its name for reports.
+    #[must_use]
+    pub fn counts(&self) -> [(&'static str, usize); 10] {
+        [
+            ("vertices_welded", self.welded),
+            ("degenerate_triangles_dropped", self.degenerate),
+            ("repeated_triangles_dropped", self.repeated),
+            ("triangles_of_fins_dropped", self.fins),
+            ("triangles_turned", self.turned),
+            ("vertices_split", self.split),
+            ("pieces_dropped", self.pieces),
+            ("holes_filled", self.holes),
+            ("triangles_added", self.filled),
+            ("unused_vertices_dropped", self.unused),
+        ]
+    }
+}
+
+impl fmt::Display for MeshRepair {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [dropped, filled] = self.large();
+        let phrases: Vec<String> = [
+            phrase(self.welded, "vertex welded to another", "vertices welded to others"),
+            phrase(self.degenerate, "degenerate triangle dropped", "degenerate triangles dropped"),
+            phrase(self.repeated, "repeated triangle dropped", "repeated triangles dropped"),
+            phrase(self.fins, "triangle of fins or inner walls dropped", "triangles of fins or inner walls dropped"),
+            phrase(self.turned, "triangle turned", "triangles turned"),
+            phrase(self.split, "vertex added where parts touched", "vertices added where parts touched"),
+            dropped,
+            filled,
+            phrase(self.unused, "unused vertex dropped", "unused vertices dropped"),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        write!(
+            f,
+            "the mesh was repaired: {}",
+            if phrases.is_empty() { "nothing".to_owned() } else { phrases.join(", ") }
+        )
+    }
+}
+
+fn phrase(count: usize, one: &str, many: &str) -> Option<String> {
+    match count {
+        0 => None,
+        1 => Some(format!("1 {one}")),
+        n => Some(format!("{n} {many}")),
+    }
+}
+
+/// Returns a fraction as a percentage with two digits.
+fn percent(fraction: f64) -> String {
+    let percent = 100.0 * fraction;
+    let digits = if percent >= 9.95 {
+        0
+    } else if percent >= 0.995 {
+        1
+    } else {
+        2
+    };
+    format!("{percent:.digits$}")
+}
+
+/// Repairs a mesh, whose triangles must have valid indices. Returns the repaired mesh and the changes. The remaining
+/// vertices keep their order; vertices added where parts touched or to fill holes come last.
+#[must_use]
+pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
+    let mut found = MeshRepair::default();
+    let mut vertices = mesh.vertices.clone();
+    let mut faces = weld(mesh, &mut found);
+    drop_needless(&mut faces, &mut found);
+    found.welded += rims::weld(&vertices, &mut faces);
+    drop_needless(&mut faces, &mut found);
+    found.fins = sheets::drop_fins(&vertices, &mut faces);
+    found.turned = sheets::orient(&vertices, &mut faces);
+    (found.pieces, found.dropped_area) = sheets::keep_largest(&vertices, &mut faces);
+    rims::fill(&mut vertices, &mut faces, &mut found);
+    found.split = sheets::split(&mut vertices, &mut faces);
+    let welded = found.welded;
+    let (vertices, unused) = compact(&vertices, &mut faces);
+    // The vertices that were merged with others are unused, too. They are subtracted, since they are counted as
+    // welded.
+    found.unused = unused.saturating_sub(welded);
+    let mesh = Mesh { vertices, faces, meta: mesh.meta.clone() };
+    found.measure(&mesh);
+    (mesh, found)
+}
+
+/// Drops triangles that use a vertex twice, and all but the first with the same vertices.
+fn drop_needless(faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
+    let before = faces.len();
+    faces.retain(|&[a, b, c]| a != b && b != c && c != a);
+    found.degenerate += before - faces.len();
+    let mut seen = HashSet::with_capacity(faces.len());
+    let before = faces.len();
+    faces.retain(|face| {
+        let mut corners = *face;
+        corners.sort_unstable();
+        seen.insert(corners)
+    });
+    found.repeated += before - faces.len();
+}
+
+/// Returns the area of a triangle.
+fn area_of(vertices: &[Vec3], face: &[u32; 3]) -> f64 {
+    let normal = face_normal(face.map(|v| vertices[v as usize]));
+    0.5 * dot(normal, normal).sqrt()
+}
+
+/// Returns the triangles with each vertex replaced by the first vertex at the same position. -0 and +0 are equal.
+fn weld(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
+    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.vertices.len());
+    let mut place = Vec::with_capacity(mesh.vertices.len());
+    for (number, vertex) in (0_u32..).zip(&mesh.vertices) {
+        let at = *first.entry(vertex.map(|x| (x + 0.0).to_bits())).or_insert(number);
+        found.welded += usize::from(at != number);
+        place.push(at);
+    }
+    mesh.faces.iter().map(|face| face.map(|v| place.get(v as usize).copied().unwrap_or(v))).collect()
+}
+
+/// Returns the vertices that triangles use, and the number of dropped vertices. Renumbers the triangles' corners.
+fn compact(vertices: &[[f64; 3]], faces: &mut [[u32; 3]]) -> (Vec<[f64; 3]>, usize) {
+    let mut used = vec![false; vertices.len()];
+    for &corner in faces.as_flattened() {
+        if let Some(used) = used.get_mut(corner as usize) {
+            *used = true;
+        }
+    }
+    let mut number = 0;
+    let numbers: Vec<u32> = used
+        .iter()
+        .map(|&used| {
+            number += u32::from(used);
+            number.saturating_sub(1)
+        })
+        .collect();
+    for corner in faces.as_flattened_mut() {
+        *corner = numbers.get(*corner as usize).copied().unwrap_or(*corner);
+    }
+    let kept: Vec<[f64; 3]> = vertices.iter().zip(&used).filter(|(_, used)| **used).map(|(v, _)| *v).collect();
+    let dropped = vertices.len() - kept.len();
+    (kept, dropped)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,159 @@
+//! Works on rims of holes, which are loops of edges with one triangle each: welds rims that nearly coincide, and fills
+//! small holes.
+
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeSet, HashMap, HashSet};
+
+use super::MeshRepair;
+use super::sheets::{by_edge, sides, start};
+use crate::geometry::{Vec3, bounds, dot, sub};
+
+/// Largest number of edges of a hole that [`repair`](super::repair) fills.
+pub const LARGEST_FAN: usize = 32;
+/// Distance up to which vertices of rims are welded, as a fraction of the mesh's diagonal.
+const NEAR: f64 = 1e-5;
+/// The same as a fraction of the shortest edge of a rim, so that no triangle at a rim is lost.
+const NEAR_OF_EDGE: f64 = 0.25;
+
+/// Returns the edges with one triangle, in the direction opposite to the triangle's.
+fn open_edges(faces: &[[u32; 3]]) -> Vec<(u32, u32)> {
+    let sides = sides(faces);
+    let open = by_edge(&sides).filter(|edge| edge.len() == 1).map(|edge| {
+        let (low, high, side) = edge[0];
+        if start(faces, side) == low { (high, low) } else { (low, high) }
+    });
+    let mut open: Vec<(u32, u32)> = open.collect();
+    open.sort_unstable();
+    open
+}
+
+/// Returns the rims of a mesh in which each vertex has one fan of triangles, as loops of vertices. A triangle of a
+/// filling has the corners of an edge in the rim's order.
+#[must_use]
+pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
+    let open = open_edges(faces);
+    let next: HashMap<u32, u32> = open.iter().copied().collect();
+    let mut left: BTreeSet<u32> = next.keys().copied().collect();
+    let mut rims = Vec::new();
+    while let Some(first) = left.pop_first() {
+        let mut rim = vec![first];
+        while let Some(&at) = rim.last().and_then(|last| next.get(last)).filter(|at| left.remove(at)) {
+            rim.push(at);
+        }
+        let closed = rim.last().and_then(|last| next.get(last)) == Some(&first);
+        if closed && rim.len() > 2 {
+            rims.push(rim);
+        }
+    }
+    rims
+}
+
+/// Welds vertices on rims that are nearer to each other than [`NEAR`], as after conversions with few digits. Returns
+/// the number of vertices merged with others.
+pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
+    let open = open_edges(faces);
+    let at = |v: u32| vertices[v as usize];
+    let length = |a: Vec3, b: Vec3| dot(sub(a, b), sub(a, b)).sqrt();
+    let shortest = open.iter().map(|&(a, b)| length(at(a), at(b))).filter(|length| *length > 0.0);
+    let (low, high) = bounds(faces.as_flattened().iter().map(|&v| at(v)));
+    let near = (NEAR * length(low, high)).min(NEAR_OF_EDGE * shortest.fold(f64::INFINITY, f64::min));
+    if !(near.is_finite() && near > 0.0) {
+        return 0;
+    }
+    let rim: BTreeSet<u32> = open.into_iter().flat_map(|(a, b)| [a, b]).collect();
+    // A vertex within the distance is in the same cell of a grid or in one next to it.
+    let cell = |v: u32| [0, 1, 2].map(|k| ((at(v)[k] - low[k]) / near).floor() as i64);
+    let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
+    let mut place: HashMap<u32, u32> = HashMap::new();
+    for v in rim {
+        let [x, y, z] = cell(v);
+        let around = (-1..=1).flat_map(|i| (-1..=1).flat_map(move |j| (-1..=1).map(move |k| [x + i, y + j, z + k])));
+        let others = around.filter_map(|cell| cells.get(&cell)).flatten();
+        match others.copied().filter(|&other| length(at(other), at(v)) <= near).min() {
+            Some(other) => drop(place.insert(v, other)),
+            None => cells.entry([x, y, z]).or_default().push(v),
+        }
+    }
+    for corner in faces.as_flattened_mut() {
+        *corner = place.get(corner).copied().unwrap_or(*corner);
+    }
+    place.len()
+}
+
+/// Fills holes, which are loops of edges with one triangle each. A loop of three edges is filled by one triangle, a
+/// loop of four by two, one of up to [`LARGEST_FAN`] by a fan around the mean of its vertices.
+pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
+    let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
+    // Rims that meet at a vertex are separated by taking the shortest rim through each edge.
+    let open = open_edges(faces);
+    let mut next: HashMap<u32, Vec<u32>> = HashMap::new();
+    open.iter().for_each(|&(from, to)| next.entry(from).or_default().push(to));
+    for (from, to) in open {
+        if !next.get(&from).is_some_and(|ends| ends.contains(&to)) {
+            continue;
+        }
+        let Some(rim) = shortest(from, to, &next) else { continue };
+        for (a, b) in rim.iter().zip(rim.iter().cycle().skip(1)) {
+            if let Some(ends) = next.get_mut(a) {
+                ends.retain(|end| end != b);
+            }
+        }
+        found.holes += 1;
+        let before = faces.len();
+        match rim[..] {
+            [a, b, c] => faces.push([a, b, c]),
+            [a, b, c, d] => {
+                let length = |p: u32, q: u32| {
+                    let [p, q] = [p, q].map(|v| vertices.get(v as usize).copied().unwrap_or_default());
+                    (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>()
+                };
+                // A diagonal that is already an edge can't be used.
+                let taken = |p: u32, q: u32| edges.contains(&(p, q)) || edges.contains(&(q, p));
+                let along = if taken(a, c) || (!taken(b, d) && length(b, d) < length(a, c)) {
+                    [[b, c, d], [b, d, a]]
+                } else {
+                    [[a, b, c], [a, c, d]]
+                };
+                faces.extend(along);
+            }
+            _ => {
+                let middle = vertices.len() as u32;
+                let at = |k: usize| {
+                    let sum: f64 = rim.iter().filter_map(|&v| vertices.get(v as usize)).map(|v| v[k]).sum();
+                    sum / rim.len() as f64
+                };
+                vertices.push([0, 1, 2].map(at));
+                let ends = rim.iter().zip(rim.iter().cycle().skip(1));
+                faces.extend(ends.map(|(&a, &b)| [a, b, middle]));
+            }
+        }
+        found.filled += faces.len() - before;
+    }
+}
+
+/// Returns the shortest rim that begins with a given edge; `None` if it has more than [`LARGEST_FAN`] edges.
+fn shortest(from: u32, to: u32, next: &HashMap<u32, Vec<u32>>) -> Option<Vec<u32>> {
+    let mut before = HashMap::from([(to, from)]);
+    let mut front = vec![to];
+    for _ in 1..LARGEST_FAN {
+        let mut further = Vec::new();
+        for at in front {
+            for &end in next.get(&at).into_iter().flatten() {
+                if end == from {
+                    let mut rim = vec![at];
+                    while rim.last() != Some(&from) {
+                        rim.push(*before.get(rim.last()?)?);
+                    }
+                    rim.reverse();
+                    return (rim.len() > 2).then_some(rim);
+                }
+                if let Entry::Vacant(new) = before.entry(end) {
+                    new.insert(at);
+                    further.push(end);
+                }
+            }
+        }
+        front = further;
+    }
+    None
+}

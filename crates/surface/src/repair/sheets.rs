@@ -1,0 +1,292 @@
+//! Makes triangles a surface: drops fins and inner walls, turns triangles that disagree with their neighbours, and
+//! separates parts that touch at a vertex or along an edge.
+//!
+//! Edges of more than two triangles are resolved as by A. Guéziec, G. Taubin, F. Lazarus and B. Horn (Cutting and
+//! Stitching, IEEE Trans. Visualization and Computer Graphics 7, 2001): the surface is cut along them, and sides that
+//! belong together are joined again.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+
+use super::area_of;
+use crate::geometry::{Vec3, cross, dot, sub, unit};
+use crate::topology::UnionFind;
+
+/// Largest share of the area that fins and inner walls may have; more of it is hardly an accident.
+const LARGEST_FINS: f64 = 0.05;
+/// Marks a side of a triangle that isn't joined to another.
+const OPEN: u32 = u32::MAX;
+
+/// A side of a triangle: the edge's lower and higher vertex, and the side's number, 3 f + k for side k of triangle f,
+/// which runs from corner k to the next.
+type Side = (u32, u32, u32);
+
+/// Returns the sides of all triangles, with those of the same edge next to each other.
+pub(super) fn sides(faces: &[[u32; 3]]) -> Vec<Side> {
+    let of = |(&[a, b, c], f): (&[u32; 3], u32)| {
+        [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((p, q), side)| (p.min(q), p.max(q), side))
+    };
+    let mut sides: Vec<Side> = faces.iter().zip(0..).flat_map(of).collect();
+    sides.sort_unstable();
+    sides
+}
+
+pub(super) fn by_edge(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
+    sides.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
+}
+
+/// Returns the vertex at which a side begins.
+pub(super) fn start(faces: &[[u32; 3]], side: u32) -> u32 {
+    faces[side as usize / 3][side as usize % 3]
+}
+
+/// Returns the pieces into which the surface falls if it is cut along all edges of more than two triangles.
+fn pieces(faces: &[[u32; 3]], sides: &[Side]) -> UnionFind {
+    let mut pieces = UnionFind::new(faces.len());
+    for edge in by_edge(sides) {
+        if let [a, b] = edge {
+            pieces.join(a.2 / 3, b.2 / 3);
+        }
+    }
+    pieces
+}
+
+/// Drops pieces that end at an edge to which other triangles belong, too, such as fins and walls between chambers: at
+/// each edge the smallest of those that end there, of those with a rim if there are any. Returns the number of
+/// triangles dropped.
+pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
+    let before = faces.len();
+    let mut left = LARGEST_FINS * faces.iter().map(|face| area_of(vertices, face)).sum::<f64>();
+    loop {
+        let sides = sides(faces);
+        if by_edge(&sides).all(|edge| edge.len() < 3) {
+            break;
+        }
+        let mut pieces = pieces(faces, &sides);
+        let mut areas: HashMap<u32, f64> = HashMap::new();
+        for (face, f) in faces.iter().zip(0..) {
+            *areas.entry(pieces.root(f)).or_default() += area_of(vertices, face);
+        }
+        let rims = by_edge(&sides).filter(|edge| edge.len() == 1).map(|edge| pieces.root(edge[0].2 / 3));
+        let rims: HashSet<u32> = rims.collect();
+        let before = |a: &u32, b: &u32| {
+            rims.contains(b).cmp(&rims.contains(a)).then(areas[a].total_cmp(&areas[b])).then(a.cmp(b))
+        };
+        let mut fins: HashSet<u32> = HashSet::new();
+        for edge in by_edge(&sides).filter(|edge| edge.len() > 2) {
+            let mut roots: Vec<u32> = edge.iter().map(|side| pieces.root(side.2 / 3)).collect();
+            roots.sort_unstable();
+            // A piece with an odd number of triangles at the edge ends there.
+            let ends = roots.chunk_by(|a, b| a == b).filter(|same| same.len() % 2 == 1).map(|same| same[0]);
+            let ends: Vec<u32> = ends.collect();
+            // If a piece at this edge is dropped anyway, the others may go on to each other.
+            if !ends.iter().any(|root| fins.contains(root)) {
+                fins.extend(ends.into_iter().min_by(before));
+            }
+        }
+        let mut fins: Vec<u32> = fins.into_iter().collect();
+        fins.sort_unstable_by(before);
+        fins.retain(|root| {
+            let fits = areas[root] <= left;
+            left -= if fits { areas[root] } else { 0.0 };
+            fits
+        });
+        if fins.is_empty() {
+            break;
+        }
+        let mut f = 0..;
+        faces.retain(|_| f.next().is_some_and(|f| !fins.contains(&pieces.root(f))));
+    }
+    before - faces.len()
+}
+
+/// Which sides are joined at an edge where a surface touches itself.
+#[derive(Clone, Copy)]
+enum Join {
+    /// Those between which the body lies: the body ends at the edge.
+    AcrossBody,
+    /// Those between which the outside lies: the body goes on through the edge.
+    AcrossOutside,
+}
+
+/// Returns for each side the side of another triangle to which it is joined, or [`OPEN`].
+fn joined(vertices: &[Vec3], faces: &[[u32; 3]], how: Join) -> Vec<u32> {
+    let sides = sides(faces);
+    let mut pieces = pieces(faces, &sides);
+    let mut joined = vec![OPEN; 3 * faces.len()];
+    let mut join = |a: u32, b: u32| (joined[a as usize], joined[b as usize]) = (b, a);
+    for edge in by_edge(&sides) {
+        match edge {
+            [_] => {}
+            [a, b] => join(a.2, b.2),
+            _ => {
+                let mut by_piece: Vec<(u32, u32)> = edge.iter().map(|side| (pieces.root(side.2 / 3), side.2)).collect();
+                by_piece.sort_unstable();
+                for same in by_piece.chunk_by(|a, b| a.0 == b.0) {
+                    match same {
+                        [a, b] => join(a.1, b.1),
+                        _ => wedges(vertices, faces, edge[0], same, how).into_iter().for_each(|[a, b]| join(a, b)),
+                    }
+                }
+            }
+        }
+    }
+    joined
+}
+
+/// Returns the pairs of sides, of several at one edge, whose triangles are neighbours around the edge. Empty if the
+/// triangles don't enclose body and outside alternately.
+fn wedges(
+    vertices: &[Vec3],
+    faces: &[[u32; 3]],
+    (low, high, _): Side,
+    sides: &[(u32, u32)],
+    how: Join,
+) -> Vec<[u32; 2]> {
+    let at = |v: u32| vertices[v as usize];
+    let axis = unit(sub(at(high), at(low)));
+    let across = |v: u32| {
+        let to = sub(at(v), at(low));
+        let along = dot(to, axis);
+        [0, 1, 2].map(|k| to[k] - along * axis[k])
+    };
+    let apex = |side: u32| faces[side as usize / 3][(side as usize % 3 + 2) % 3];
+    let first = unit(across(apex(sides[0].1)));
+    let second = cross(axis, first);
+    // Angles around the edge, counter-clockwise seen against its direction, and whether a side runs along the edge.
+    let mut around: Vec<(f64, bool, u32)> = sides
+        .iter()
+        .map(|&(_, side)| {
+            let to = across(apex(side));
+            (dot(to, second).atan2(dot(to, first)), start(faces, side) == low, side)
+        })
+        .collect();
+    around.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let count = around.len();
+    let alternate = count.is_multiple_of(2) && (0..count).all(|i| around[i].1 != around[(i + 1) % count].1);
+    if !alternate {
+        return Vec::new();
+    }
+    // The outside of a triangle whose side runs along the edge is at larger angles, and the body at smaller ones.
+    let other = match how {
+        Join::AcrossBody => count - 1,
+        Join::AcrossOutside => 1,
+    };
+    (0..count).filter(|&i| around[i].1).map(|i| [around[(i + other) % count].2, around[i].2]).collect()
+}
+
+/// Turns triangles so that all of a piece agree with their neighbours, the smaller part by area. Returns their number.
+/// A surface with one side only, such as a Möbius strip, stays as it is.
+pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
+    let sides = sides(faces);
+    let mut joined = vec![OPEN; 3 * faces.len()];
+    for edge in by_edge(&sides) {
+        if let [a, b] = edge {
+            (joined[a.2 as usize], joined[b.2 as usize]) = (b.2, a.2);
+        }
+    }
+    let mut turned: Vec<Option<bool>> = vec![None; faces.len()];
+    let mut count = 0;
+    for first in 0..faces.len() {
+        if turned[first].is_some() {
+            continue;
+        }
+        turned[first] = Some(false);
+        let (mut piece, mut at, mut one_sided) = (vec![first], 0, false);
+        while let Some(&f) = piece.get(at) {
+            at += 1;
+            for side in 3 * f as u32..3 * f as u32 + 3 {
+                let other = joined[side as usize];
+                if other == OPEN {
+                    continue;
+                }
+                let agree = start(faces, side) != start(faces, other);
+                let wanted = (turned[f] == Some(true)) == agree;
+                match &mut turned[other as usize / 3] {
+                    Some(is) => one_sided |= *is != wanted,
+                    unset => {
+                        *unset = Some(wanted);
+                        piece.push(other as usize / 3);
+                    }
+                }
+            }
+        }
+        if one_sided {
+            continue;
+        }
+        let area = |which: bool| -> f64 {
+            let of = piece.iter().filter(|&&f| turned[f] == Some(which));
+            of.map(|&f| area_of(vertices, &faces[f])).sum()
+        };
+        let least = area(true) <= area(false);
+        for &f in &piece {
+            if turned[f] == Some(least) {
+                let [a, b, c] = faces[f];
+                faces[f] = [a, c, b];
+                count += 1;
+            }
+        }
+    }
+    count
+}
+
+/// Keeps the piece with the largest area, of those that don't touch along joined sides; in case of ties, the first
+/// one. Returns the number of pieces dropped, and their share of the area.
+pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize, f64) {
+    let mut pieces = UnionFind::new(faces.len());
+    for (side, &other) in (0..).zip(&joined(vertices, faces, Join::AcrossBody)).filter(|(_, other)| **other != OPEN) {
+        pieces.join(side / 3, other / 3);
+    }
+    let mut areas: BTreeMap<u32, f64> = BTreeMap::new();
+    for (face, f) in faces.iter().zip(0..) {
+        *areas.entry(pieces.root(f)).or_default() += area_of(vertices, face);
+    }
+    let all: f64 = areas.values().sum();
+    let largest = areas.iter().rev().max_by(|a, b| a.1.total_cmp(b.1));
+    let Some((&root, &area)) = largest.filter(|_| areas.len() > 1) else { return (0, 0.0) };
+    let mut f = 0..;
+    faces.retain(|_| f.next().is_some_and(|f| pieces.root(f) == root));
+    (areas.len() - 1, if all > 0.0 { (1.0 - area / all).max(0.0) } else { 0.0 })
+}
+
+/// Gives each fan of triangles around a vertex a vertex of its own. Where the surface touches itself along an edge, the
+/// body ends or goes on, whichever makes fewer handles. Returns the number of vertices added.
+pub(super) fn split(vertices: &mut Vec<Vec3>, faces: &mut [[u32; 3]]) -> usize {
+    let [(ends, most), (goes_on, other)] =
+        [Join::AcrossBody, Join::AcrossOutside].map(|how| fans(faces, &joined(vertices, faces, how)));
+    let mut corners = if most >= other { ends } else { goes_on };
+    let before = vertices.len();
+    let mut first = vec![OPEN; before];
+    let mut added: HashMap<u32, u32> = HashMap::new();
+    for (number, corner) in (0..).zip(faces.as_flattened_mut()) {
+        let (vertex, fan) = (*corner as usize, corners.root(number));
+        if first[vertex] == OPEN {
+            first[vertex] = fan;
+        } else if first[vertex] != fan {
+            *corner = *added.entry(fan).or_insert_with(|| {
+                vertices.push(vertices[vertex]);
+                (vertices.len() - 1) as u32
+            });
+        }
+    }
+    vertices.len() - before
+}
+
+/// Returns the fans as sets of corners, corner k of triangle f having the number 3 f + k, and the Euler characteristic
+/// of the surface in which each fan has a vertex.
+fn fans(faces: &[[u32; 3]], joined: &[u32]) -> (UnionFind, i64) {
+    let mut corners = UnionFind::new(joined.len());
+    let next = |side: u32| if side % 3 == 2 { side - 2 } else { side + 1 };
+    let mut twice_edges = 0;
+    for (side, &other) in (0..).zip(joined) {
+        twice_edges += if other == OPEN { 2 } else { 1 };
+        if other != OPEN {
+            // The corner with the number of a side is the one at which the side begins.
+            let agree = start(faces, side) != start(faces, other);
+            let (from, to) = if agree { (next(other), other) } else { (other, next(other)) };
+            corners.join(side, from);
+            corners.join(next(side), to);
+        }
+    }
+    let characteristic = corners.sets() as i64 - twice_edges / 2 + faces.len() as i64;
+    (corners, characteristic)
+}

@@ -1,0 +1,204 @@
+//! Tests the repair of meshes.
+
+use super::*;
+use crate::generate::{bipyramid, icosphere, subdivide_sphere};
+use crate::topology::Topology;
+
+#[test]
+fn a_sound_mesh_stays_as_it_is() {
+    let mesh = icosphere(2);
+    let (same, found) = repair(&mesh);
+    assert_eq!((same, found.is_any()), (mesh, false));
+}
+
+#[test]
+fn a_soup_is_welded() {
+    let mesh = icosphere(2);
+    let vertices: Vec<[f64; 3]> = mesh.faces.as_flattened().iter().map(|&v| mesh.vertices[v as usize]).collect();
+    let faces = (0..mesh.faces.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
+    let (welded, found) = repair(&Mesh::new(vertices, faces));
+    assert!(Topology::of(&welded).is_sphere());
+    assert_eq!((welded.vertices.len(), found.welded, found.unused), (162, 960 - 162, 0));
+}
+
+/// -0 and +0 are the same position; nearly equal positions are welded on rims alone.
+#[test]
+fn what_lies_on_another_is_welded_and_rims_also_where_they_nearly_meet() {
+    let mut mesh = icosphere(0);
+    let whole = mesh.vertices.len() as u32;
+    mesh.vertices[0] = [0.0, 0.0, 1.0];
+    mesh.vertices.extend([[-0.0, -0.0, 1.0], [0.0, 1e-300, 1.0]]);
+    mesh.faces[0] = mesh.faces[0].map(|v| if v == 0 { whole } else { v });
+    let (welded, found) = repair(&mesh);
+    assert_eq!((found.welded, found.unused, welded.vertices.len()), (1, 1, 12));
+    assert!(Topology::of(&welded).is_sphere());
+    mesh.faces[0] = mesh.faces[0].map(|v| if v == whole { whole + 1 } else { v });
+    let (closed, found) = repair(&mesh);
+    assert_eq!((found.welded, found.holes, closed.vertices.len()), (2, 0, 12));
+    assert!(Topology::of(&closed).is_sphere());
+    // Two vertices that nearly coincide, but not on a rim, stay.
+    let mut near = icosphere(2);
+    near.vertices[7] = near.vertices[near.faces.iter().find(|face| face.contains(&7)).unwrap()[0] as usize];
+    near.vertices[7][0] += 1e-12;
+    assert!(!repair(&near).1.is_any());
+    // A soup with corners off by 1e-6.
+    let ball = icosphere(3);
+    let mut number = 0_u32;
+    let vertices = ball.faces.as_flattened().iter().map(|&v| {
+        ball.vertices[v as usize].map(|x| {
+            number = number.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            x + 1e-6 * (f64::from(number) / f64::from(u32::MAX) - 0.5)
+        })
+    });
+    let soup =
+        Mesh::new(vertices.collect(), (0..ball.faces.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect());
+    let (welded, found) = repair(&soup);
+    assert!(Topology::of(&welded).is_sphere() && welded.vertices.len() == ball.vertices.len(), "{found}");
+}
+
+#[test]
+fn triangles_turn_to_the_larger_part() {
+    let whole = icosphere(2);
+    let mut mesh = whole.clone();
+    for (f, face) in mesh.faces.iter_mut().enumerate().filter(|(f, _)| f % 3 == 0) {
+        *face = [face[0], face[2], face[1]];
+        assert!(f < 320);
+    }
+    let (turned, found) = repair(&mesh);
+    assert_eq!((turned, found.turned), (whole, 107));
+}
+
+/// A Möbius strip of triangles has one side only: nothing is turned, and no filling makes a sphere of it.
+#[test]
+fn a_surface_with_one_side_stays() {
+    let strip: Vec<[u32; 3]> = (0..7).map(|k| [k, (k + 1) % 7, (k + 2) % 7]).collect();
+    let around = (0..7).map(|k| f64::from(k) * std::f64::consts::TAU / 7.0);
+    let mesh = Mesh::new(around.map(|t| [t.cos(), t.sin(), (0.5 * t).sin()]).collect(), strip);
+    let (same, found) = repair(&mesh);
+    assert!(found.turned == 0 && !Topology::of(&same).is_sphere(), "{found}");
+}
+
+#[test]
+fn fins_go_and_the_surface_under_them_stays() {
+    let whole = icosphere(2);
+    let mut mesh = whole.clone();
+    let [a, b, c] = mesh.faces[5];
+    // A fin of two triangles, and a tent over two edges of the same triangle.
+    mesh.vertices.extend([[1.1, 0.0, 0.0], [1.1, 0.1, 0.0], [0.0, 0.0, 1.1]]);
+    mesh.faces.extend([[a, b, 162], [162, b, 163], [b, c, 164], [c, a, 164]]);
+    let (clean, found) = repair(&mesh);
+    assert_eq!((clean, found.fins, found.pieces), (whole, 4, 0), "{found}");
+}
+
+#[test]
+fn parts_that_touch_are_separated() {
+    let ball = icosphere(2);
+    let n = ball.vertices.len() as u32;
+    // A smaller ball touches at a vertex, then along an edge, then at two vertices.
+    let north = ball.faces[0];
+    for shared in [&north[..1], &north[..2]] {
+        let mut mesh = ball.clone();
+        mesh.vertices.extend(ball.vertices.iter().map(|v| v.map(|x| 2.0 - 0.3 * x)));
+        let moved = |v: u32| if shared.contains(&v) { v } else { v + n };
+        mesh.faces.extend(ball.faces.iter().map(|face| face.map(moved)));
+        let (apart, found) = repair(&mesh);
+        assert_eq!((apart, found.pieces), (ball.clone(), 1), "{found}");
+        assert!(found.dropped_area > 0.01 && found.to_string().contains("1 smaller piece dropped ("), "{found}");
+    }
+    // A ball pinched until it touches itself, at a point or along two edges, is a ball again.
+    let ball = subdivide_sphere(&subdivide_sphere(&bipyramid(8)));
+    let close = |a: f64, b: f64| (a - b).abs() < 1e-9;
+    let place = |v: u32| ball.vertices[v as usize];
+    let all = 0..ball.vertices.len() as u32;
+    let mut upper: Vec<u32> = all.clone().filter(|&v| close(place(v)[1], 0.0) && place(v)[2] > 0.9).collect();
+    upper.sort_by(|a, b| place(*b)[2].total_cmp(&place(*a)[2]));
+    let below = |v: u32| {
+        let [x, y, z] = place(v);
+        let found = all.clone().find(|&w| [x, y, -z].iter().zip(place(w)).all(|(a, b)| close(*a, b)));
+        (v, found.expect("a mirror image"))
+    };
+    let pairs: Vec<(u32, u32)> = upper.into_iter().map(below).collect();
+    assert_eq!(pairs.len(), 3);
+    for count in [1, pairs.len()] {
+        let mut mesh = ball.clone();
+        for &(upper, lower) in &pairs[..count] {
+            mesh.vertices[upper as usize][2] = 0.0;
+            mesh.faces.as_flattened_mut().iter_mut().filter(|v| **v == lower).for_each(|v| *v = upper);
+        }
+        let (apart, found) = repair(&mesh);
+        assert!(Topology::of(&apart).is_sphere(), "{count}: {found}: {:?}", Topology::of(&apart));
+        assert_eq!(found.split, count);
+    }
+}
+
+/// Holes of four edges are filled along the shorter diagonal, larger holes by a fan around the mean of the rim.
+#[test]
+fn holes_are_filled_without_bumps() {
+    let tent = |top: [f64; 3], rim: Vec<[f64; 3]>| {
+        let n = rim.len() as u32;
+        let faces = (0..n).map(|k| [n, k, (k + 1) % n]).collect();
+        repair(&Mesh::new(rim.into_iter().chain([top]).collect(), faces))
+    };
+    let rim = (0..6).map(|k| f64::from(k).sin_cos()).map(|(y, x)| [3.0 * x, 2.0 * y, x]).collect::<Vec<_>>();
+    let (filled, found) = tent([0.0, 0.0, 9.0], rim.clone());
+    assert_eq!((found.holes, found.filled), (1, 6));
+    let middle = filled.vertices[7];
+    for k in 0..3 {
+        assert!((middle[k] - rim.iter().map(|v| v[k]).sum::<f64>() / 6.0).abs() < 1e-15, "{middle:?}");
+    }
+    for (a, diagonal) in [(0.5, [0, 2]), (2.0, [1, 3])] {
+        let rim = vec![[a, 0.0, 0.0], [0.0, 1.0, 0.0], [-a, 0.0, 0.0], [0.0, -1.0, 0.0]];
+        let (filled, found) = tent([0.0, 0.0, 1.0], rim);
+        assert_eq!((found.holes, found.filled), (1, 2));
+        assert!(filled.faces[4..].iter().all(|face| diagonal.iter().all(|v| face.contains(v))), "{filled:?}");
+    }
+}
+
+#[test]
+fn holes_of_every_size_up_to_the_bound_are_filled() {
+    let whole = icosphere(3);
+    let around: Vec<[u32; 3]> = whole.faces.iter().filter(|face| face.contains(&500)).copied().collect();
+    let edge = |a: &[u32; 3], b: &[u32; 3]| a.iter().filter(|corner| b.contains(corner)).count() == 2;
+    let second = around.iter().find(|face| **face != around[0] && !edge(face, &around[0])).unwrap();
+    let apart = [around[0], *second];
+    let next = around.iter().find(|face| **face != around[0] && edge(face, &around[0])).unwrap();
+    let joined = [around[0], *next];
+    // Removes all triangles around a vertex (five or six edges), one triangle, or two that share an edge.
+    let at = |vertex: u32| move |face: &[u32; 3]| face.contains(&vertex);
+    for (drop, holes) in [
+        (Box::new(at(0)) as Box<dyn Fn(&[u32; 3]) -> bool>, 1),
+        (Box::new(|face: &[u32; 3]| at(0)(face) || at(400)(face)), 2),
+        (Box::new(|face: &[u32; 3]| *face == whole.faces[7]), 1),
+        // Removes two triangles that share a vertex but no edge.
+        (Box::new(|face: &[u32; 3]| apart.contains(face)), 2),
+        (Box::new(|face: &[u32; 3]| joined.contains(face)), 1),
+    ] {
+        let mut mesh = whole.clone();
+        mesh.faces.retain(|face| !drop(face));
+        let (filled, found) = repair(&mesh);
+        assert!(Topology::of(&filled).is_sphere(), "{found:?}");
+        assert_eq!(found.holes, holes, "{found}");
+    }
+    let mut half = whole.clone();
+    half.faces.retain(|face| face.iter().any(|&v| whole.vertices[v as usize][2] > 0.0));
+    let (open, found) = repair(&half);
+    assert!(found.holes == 0 && !Topology::of(&open).is_sphere(), "a hole of half the surface stays");
+}
+
+#[test]
+fn loose_and_repeated_things_are_dropped_and_counted() {
+    let mut mesh = icosphere(2);
+    let whole = mesh.clone();
+    let [a, b, c] = mesh.faces[0];
+    mesh.faces.extend([[b, c, a], [c, b, a], [a, a, b]]);
+    mesh.vertices.extend([[9.0; 3], [5.0, 0.0, 0.0], [6.0, 0.0, 0.0], [5.0, 1.0, 0.0]]);
+    mesh.faces.push([163, 164, 165]);
+    let (found, report) = repair(&mesh);
+    assert_eq!(found, whole);
+    let expected = MeshRepair { degenerate: 1, repeated: 2, pieces: 1, unused: 4, ..MeshRepair::default() };
+    assert!(report.dropped_area > 0.0 && report.dropped_area < 0.05, "{report:?}");
+    assert_eq!(MeshRepair { dropped_area: 0.0, ..report }, expected);
+    let text = report.to_string();
+    assert!(text.contains("1 degenerate triangle dropped, 2 repeated triangles dropped, 1 smaller piece dropped ("));
+    assert!(text.ends_with("4 unused vertices dropped"), "{text}");
+}
