@@ -6,7 +6,7 @@ three anisotropies, are fitted at degrees 8 to 20 with `spharm fit`: the label b
 body with --probability. `--radii 30` takes a quarter of an hour. Prints the largest errors of area (bar 2 %), sphericity
 (bar 0.01) and volume (bar 0.5 %, of the voxels' or shares' volume), by radius, and first the errors of the label itself: of
 its volume against the body's, and of the area of the same body with the label's volume, which no surface that keeps the
-volume and the shape can avoid. Ends with the time of fitting the last label, beside that of the voxels' own faces (bar 1.3
+volume and the shape can avoid. Each radius ends with the time of fitting its last label, beside that of the voxels' own faces (bar 1.3
 times). The exit status is 1 if a bar is missed by the default or by --probability.
 """
 

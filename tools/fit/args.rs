@@ -91,12 +91,12 @@ pub(super) struct Input {
     ///
     /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
     /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, turns triangles to
-    /// agree with their neighbours, separates parts that touch, and fills holes of up to 1,000 edges by surfaces that
-    /// bend least; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
+    /// agree with their neighbours, separates parts that touch, and fills holes of up to 500 edges, the larger ones by
+    /// surfaces that bend least; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes [default: 5
-    /// dropped, 25 added]
+    /// Share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if more than the
+    /// usual 5 dropped and 25 added
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
     #[command(flatten)]

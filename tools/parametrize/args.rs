@@ -43,12 +43,12 @@ pub(crate) struct Cli {
     ///
     /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds vertices that lie on
     /// others, drops repeated and degenerate triangles, fins, unused vertices and all pieces except the largest, turns
-    /// triangles to agree with their neighbours, separates parts that touch, and fills holes of up to 1,000 edges by
-    /// surfaces that bend least; the repaired mesh is written to --surface-output.
+    /// triangles to agree with their neighbours, separates parts that touch, and fills holes of up to 500 edges, the
+    /// larger ones by surfaces that bend least; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes [default: 5
-    /// dropped, 25 added]
+    /// Share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if more than the
+    /// usual 5 dropped and 25 added
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
     pub(super) largest_repair: Option<f64>,
     #[command(flatten, next_help_heading = INPUT)]

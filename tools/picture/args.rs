@@ -35,7 +35,7 @@ pub(crate) struct Cli {
     #[arg(
         long,
         value_name = "FOLDER",
-        conflicts_with_all = ["surfaces", "sphere", "map", "contour", "range", "colour_by", "error"],
+        conflicts_with_all = ["surfaces", "sphere", "map", "contour", "contour_level", "range", "colour_by", "error"],
         help_heading = INPUT
     )]
     pub(super) test: Option<PathBuf>,

@@ -174,7 +174,6 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::BadSurface { handles: 1.., .. } => {
             Some("--cut-handles cuts the handles and fills the cuts; spharm reconstruct restores handles".to_owned())
         }
-        ParametrizeError::BadSurface { .. } => Some("--fix mends most such meshes".to_owned()),
         ParametrizeError::LargeRepair { repair, .. } => {
             let share = (100.0 * repair.dropped_area.max(repair.filled_area)).ceil();
             Some(format!("--largest-repair {share} allows it"))

@@ -21,7 +21,8 @@ pub struct Preparation {
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
-    /// Largest share of the area that the repair of a mesh may drop or add; `None` for [`DROPPED`] and [`FILLED`].
+    /// Largest share of the area that the repair of a mesh may drop or add, if it is larger than [`DROPPED`] and
+    /// [`FILLED`], respectively.
     pub largest_repair: Option<f64>,
     /// Whether to cut handles.
     pub cut_handles: bool,
@@ -53,7 +54,7 @@ impl Preparation {
         let surface = if self.fix { surface.mended(monitor)? } else { surface };
         if let Some(repair) = surface.mesh_repair() {
             let limits = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
-            let limits = limits.map(|(share, usual)| (share, self.largest_repair.unwrap_or(usual)));
+            let limits = limits.map(|(share, usual)| (share, self.largest_repair.unwrap_or(0.0).max(usual)));
             if let Some((_, most)) = limits.into_iter().find(|(share, most)| share > most) {
                 return Err(ParametrizeError::LargeRepair { repair: Box::new(*repair), most }.into());
             }

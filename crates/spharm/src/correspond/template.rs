@@ -1,7 +1,7 @@
 //! Maps a template to the sphere: the surface is repaired, mapped, and resampled at the directions of an icosphere.
 
 use spharm_monitor::Monitor;
-use spharm_parametrize::{CaldParams, Input};
+use spharm_parametrize::{CaldParams, Input, ParametrizeError};
 use spharm_register::without_counterpart;
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
@@ -36,7 +36,12 @@ impl MappedTemplate {
     ///
     /// [`Error::Parametrize`] if the surface can't be mapped.
     pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
-        let input = Input::Mesh(surface.clone()).mended(monitor)?.without_handles(monitor)?;
+        let input = Input::Mesh(surface.clone()).mended(monitor)?;
+        if let Some(repair) = input.mesh_repair().filter(|repair| repair.filled_area > crate::FILLED) {
+            let (problems, remedy) = (repair.drops_and_fills(), "close the surface, or take another as the template");
+            return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy }.into());
+        }
+        let input = input.without_handles(monitor)?;
         let changes = input.changes(true);
         let map = CaldParams::for_degree(max_degree.max(DEGREE));
         let mapped = parametrize_with(&input, &map, monitor)?;

@@ -14,7 +14,7 @@ use crate::geometry::{Vec3, dot, face_normal};
 use crate::mesh::Mesh;
 pub use rims::{LARGEST_FAN, rims};
 
-/// The changes that a repair made, in the order in which they are made.
+/// The changes that a repair made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct MeshRepair {
@@ -127,21 +127,19 @@ fn phrase(count: usize, one: &str, many: &str) -> Option<String> {
     }
 }
 
-/// Returns a fraction as a percentage with two digits.
+/// Returns a fraction as a percentage with one decimal, or two below 1 %.
 fn percent(fraction: f64) -> String {
     let percent = 100.0 * fraction;
-    let digits = if percent >= 9.95 {
-        0
-    } else if percent >= 0.995 {
-        1
-    } else {
-        2
-    };
+    let digits = if percent >= 0.995 { 1 } else { 2 };
     format!("{percent:.digits$}")
 }
 
 /// Repairs a mesh, whose triangles must have valid indices. Returns the repaired mesh and the changes. The remaining
 /// vertices keep their order; vertices added where parts touched or to fill holes come last.
+///
+/// # Panics
+///
+/// When a triangle's index is out of range.
 #[must_use]
 pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();

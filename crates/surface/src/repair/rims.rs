@@ -12,7 +12,8 @@ use crate::geometry::{Vec3, bounds, dot, sub};
 pub const LARGEST_FAN: usize = 32;
 /// Distance up to which vertices of rims are welded, as a fraction of the mesh's diagonal.
 const NEAR: f64 = 1e-5;
-/// The same as a fraction of the shortest edge of a rim, so that no triangle at a rim is lost.
+/// The same as a fraction of the shortest edge of a rim that is longer than this distance, so that only triangles of
+/// edges shorter than it are lost.
 const NEAR_OF_EDGE: f64 = 0.25;
 
 /// Returns the edges with one triangle, in the direction opposite to the triangle's.
@@ -54,9 +55,10 @@ pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     let open = open_edges(faces);
     let at = |v: u32| vertices[v as usize];
     let length = |a: Vec3, b: Vec3| dot(sub(a, b), sub(a, b)).sqrt();
-    let shortest = open.iter().map(|&(a, b)| length(at(a), at(b))).filter(|length| *length > 0.0);
     let (low, high) = bounds(faces.as_flattened().iter().map(|&v| at(v)));
-    let near = (NEAR * length(low, high)).min(NEAR_OF_EDGE * shortest.fold(f64::INFINITY, f64::min));
+    let most = NEAR * length(low, high);
+    let lengths = open.iter().map(|&(a, b)| length(at(a), at(b))).filter(|length| *length > most);
+    let near = most.min(NEAR_OF_EDGE * lengths.fold(f64::INFINITY, f64::min));
     if !(near.is_finite() && near > 0.0) {
         return 0;
     }

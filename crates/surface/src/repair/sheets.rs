@@ -51,8 +51,7 @@ fn pieces(faces: &[[u32; 3]], sides: &[Side]) -> UnionFind {
 }
 
 /// Drops pieces that end at an edge to which other triangles belong, too, such as fins and walls between chambers: at
-/// each edge the smallest of those that end there, of those with a rim if there are any. Returns the number of
-/// triangles dropped.
+/// each edge all but two, those with a rim first, then the smallest. Returns the number of triangles dropped.
 pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
     let before = faces.len();
     let mut left = LARGEST_FINS * faces.iter().map(|face| area_of(vertices, face)).sum::<f64>();
@@ -76,11 +75,15 @@ pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
             let mut roots: Vec<u32> = edge.iter().map(|side| pieces.root(side.2 / 3)).collect();
             roots.sort_unstable();
             // A piece with an odd number of triangles at the edge ends there.
-            let ends = roots.chunk_by(|a, b| a == b).filter(|same| same.len() % 2 == 1).map(|same| same[0]);
-            let ends: Vec<u32> = ends.collect();
-            // If a piece at this edge is dropped anyway, the others may go on to each other.
-            if !ends.iter().any(|root| fins.contains(root)) {
-                fins.extend(ends.into_iter().min_by(before));
+            let ends = roots.chunk_by(|a, b| a == b).filter(|same| same.len() % 2 == 1);
+            let mut ends: Vec<(u32, usize)> = ends.map(|same| (same[0], same.len())).collect();
+            ends.sort_unstable_by(|a, b| before(&a.0, &b.0));
+            let of_fins = ends.iter().filter(|(root, _)| fins.contains(root)).map(|(_, count)| count).sum::<usize>();
+            let mut more = (edge.len() - 2).saturating_sub(of_fins);
+            for (root, count) in ends {
+                if count <= more && areas[&root] <= left && fins.insert(root) {
+                    more -= count;
+                }
             }
         }
         let mut fins: Vec<u32> = fins.into_iter().collect();

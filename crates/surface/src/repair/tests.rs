@@ -202,3 +202,55 @@ fn loose_and_repeated_things_are_dropped_and_counted() {
     assert!(text.contains("1 degenerate triangle dropped, 2 repeated triangles dropped, 1 smaller piece dropped ("));
     assert!(text.ends_with("4 unused vertices dropped"), "{text}");
 }
+
+/// A seam that is open by rounding, next to a pole whose vertices nearly coincide: only its slivers are lost.
+#[test]
+fn a_sphere_of_meridians_is_welded_along_its_seam() {
+    let (rows, columns) = (9_u32, 12_u32);
+    let at = |row: u32, column: u32| {
+        let (t, p) = (f64::from(row) / f64::from(rows - 1), f64::from(column) / f64::from(columns));
+        let ((s, c), (y, x)) = ((t * std::f64::consts::PI).sin_cos(), (p * std::f64::consts::TAU).sin_cos());
+        [s * x, s * y, c]
+    };
+    let vertices = (0..rows).flat_map(|row| (0..=columns).map(move |column| at(row, column))).collect();
+    let number = |row: u32, column: u32| row * (columns + 1) + column;
+    let quads = (0..rows - 1).flat_map(|row| (0..columns).map(move |column| (row, column)));
+    let faces = quads.flat_map(|(row, column)| {
+        let [a, b, c, d] = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(i, j)| number(row + i, column + j));
+        [[a, b, c], [a, c, d]]
+    });
+    let (welded, found) = repair(&Mesh::new(vertices, faces.collect()));
+    assert!(Topology::of(&welded).is_sphere(), "{found}: {:?}", Topology::of(&welded));
+    assert_eq!((welded.vertices.len(), found.holes), (7 * 12 + 2, 0), "{found}");
+}
+
+/// A tiny edge at a rim neither overflows nor stops the welding.
+#[test]
+fn a_tiny_edge_at_a_rim_is_welded() {
+    let mut mesh = icosphere(1);
+    mesh.vertices.push(mesh.vertices[0].map(|x| x + 1e-25));
+    mesh.vertices[0] = [0.0, 0.0, 1.0];
+    mesh.vertices[42] = [1e-25, 0.0, 1.0];
+    let face = mesh.faces.iter().position(|face| face.contains(&0)).unwrap();
+    let [a, b, c] = mesh.faces[face];
+    mesh.faces[face] = [a, b, c].map(|v| if v == 0 { 42 } else { v });
+    let (welded, found) = repair(&mesh);
+    assert!(Topology::of(&welded).is_sphere() && welded.vertices.len() == 42, "{found}");
+}
+
+/// Many fins at one edge go in one round, also beside a hole of the body.
+#[test]
+fn fins_go_from_a_body_with_a_hole() {
+    let mut mesh = icosphere(3);
+    let whole = mesh.vertices.len() as u32;
+    let ([a, b, _], hole) = (mesh.faces[3], mesh.faces[600]);
+    mesh.faces.retain(|face| *face != hole);
+    for fin in 0..50 {
+        let turn = 0.01 * f64::from(fin);
+        mesh.vertices.push([turn, 0.1 * turn, 1.0 + 0.01 * turn]);
+        mesh.faces.push([a, b, whole + fin]);
+    }
+    let (clean, found) = repair(&mesh);
+    assert!(Topology::of(&clean).is_sphere() && clean.vertices.len() == whole as usize, "{found}");
+    assert_eq!((found.fins, found.holes), (50, 1), "{found}");
+}
