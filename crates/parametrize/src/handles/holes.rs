@@ -73,16 +73,23 @@ mod tests {
         assert!((found.filled_area - 0.14).abs() < 0.02 && found.to_string().contains("1 hole filled (1"), "{found}");
     }
 
-    /// A smooth filling of a long slit would fold over the surface beside it; the flat one has the area of the slit.
+    /// A smooth filling of a long straight slit would fold over the surface beside it; the flat one has its area.
     #[test]
     fn a_long_slit_is_filled_flat() {
+        // A cube, cut along a straight line on one face and opened a little.
         let mut mesh = icosphere(5);
-        // Cut along the equator's half, and opened a little.
+        for v in &mut mesh.vertices {
+            let most = v.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+            *v = v.map(|x| x / most);
+        }
         let low = |v: u32| mesh.vertices[v as usize][2] < 0.0;
         let (mut faces, mut vertices) = (mesh.faces.clone(), mesh.vertices.clone());
         let count = vertices.len() as u32;
-        vertices.extend(mesh.vertices.iter().map(|[x, y, z]| [*x, *y, z - 1e-3 * (1.0 - x * x).max(0.0)]));
-        let on = |v: u32| mesh.vertices[v as usize][2].abs() < 1e-9 && mesh.vertices[v as usize][1] > 0.05;
+        vertices.extend(mesh.vertices.iter().map(|[x, y, z]| [*x, *y, z - 1e-3 * (1.0 - y * y)]));
+        let on = |v: u32| {
+            let [x, y, z] = mesh.vertices[v as usize];
+            z.abs() < 1e-9 && x > 0.5 && y.abs() < 0.9
+        };
         for face in &mut faces {
             if face.iter().any(|&v| low(v)) {
                 *face = face.map(|v| if on(v) { v + count } else { v });
@@ -91,8 +98,8 @@ mod tests {
         (mesh.vertices, mesh.faces) = (vertices, faces);
         let (mut mesh, mut found) = repair(&mesh);
         let [rim] = &rims(&mesh.faces)[..] else { panic!("{found}") };
-        assert!(rim.len() > 60, "{}", rim.len());
+        assert!(rim.len() > 32, "{}", rim.len());
         fill_holes(&mut mesh, &mut found, &Silent).unwrap();
-        assert!(Topology::of(&mesh).is_sphere() && found.filled_area < 5e-4, "{found}");
+        assert!(Topology::of(&mesh).is_sphere() && found.filled_area < 2e-4, "{found}");
     }
 }
