@@ -5,7 +5,7 @@ use std::process::Command;
 
 use serde_json::Value;
 use spharm_model::Model;
-use spharm_surface::generate::{Cortex, cortex};
+use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use spharm_surface::topology::Topology;
 use spharm_surface::{Mesh, Sphere};
@@ -125,6 +125,68 @@ fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
         let error = error_line(&output);
         assert!(!output.status.success() && error.contains(name) && error.contains(said), "{name}: {error}");
     }
+}
+
+/// A mesh that is refused is repaired on trial: the error states the changes, and the options with which they are made.
+#[test]
+fn the_error_names_the_options_that_repair_a_mesh() {
+    let site = Site::new();
+    let write = |name: &str, mesh: &Mesh| write_mesh(site.path(name), mesh, &WriteOptions::default()).expect("written");
+    let refused = |name: &str, more: &[&str]| {
+        let fit = ["--max-degree", "4", "-o", "m.spharm.npz", "--surface", name];
+        let output = finish(site.run("fit", &fit).args(more));
+        assert!(!output.status.success(), "{name}");
+        error_line(&output)
+    };
+    let sphere = icosphere(4);
+    let without = |cap: f64| {
+        let outside = |face: &&[u32; 3]| face.iter().any(|&v| sphere.vertices[v as usize][2] < cap);
+        Mesh::new(sphere.vertices.clone(), sphere.faces.iter().filter(outside).copied().collect())
+    };
+    write("open.ply", &without(0.9));
+    let error = refused("open.ply", &[]);
+    assert!(error.contains("a repair is possible: 1 hole filled (") && error.ends_with("; give --fix"), "{error}");
+    succeed(&mut site.run("fit", &["--fix", "--max-degree", "4", "-o", "m.spharm.npz", "--surface", "open.ply"]));
+
+    write("half.ply", &without(0.1));
+    let error = refused("half.ply", &["--force"]);
+    let (_, percent) = error.split_once("; give --fix --largest-repair ").expect("the option");
+    let fit = ["--fix", "--largest-repair", percent, "--max-degree", "4", "-o", "m.spharm.npz", "--force", "--surface"];
+    succeed(site.run("fit", &fit).arg("half.ply"));
+
+    // A torus with a hole keeps its handle.
+    let (n, turn) = (24_u32, std::f64::consts::TAU / 24.0);
+    let at = |i: u32, j: u32| {
+        let (u, v) = (f64::from(i) * turn, f64::from(j) * turn);
+        [(2.0 + v.cos()) * u.cos(), (2.0 + v.cos()) * u.sin(), v.sin()]
+    };
+    let vertices = (0..n * n).map(|k| at(k / n, k % n)).collect();
+    let quad = |k: u32| {
+        let [i, j, after, next] = [k / n, k % n, (k / n + 1) % n, (k % n + 1) % n];
+        let [a, b, c, d] = [i * n + j, after * n + j, after * n + next, i * n + next];
+        [[a, b, c], [a, c, d]]
+    };
+    write("torus.ply", &Mesh::new(vertices, (1..n * n).flat_map(quad).collect()));
+    let error = refused("torus.ply", &["--force"]);
+    let said = "which leaves 1 handle: 1 hole filled";
+    assert!(error.contains(said) && error.ends_with("; give --fix --cut-handles"), "{error}");
+    let error = refused("torus.ply", &["--force", "--fix"]);
+    assert!(error.contains("--cut-handles cuts the handles") && !error.contains("--fix"), "{error}");
+
+    // No repair makes a closed surface of a Möbius strip.
+    let strip = |k: u32| {
+        let (along, across) = (f64::from(k / 2) * turn, if k.is_multiple_of(2) { -0.4 } else { 0.4 });
+        let out = 1.0 + across * (0.5 * along).cos();
+        [out * along.cos(), out * along.sin(), across * (0.5 * along).sin()]
+    };
+    let pair = |i: u32| {
+        let [a, b] = [2 * i, 2 * i + 1];
+        let [c, d] = if i + 1 < n { [a + 2, b + 2] } else { [1, 0] };
+        [[a, c, b], [b, c, d]]
+    };
+    write("strip.ply", &Mesh::new((0..2 * n).map(strip).collect(), (0..n).flat_map(pair).collect()));
+    let error = refused("strip.ply", &["--force"]);
+    assert!(error.contains("pymeshfix") && !error.contains("a repair is possible"), "{error}");
 }
 
 /// Values at masked vertices have no effect, and the model still covers the entire sphere.

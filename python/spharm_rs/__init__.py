@@ -26,6 +26,7 @@ from ._model import Model
 from ._moments import Moments
 from ._parametrize import Parametrization, labels, parametrize, parametrize_volume, resample
 from ._picture import Picture, picture
+from ._repair import Repair, repair
 from ._store import Store
 from ._surface import (
     Surface,
@@ -63,6 +64,7 @@ __all__ = [
     "Oscillation",
     "Parametrization",
     "Picture",
+    "Repair",
     "SpharmError",
     "SpharmWarning",
     "Store",
@@ -88,6 +90,7 @@ __all__ = [
     "read_landmarks",
     "read_signal",
     "read_surface",
+    "repair",
     "reports",
     "resample",
     "shape",

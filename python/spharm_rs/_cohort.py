@@ -13,6 +13,7 @@ from ._fit import _settings
 from ._model import Model
 from ._parametrize import _image, _volume_settings
 from ._progress import Progress, callback
+from ._repair import changes_of
 from ._store import Store
 from ._surface import Path
 from ._warnings import warn
@@ -115,6 +116,7 @@ def fit_cohort(
     shard: str | None = None,
     status: Path | None = None,
     fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     voxel_size: Iterable[float] | None = None,
     channel: int | None = None,
@@ -177,8 +179,12 @@ def fit_cohort(
         Part of the rows, such as ``"0/10"`` for the first of ten parts; or ``"slurm"``.
     status : path, optional
         A table to which the outcome of each row is appended; ``spharm status`` reads it.
-    fix, cut_handles : bool
-        Repair meshes and labels of volumes; cut handles.
+    fix : bool
+        Repair meshes, as `repair` does, and labels of volumes.
+    largest_repair : float, optional
+        With ``fix``: share of a mesh's area, from 0 to 1, that a repair may drop or add, as for `repair`.
+    cut_handles : bool
+        Cut handles.
     voxel_size : three floats, optional
         Size of volumes' voxels along x, y and z, in mm, overriding that in their files.
     channel, time, threshold, probability, label_surface, smooth_radius
@@ -245,8 +251,7 @@ def fit_cohort(
         status=_path(status),
         exists=str(exists),
         keep_going=collects,
-        fix=bool(fix),
-        cut_handles=bool(cut_handles),
+        changes=changes_of(fix, largest_repair, cut_handles),
         voxel_size=sizes,
         image=_image(channel, time),
         **_volume_settings(threshold, probability, label_surface, smooth_radius),

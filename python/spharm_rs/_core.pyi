@@ -17,20 +17,18 @@ _Flags = NDArray[np.bool_]
 _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 
 __all__ = [
+    "CohortRun",
     "Group",
     "Model",
-    "Moments",
     "Modes",
+    "Moments",
     "Transform",
     "__version__",
     "choose_degree",
     "compare",
     "example_surface",
     "fit",
-    "CohortRun",
     "fit_many",
-    "read_mask",
-    "solve",
     "icosphere",
     "labels",
     "main",
@@ -39,8 +37,10 @@ __all__ = [
     "picture",
     "quality",
     "read_landmarks",
+    "read_mask",
     "read_surface",
     "read_values",
+    "repair",
     "resample",
     "shape_align",
     "shape_correspond",
@@ -61,6 +61,7 @@ __all__ = [
     "shape_smooth",
     "shape_tails",
     "shape_test",
+    "solve",
     "store_build",
     "store_factor",
     "store_schemes",
@@ -196,8 +197,7 @@ class CohortRun:
         status: str | None,
         exists: str,
         keep_going: bool,
-        fix: bool,
-        cut_handles: bool,
+        changes: tuple[bool, float | None, bool],
         voxel_size: Sequence[float] | None,
         image: tuple[int | None, int | None],
         threshold: float | None,
@@ -265,7 +265,7 @@ def fit(
     surface: bool,
     parametrized: bool,
     seam: _Seam | None,
-    cut_handles: bool,
+    changes: tuple[bool, float | None, bool],
     settings: dict[str, Any],
     progress: _Progress | None = None,
 ) -> _Fitted: ...
@@ -306,7 +306,7 @@ def parametrize(
     vertices: _Floats,
     faces: _Triangles,
     *,
-    cut_handles: bool,
+    changes: tuple[bool, float | None, bool],
     method: str,
     degree: int | None,
     area: float,
@@ -326,6 +326,9 @@ def picture(
     size: int,
     view: str,
 ) -> bytes: ...
+def repair(
+    vertices: _Floats, faces: _Triangles, *, largest_repair: float | None, progress: _Progress | None = None
+) -> tuple[_Floats, _Triangles, str, str]: ...
 def parametrize_volume(
     volume: str | tuple[NDArray[np.int32] | _Floats, _Floats],
     *,

@@ -14,6 +14,7 @@ from ._arrays import Floats
 from ._model import Model, seam_of, sphere_arrays
 from ._parametrize import Parametrization
 from ._progress import Progress, callback
+from ._repair import changes_of
 from ._store import Store
 from ._surface import Path, as_surface, named_icosphere
 from ._transform import Transform
@@ -103,6 +104,8 @@ def fit(
     sphere: Any = None,
     max_degree: int = 20,
     *,
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     objective: str | None = None,
     weights: str | ArrayLike = "uniform",
@@ -138,6 +141,10 @@ def fit(
         is first mapped to a sphere, as by `parametrize`; that sphere becomes the model's.
     max_degree : int
         Highest degree L, inclusive.
+    fix : bool
+        Without a sphere: repair the surface before it is mapped, as `repair` does; a warning states the changes.
+    largest_repair : float, optional
+        With ``fix``: share of the area, from 0 to 1, that the repair may drop or add, as for `repair`.
     cut_handles : bool
         Without a sphere: cut the handles of a surface, as `parametrize` does.
     objective : {"surface", "vertices"}, optional
@@ -239,6 +246,10 @@ def fit(
     if isinstance(sphere, (int, float, np.number)):
         raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")
     directions, faces, parametrized = _sphere_of(len(values), triangles, sphere)
+    changes = changes_of(fix, largest_repair, cut_handles)
+    if directions is not None and (fix or cut_handles):
+        name = "fix" if fix else "cut_handles"
+        raise ValueError(f"{name}: expected no sphere, because it changes the surface; map the surface with parametrize first")
     settings = _settings(
         max_degree,
         len(values),
@@ -273,7 +284,7 @@ def fit(
             surface=is_surface,
             parametrized=parametrized,
             seam=seam_of(sphere),
-            cut_handles=bool(cut_handles),
+            changes=changes,
             settings=settings,
             progress=callback(progress),
         )

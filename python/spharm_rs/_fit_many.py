@@ -57,6 +57,8 @@ def fit_many(
     max_degree: int = 20,
     *,
     on_error: Literal["raise"] = "raise",
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     progress: Progress = None,
     **settings: Unpack[FitSettings],
@@ -70,6 +72,8 @@ def fit_many(
     max_degree: int = 20,
     *,
     on_error: Literal["collect"],
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     progress: Progress = None,
     **settings: Unpack[FitSettings],
@@ -82,6 +86,8 @@ def fit_many(
     max_degree: int = 20,
     *,
     on_error: Literal["raise", "collect"] = "raise",
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     progress: Progress = None,
     **settings: Unpack[FitSettings],
@@ -99,7 +105,7 @@ def fit_many(
     on_error : {"raise", "collect"}
         Raise the error of a surface that can't be fitted; or put the exception in its place in the list, which needs
         surfaces without a common sphere.
-    cut_handles : bool
+    fix, largest_repair, cut_handles
         As for `fit`, without a sphere.
     progress : bool or callable, optional
     **settings
@@ -120,7 +126,8 @@ def fit_many(
     """
     if sphere is None:
         given = list(surfaces)  # type: ignore[arg-type]
-        found = fit_each(given, max_degree, on_error=on_error, cut_handles=cut_handles, **settings)
+        changes: Any = {"fix": fix, "largest_repair": largest_repair, "cut_handles": cut_handles}
+        found = fit_each(given, max_degree, on_error=on_error, **changes, **settings)
         shown = callback(progress)
         models = []
         for model in found:
@@ -130,8 +137,8 @@ def fit_many(
         return models
     if on_error != "raise":
         raise ValueError("on_error: expected 'raise' with a sphere, over which all surfaces are fitted together")
-    if cut_handles:
-        raise ValueError("cut_handles: expected no sphere, because the sphere of a surface with handles is that of the cut one")
+    if fix or cut_handles:
+        raise ValueError(f"{'fix' if fix else 'cut_handles'}: expected no sphere, because it changes the surfaces")
     kinds = set()
     arrays: list[Floats] = []
     triangles = None
@@ -171,6 +178,8 @@ def fit_each(
     max_degree: int = 20,
     *,
     on_error: Literal["raise"] = "raise",
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     **settings: Unpack[FitSettings],
 ) -> Iterator[Model]: ...
@@ -182,6 +191,8 @@ def fit_each(
     max_degree: int = 20,
     *,
     on_error: Literal["collect"],
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     **settings: Unpack[FitSettings],
 ) -> Iterator[Model | Exception]: ...
@@ -192,6 +203,8 @@ def fit_each(
     max_degree: int = 20,
     *,
     on_error: Literal["raise", "collect"] = "raise",
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     **settings: Unpack[FitSettings],
 ) -> Any:
@@ -208,7 +221,7 @@ def fit_each(
         Highest degree L, inclusive.
     on_error : {"raise", "collect"}
         Raise the error of a surface that can't be fitted; or yield the exception and go on.
-    cut_handles : bool
+    fix, largest_repair, cut_handles
         As for `fit`.
     **settings
         The other arguments of `fit`; ``threads`` is the number of surfaces that are fitted at a time, by default the number
@@ -227,7 +240,8 @@ def fit_each(
     [10, 10, 10]
     """
     collects = _arrays.on_error(on_error)
-    each: dict[str, Any] = {**settings, "max_degree": max_degree, "cut_handles": cut_handles}
+    each: dict[str, Any] = {**settings, "max_degree": max_degree}
+    each.update(fix=fix, largest_repair=largest_repair, cut_handles=cut_handles)
     workers = _arrays.threads(each.pop("threads", None)) or len(os.sched_getaffinity(0))
     return _each(iter(surfaces), workers, collects, each)
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._progress import Progress, callback
+from ._repair import changes_of
 from ._surface import Path, Surface, as_surface, named_icosphere
 from ._warnings import warn
 from .reports import MapQuality, MapReport
@@ -71,6 +72,8 @@ def _settings(
 def parametrize(
     surface: Any,
     *,
+    fix: bool = False,
+    largest_repair: float | None = None,
     cut_handles: bool = False,
     method: str = "auto",
     degree: int | None = None,
@@ -85,6 +88,11 @@ def parametrize(
     Parameters
     ----------
     surface : Surface or what `as_surface` takes
+    fix : bool
+        Repair the surface as `repair` does, instead of refusing it. The repaired surface is mapped, and a warning states the
+        changes.
+    largest_repair : float, optional
+        With ``fix``: share of the area, from 0 to 1, that the repair may drop or add, as for `repair`.
     cut_handles : bool
         Cut handles along short loops and fill both sides, instead of refusing the surface. The cut surface is mapped;
         `Model.surface` of a model fitted over its sphere restores the handles.
@@ -110,7 +118,7 @@ def parametrize(
     Raises
     ------
     MeshError
-        If the surface isn't closed, has handles (without ``cut_handles``), or can't be mapped.
+        If the surface isn't closed (without ``fix``), has handles (without ``cut_handles``), or can't be mapped.
     MemoryBudgetError
         If the budget is too small; the exception has ``budget`` and ``needed``.
 
@@ -124,7 +132,11 @@ def parametrize(
     """
     mesh, settings = as_surface(surface), _settings(method, degree, area, seed, memory, threads)
     found = _core.parametrize(
-        mesh.vertices, mesh.faces, cut_handles=bool(cut_handles), **settings, progress=callback(progress)
+        mesh.vertices,
+        mesh.faces,
+        changes=changes_of(fix, largest_repair, cut_handles),
+        **settings,
+        progress=callback(progress),
     )
     return _made(found)
 

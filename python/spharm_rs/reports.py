@@ -212,6 +212,31 @@ class HandlesReport(TypedDict):
     loops: List[CutLoop]
 
 
+class RepairReport(TypedDict):
+    """A repair of a mesh."""
+
+    #: Vertices merged with another at the same position, or on rims at nearly the same.
+    vertices_welded: int
+    degenerate_triangles_dropped: int
+    repeated_triangles_dropped: int
+    #: Triangles of fins and of walls between chambers.
+    triangles_of_fins_dropped: int
+    triangles_turned: int
+    #: Vertices added where parts touched.
+    vertices_split: int
+    pieces_dropped: int
+    holes_filled: int
+    #: Triangles that fill the holes; they are the last of the repaired surface.
+    triangles_added: int
+    unused_vertices_dropped: int
+    #: Share of the area of all pieces, from 0 to 1, in the dropped pieces.
+    dropped_area: float
+    #: Share of the area of the repaired surface in the filled holes.
+    filled_area: float
+    #: Reasons why the repaired surface can't be mapped to the sphere; empty for a surface of genus zero.
+    problems: List[str]
+
+
 class _MapReport(TypedDict):
     #: ``cald``, ``conformal``, ``stretch``, ``equal-area``, ``deform``, ``resample`` or ``given``.
     method: str

@@ -31,7 +31,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         reading: cli.volume.reading(),
         label_surface: cli.label_surface.surface(&cli.volume)?,
         fix: cli.fix,
-        largest_repair: cli.largest_repair.map(|share| 0.01 * share),
+        largest_repair: cli.largest_repair,
         cut_handles: cli.cut_handles,
     });
     let budget = cli.memory.budget(cli.threads.count());

@@ -8,9 +8,9 @@ mod fit;
 use std::io;
 
 use spharm::shape::even::NO_TRIANGLES;
-use spharm::{Error, ModelError, MomentsError, ShapeError};
+use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow};
 use spharm_cohort::run::RunError;
-use spharm_parametrize::ParametrizeError;
+use spharm_parametrize::{Mending, ParametrizeError};
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
 use spharm_surface::SurfaceError;
@@ -171,12 +171,12 @@ fn of_solver(error: &SolverError) -> Option<String> {
 
 fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     match error {
+        ParametrizeError::BadSurface { mending: Some(mending), .. } => Some(of_mending(mending)),
         ParametrizeError::BadSurface { handles: 1.., .. } => {
             Some("--cut-handles cuts the handles and fills the cuts; spharm reconstruct restores handles".to_owned())
         }
         ParametrizeError::LargeRepair { repair, .. } => {
-            let share = (100.0 * repair.dropped_area.max(repair.filled_area)).ceil();
-            Some(format!("--largest-repair {share} allows it"))
+            percent_to_allow(repair).map(|percent| format!("--largest-repair {percent} allows it"))
         }
         ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {
             Some("--fix repairs the label; to keep its handles, use --cut-handles".to_owned())
@@ -202,6 +202,12 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::Solver(error) => of_solver(error),
         _ => None,
     }
+}
+
+/// Returns the flags with which a mesh is repaired.
+fn of_mending(mending: &Mending) -> String {
+    let large = percent_to_allow(&mending.repair).map(|percent| format!(" --largest-repair {percent}"));
+    format!("give --fix{}{}", large.unwrap_or_default(), if mending.handles > 0 { " --cut-handles" } else { "" })
 }
 
 fn of_moments(error: &MomentsError) -> Option<String> {

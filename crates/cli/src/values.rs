@@ -44,14 +44,14 @@ pub fn fraction(text: &str) -> Result<f64, String> {
     fraction.ok_or_else(|| "expected a number between 0 and 1".to_owned())
 }
 
-/// Parses a percentage from 0 to 100.
+/// Parses a percentage from 0 to 100, with or without a percent sign, and returns it as a fraction.
 ///
 /// # Errors
 ///
 /// Returns a message that states the expected value.
 pub fn percent(text: &str) -> Result<f64, String> {
     let percent = text.trim_end_matches('%').parse().ok().filter(|percent: &f64| (0.0..=100.0).contains(percent));
-    percent.ok_or_else(|| "expected a percentage from 0 to 100".to_owned())
+    percent.map(|percent| 0.01 * percent).ok_or_else(|| "expected a percentage from 0 to 100".to_owned())
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use crate::error::ParametrizeError;
 use crate::flaws::Flaws;
 use crate::geometry::{Vec3, area, scale};
 use crate::handles::shortest_loops;
+use crate::trial::mending;
 
 /// Largest number of handles for which an error message lists the lengths of the loops.
 const MOST_LOOPS: usize = 5;
@@ -71,12 +72,13 @@ fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
     if problems.is_empty() && handles == 0 {
         return Ok(());
     }
+    let mending = if problems.is_empty() { None } else { mending(mesh) };
     if handles > 0 {
         problems.push(with_lengths(mesh, handles, problems.is_empty(), exponent));
     }
     let remedy =
         if handles > 0 { "cut or fill the handles first; handles are often segmentation errors" } else { found.remedy };
-    Err(ParametrizeError::BadSurface { problems: problems.join("; "), handles, remedy })
+    Err(ParametrizeError::BadSurface { problems: problems.join("; "), handles, remedy, mending })
 }
 
 /// Describes the number of handles. If the mesh is small and has no other defects, includes the lengths of the loops

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use spharm_surface::SurfaceError;
 use spharm_surface::repair::MeshRepair;
 
+use crate::mending::Mending;
 use crate::volume::ImageChoice;
 
 /// Errors of parameterisation.
@@ -15,14 +16,19 @@ use crate::volume::ImageChoice;
 #[non_exhaustive]
 pub enum ParametrizeError {
     /// The mesh isn't a closed surface of genus zero, or has defects.
-    #[error("not a closed, clean surface of genus zero: {problems}; {remedy}")]
+    #[error(
+        "not a closed, clean surface of genus zero: {problems}; {}",
+        mending.as_ref().map_or_else(|| (*remedy).to_owned(), ToString::to_string)
+    )]
     BadSurface {
         /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
         /// Number of handles (the genus) of a closed surface; 0 if the surface isn't closed.
         handles: usize,
-        /// Advice to the user on the problems.
+        /// Advice to the user on the problems if there is no `mending`.
         remedy: &'static str,
+        /// The repair that would close the surface, if there is one.
+        mending: Option<Box<Mending>>,
     },
 
     /// The map isn't one to one: it has folds.
@@ -197,7 +203,10 @@ pub enum ParametrizeError {
     },
 
     /// The repair of a mesh would drop or add a large part of its surface.
-    #[error("a repair would change a large part of the surface, but at most {} % is allowed: {}", (1e4 * *most).round() / 1e2, repair.drops_and_fills())]
+    #[error(
+        "a repair would change a large part of the surface, but at most {} % is allowed: {}",
+        (1e4 * *most).round() / 1e2, repair.drops_and_fills()
+    )]
     LargeRepair {
         /// The repair that wasn't accepted.
         repair: Box<MeshRepair>,

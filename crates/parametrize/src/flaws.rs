@@ -24,7 +24,7 @@ impl Flaws {
     pub(crate) fn of(mesh: &Mesh) -> Result<Self, ParametrizeError> {
         let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
         let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
-        let bad = |problems, remedy| Err(ParametrizeError::BadSurface { problems, handles: 0, remedy });
+        let bad = |problems, remedy| Err(ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None });
         if infinite > 0 {
             let problem = counted(infinite, "vertex has", "vertices have", "NaN or infinite coordinates");
             return bad(problem, "repair the coordinates and export the mesh again");

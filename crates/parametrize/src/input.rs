@@ -12,6 +12,7 @@ use spharm_surface::repair::{MeshRepair, repair};
 use crate::error::ParametrizeError;
 use crate::handles::{CutSurface, HandlesReport, cut_handles, fill_holes};
 use crate::method::Source;
+use crate::trial::with_mending;
 use crate::volume::{Repair, VolumeSurface};
 
 /// A surface from a file, after the changes made to it.
@@ -64,7 +65,7 @@ impl Input {
             }
             Self::Label(_) | Self::Cut(..) => return Ok(self),
         };
-        let found = cut_handles(mesh, monitor)?;
+        let found = cut_handles(mesh, monitor).map_err(|error| with_mending(error, mesh))?;
         if found.seam.is_none() {
             return Ok(self);
         }

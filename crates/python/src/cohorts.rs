@@ -15,6 +15,7 @@ use spharm_cohort::{CohortError, Entry, Manifest, Row, Shard, check_id};
 
 use crate::errors::{Failure, exception};
 use crate::fitting::{Settings, report_of};
+use crate::repairs::Changes;
 use crate::run::{Started, lock};
 use crate::volumes::{label_surface_of, reading};
 
@@ -94,7 +95,7 @@ impl CohortRun {
     /// Starts to fit the rows of a table, or the given rows.
     #[new]
     #[pyo3(signature = (
-        table, rows, *, output, sphere, mask, shard, status, exists, keep_going, fix, cut_handles, voxel_size,
+        table, rows, *, output, sphere, mask, shard, status, exists, keep_going, changes, voxel_size,
         image, threshold, probability, label_surface, smooth_radius, settings
     ))]
     #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
@@ -109,8 +110,7 @@ impl CohortRun {
         status: Option<PathBuf>,
         exists: &str,
         keep_going: bool,
-        fix: bool,
-        cut_handles: bool,
+        changes: Changes,
         voxel_size: Option<[f64; 3]>,
         image: (Option<usize>, Option<usize>),
         threshold: Option<f64>,
@@ -152,7 +152,7 @@ impl CohortRun {
         let mut params = RunParams::new(fit);
         let label_surface = label_surface_of(py, label_surface, smooth_radius)?;
         let reading = VolumeReading { voxel_size, ..reading(image, VoxelValues::of(threshold, probability)) };
-        params.preparation = Preparation { reading, label_surface, fix, cut_handles, largest_repair: None };
+        params.preparation = Preparation { reading, label_surface, ..changes.into() };
         (params.mask, params.status, params.keep_going) = (mask, status, keep_going);
         params.if_exists = match exists {
             "refuse" => IfExists::Refuse,

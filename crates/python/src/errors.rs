@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use spharm::parametrize::ParametrizeError;
 use spharm::register::RegisterError;
 use spharm::store::StoreError;
-use spharm::{Error, ModelError, MomentsError};
+use spharm::{Error, ModelError, MomentsError, percent_to_allow};
 use spharm::{SolverError, SurfaceError};
 
 /// Reason why a function failed.
@@ -63,8 +63,8 @@ enum Kind<'a> {
 /// Returns the exception for a failure.
 pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
     match failure {
-        Failure::Library(error) => raised(py, &error.to_string(), of(&error)),
-        Failure::Member { name, error } => raised(py, &format!("{name}: {error}"), of(&error)),
+        Failure::Library(error) => raised(py, &with_advice(&error), of(&error)),
+        Failure::Member { name, error } => raised(py, &format!("{name}: {}", with_advice(&error)), of(&error)),
         Failure::Moments(error) => raised(py, &error.to_string(), of_moments(&error)),
         Failure::Memory { what, budget, needed, given } => {
             let size = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
@@ -81,6 +81,28 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
             named(py, "SpharmError", "this is a bug in spharm-rs; please report it with the output on stderr")
         }
     }
+}
+
+/// Returns the text of an error, with advice in terms of Python's functions if the error is about a mesh.
+fn with_advice(error: &Error) -> String {
+    let largest = |repair| {
+        let percent = percent_to_allow(repair)?;
+        Some(format!("largest_repair={:.2}", 0.01 * f64::from(percent)))
+    };
+    let advice = match error {
+        Error::Parametrize(ParametrizeError::BadSurface { mending: Some(mending), .. }) => {
+            let largest = largest(&mending.repair).map(|largest| format!(", {largest}")).unwrap_or_default();
+            Some(format!("call spharm_rs.repair(surface{largest})"))
+        }
+        Error::Parametrize(ParametrizeError::BadSurface { handles: 1.., .. }) => {
+            Some("cut_handles=True cuts the handles".to_owned())
+        }
+        Error::Parametrize(ParametrizeError::LargeRepair { repair, .. }) => {
+            largest(repair).map(|largest| format!("{largest} allows it"))
+        }
+        _ => None,
+    };
+    advice.map_or_else(|| error.to_string(), |advice| format!("{error}; {advice}"))
 }
 
 fn raised(py: Python<'_>, text: &str, kind: Kind<'_>) -> PyErr {

@@ -13,12 +13,13 @@ use spharm::parametrize::Input;
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
     BatchReport, Error, Fit, FitParams, FitReport, FitWarning, Kind, ManyReport, Mesh, MeshFit, Method, Model as Inner,
-    Monitor, Objective, Preparation, Signal, Smoothness, Sphere, Target, Weights,
+    Monitor, Objective, Signal, Smoothness, Sphere, Target, Weights,
 };
 
 use crate::arrays::{Faces, Positions, SeamIn, SphereArrays, mesh};
 use crate::errors::Failure;
 use crate::models::Model;
+use crate::repairs::{Changes, map_report};
 use crate::run::run;
 use crate::stores::scalar;
 use crate::transforms::Transform;
@@ -126,7 +127,7 @@ pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String,
 /// Fits one surface or signal. A surface without a sphere is mapped to a sphere first.
 #[pyfunction]
 #[pyo3(signature = (
-    values, faces, sphere, sphere_faces, *, surface, parametrized, seam, cut_handles, settings, progress = None
+    values, faces, sphere, sphere_faces, *, surface, parametrized, seam, changes, settings, progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 pub(crate) fn fit<'py>(
@@ -138,7 +139,7 @@ pub(crate) fn fit<'py>(
     surface: bool,
     parametrized: bool,
     seam: Option<SeamIn>,
-    cut_handles: bool,
+    changes: Changes,
     settings: Settings<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Fitted<'py>> {
@@ -164,21 +165,16 @@ pub(crate) fn fit<'py>(
             Ok((sphere, fit, many, None))
         }
         Given::Bare(mesh) => {
-            let preparation = Preparation { cut_handles, ..Preparation::default() };
             let (input, keep) = (Input::Mesh(*mesh), mask.as_deref());
-            let MeshFit { surface, fit, many } = spharm::fit_mesh_masked(input, preparation, keep, &params, monitor)?;
+            let MeshFit { surface, fit, many } =
+                spharm::fit_mesh_masked(input, changes.into(), keep, &params, monitor)?;
             Ok((surface.parametrized.sphere.clone(), fit, many, Some(surface)))
         }
     })?;
-    let map = mapped.as_ref().map(|mapped| {
-        let mut map = json!(mapped.parametrized.map.report);
-        if let (Some(map), Some(handles)) = (map.as_object_mut(), &mapped.handles) {
-            map.insert("handles".to_owned(), json!(handles));
-        }
-        map
-    });
+    let map = mapped.as_ref().map(map_report);
     let mut found = fitted(py, sphere, fit, &many, map, surface);
     if let Some(mapped) = mapped {
+        found.3.extend(mapped.mesh_repair.map(|repair| ("SpharmWarning", repair.to_string())));
         mapped.record(&mut found.0.inner.provenance);
     }
     Ok(found)

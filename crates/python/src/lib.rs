@@ -12,6 +12,7 @@
 //! | `errors` | the library's errors as exceptions |
 //! | `arrays` | conversion between NumPy arrays and the library's types |
 //! | `surfaces` | reading, writing, mapping, resampling, comparing |
+//! | `repairs` | repairs of meshes |
 //! | `volumes` | labels of volumes, and their surfaces |
 //! | `fitting` | fits of one target or of many |
 //! | `models` | models: evaluation and files |
@@ -46,6 +47,7 @@ mod morphs;
 mod pictures;
 mod poses;
 mod qualities;
+mod repairs;
 mod run;
 mod shapes;
 mod sources;
@@ -84,6 +86,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(fitting::choose_degree, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::solve, module)?)?;
     surfaces::register(module)?;
+    repairs::register(module)?;
     volumes::register(module)?;
     shapes::register(module)?;
     qualities::register(module)?;

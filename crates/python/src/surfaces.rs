@@ -15,11 +15,12 @@ use spharm::parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
     resample as resample_mesh,
 };
-use spharm::{Mesh, Monitor, Seam, Signal, Sphere};
+use spharm::{Mesh, Monitor, Preparation, Seam, Signal, Sphere};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, seam_out};
 use crate::errors::Failure;
 use crate::memory::{check_distance, check_mapping, check_resampling};
+use crate::repairs::{Changes, report_of};
 use crate::run::{run, run_owned};
 
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -133,10 +134,15 @@ pub(crate) fn map(
     Ok((found, input.handles().map(|handles| json!(handles))))
 }
 
-pub(crate) fn mapped(py: Python<'_>, found: Parametrization, handles: Option<Value>) -> Mapped<'_> {
+/// Returns a mapped surface for Python, with further details in its report.
+pub(crate) fn mapped(
+    py: Python<'_>,
+    found: Parametrization,
+    details: impl IntoIterator<Item = (&'static str, Option<Value>)>,
+) -> Mapped<'_> {
     let mut report = json!(found.report);
-    if let (Some(report), Some(handles)) = (report.as_object_mut(), handles) {
-        report.insert("handles".to_owned(), handles);
+    if let Some(report) = report.as_object_mut() {
+        report.extend(details.into_iter().filter_map(|(name, detail)| Some((name.to_owned(), detail?))));
     }
     if let (Some(report), Some(resampling)) = (report.as_object_mut(), &found.resampling) {
         report.insert("distance_rms".to_owned(), json!(resampling.distance.rms));
@@ -166,14 +172,14 @@ pub(crate) fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) ->
 
 #[pyfunction]
 #[pyo3(signature = (
-    vertices, faces, *, cut_handles, method, degree, area, seed, memory = None, threads = None, progress = None
+    vertices, faces, *, changes, method, degree, area, seed, memory = None, threads = None, progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
 fn parametrize<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,
     faces: Faces<'py>,
-    cut_handles: bool,
+    changes: Changes,
     method: &str,
     degree: Option<usize>,
     area: f64,
@@ -183,12 +189,17 @@ fn parametrize<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (mesh, method) = (mesh("surface", &vertices, &faces)?, self::method(method, degree, area, seed)?);
-    let (found, handles) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+    let (found, handles, repair) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let mesh = Input::Mesh(mesh);
         check_mapping(&mesh, &method, memory)?;
-        map(&if cut_handles { mesh.without_handles(monitor)? } else { mesh }, &method, memory, monitor)
+        let mesh = Preparation::from(changes).apply(mesh, monitor)?;
+        let (found, handles) = map(&mesh, &method, memory, monitor)?;
+        Ok((found, handles, mesh.mesh_repair().copied()))
     })?;
-    Ok(mapped(py, found, handles))
+    let details = [("handles", handles), ("repair", repair.map(|repair| Value::Object(report_of(&repair))))];
+    let mut mapped = mapped(py, found, details);
+    mapped.4.extend(repair.map(|repair| repair.to_string()));
+    Ok(mapped)
 }
 
 #[pyfunction]
@@ -215,7 +226,7 @@ fn resample<'py>(
         check_resampling(&shared, memory)?;
         Ok(resample_mesh(&surface, &sphere, &shared, monitor)?)
     })?;
-    Ok(mapped(py, found, None))
+    Ok(mapped(py, found, []))
 }
 
 /// Returns measures of the quality of a map to the sphere, as JSON.

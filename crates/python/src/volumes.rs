@@ -101,7 +101,7 @@ fn parametrize_volume<'py>(
         let (found, handles) = map(&Input::Label(surface).without_handles(monitor)?, &method, memory, monitor)?;
         Ok((found, handles, repairs))
     })?;
-    let mut mapped = mapped(py, found, handles);
+    let mut mapped = mapped(py, found, [("handles", handles)]);
     mapped.4.extend(repairs);
     Ok(mapped)
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use spharm_monitor::Monitor;
-use spharm_surface::geometry::{Vec3, cross, dot, sub};
+use spharm_surface::geometry::{Vec3, dot, face_normal};
 use spharm_surface::nearest::TriangleTree;
 use spharm_surface::topology::area;
 use spharm_surface::{Mesh, SpreadPoints};
@@ -119,8 +119,7 @@ pub fn without_counterpart(template: &Mesh, original: &Mesh, distance: f64) -> V
 
 /// Returns the cross product of a triangle's edges: its normal, with twice its area as length.
 pub(crate) fn doubled_normal(vertices: &[Vec3], face: [u32; 3]) -> Vec3 {
-    let [a, b, c] = face.map(|v| vertices[v as usize]);
-    cross(sub(b, a), sub(c, a))
+    face_normal(face.map(|v| vertices[v as usize]))
 }
 
 pub(crate) fn length(v: Vec3) -> f64 {

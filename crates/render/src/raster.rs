@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use spharm_surface::Mesh;
-use spharm_surface::geometry::{Vec3, add, dot, face_normal, scale, unit};
+use spharm_surface::geometry::{Vec3, add, dot, scale, unit, vertex_normals};
 
 use crate::camera::Camera;
 use crate::image::Image;
@@ -52,7 +52,7 @@ impl Raster {
     /// are also drawn, lit as if seen from the front, so that the inside of an open or inverted surface is visible.
     pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], contour: Option<Contour<'_>>, camera: &Camera) {
         let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
-        let normals = vertex_normals(mesh);
+        let normals = vertex_normals(&mesh.vertices, &mesh.faces);
         let corners: Vec<Corner> = mesh
             .vertices
             .iter()
@@ -202,24 +202,6 @@ fn shade(normal: Vec3, lights: &[(Vec3, f64)], towards: Vec3) -> f64 {
     let normal = if dot(normal, towards) < 0.0 { scale(normal, -1.0) } else { normal };
     let lit: f64 = lights.iter().map(|(direction, strength)| strength * dot(normal, *direction).max(0.0)).sum();
     AMBIENT + lit
-}
-
-/// Returns the unit normals at the vertices, which are area-weighted means of the normals of adjacent triangles.
-fn vertex_normals(mesh: &Mesh) -> Vec<Vec3> {
-    let mut normals = vec![[0.0; 3]; mesh.vertices.len()];
-    for face in &mesh.faces {
-        let [Some(a), Some(b), Some(c)] = face.map(|i| mesh.vertices.get(i as usize)) else {
-            continue;
-        };
-        let normal = face_normal([*a, *b, *c]);
-        for i in face {
-            normals[*i as usize] = add(normals[*i as usize], normal);
-        }
-    }
-    for normal in &mut normals {
-        *normal = unit(*normal);
-    }
-    normals
 }
 
 /// Returns twice the signed area of a triangle in the plane.

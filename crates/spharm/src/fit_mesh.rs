@@ -33,6 +33,15 @@ pub const DROPPED: f64 = 0.05;
 /// Largest share of the area that holes may have which the repair of a mesh fills.
 pub const FILLED: f64 = 0.25;
 
+/// Returns the smallest [`largest_repair`](Preparation::largest_repair) that allows a repair, in whole percent; `None`
+/// if the usual limits allow it.
+#[must_use]
+pub fn percent_to_allow(repair: &MeshRepair) -> Option<u32> {
+    let shares = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
+    let large = shares.into_iter().filter(|(share, usual)| share > usual).map(|(share, _)| share);
+    large.reduce(f64::max).map(|share| (100.0 * share).ceil() as u32)
+}
+
 impl Preparation {
     /// Returns the changes that apply to a surface: none for a surface with a sphere, and default settings for volumes
     /// if the surface isn't extracted from a label.

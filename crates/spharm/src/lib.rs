@@ -125,6 +125,7 @@ pub use fit::{
 };
 pub use fit_mesh::{
     DROPPED, FILLED, MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_masked, fit_mesh_with,
+    percent_to_allow,
 };
 pub use model::versions;
 pub use objective::Objective;
@@ -151,6 +152,6 @@ pub use spharm_solver::SolverError;
 pub use spharm_store::{Scalar, StoreError};
 pub use spharm_surface::{
     Kind, Mesh, Seam, Signal, Sphere, SurfaceError, Target, generate, io, metrics, pose, read_sphere, read_target,
-    read_target_with_gaps,
+    read_target_with_gaps, repair, topology,
 };
 pub use spharm_transform::TransformError;

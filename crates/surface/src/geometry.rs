@@ -53,6 +53,21 @@ pub fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
 
+/// Returns the normals at the vertices of a mesh, (n): the sums of [`face_normal`] over the triangles around each
+/// vertex. Triangles with indices out of range are skipped.
+#[must_use]
+pub fn vertex_normals(vertices: &[Vec3], faces: &[[u32; 3]]) -> Vec<Vec3> {
+    let mut normals = vec![[0.0; 3]; vertices.len()];
+    for face in faces {
+        let [Some(a), Some(b), Some(c)] = face.map(|v| vertices.get(v as usize)) else { continue };
+        let normal = face_normal([*a, *b, *c]);
+        for &v in face {
+            normals[v as usize] = add(normals[v as usize], normal);
+        }
+    }
+    normals
+}
+
 /// Returns the smallest and the largest coordinate along each axis. Without points, these are +infinity and -infinity.
 #[must_use]
 pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {

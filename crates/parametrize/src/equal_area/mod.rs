@@ -56,7 +56,8 @@ pub fn equal_area(
              {chi} in total, {} pinched edges)",
             quads.pinched_edges()
         );
-        return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy: "repair the label" });
+        let remedy = "repair the label";
+        return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None });
     }
     monitor.check()?;
     let start = initial::positions(quads)?;

@@ -2,12 +2,12 @@
 
 use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
-use spharm_surface::geometry::face_normal;
+use spharm_surface::geometry::{unit, vertex_normals};
 use spharm_surface::nearest::TriangleTree;
 use spharm_surface::repair::{MeshRepair, rims};
 
 use super::filling::Rim;
-use crate::geometry::{Vec3, add};
+use crate::geometry::Vec3;
 
 /// Largest number of edges of a hole that is filled. Its filling has 22,500 vertices.
 pub const LARGEST_HOLE: usize = 500;
@@ -27,15 +27,11 @@ pub fn fill_holes(mesh: &mut Mesh, found: &mut MeshRepair, monitor: &dyn Monitor
     if rims.is_empty() {
         return Ok(());
     }
-    let mut normals: Vec<Vec3> = vec![[0.0; 3]; mesh.vertices.len()];
-    for face in &mesh.faces {
-        let normal = face_normal(face.map(|v| mesh.vertices[v as usize]));
-        face.iter().for_each(|&v| normals[v as usize] = add(normals[v as usize], normal));
-    }
+    let normals = vertex_normals(&mesh.vertices, &mesh.faces);
     let surface = TriangleTree::new(mesh);
     for rim in rims {
         let places: Vec<Vec3> = rim.iter().map(|&v| mesh.vertices[v as usize]).collect();
-        let normals: Vec<Vec3> = rim.iter().map(|&v| spharm_surface::geometry::unit(normals[v as usize])).collect();
+        let normals: Vec<Vec3> = rim.iter().map(|&v| unit(normals[v as usize])).collect();
         let rim = Rim { right: &rim, left: &[], places: &places, normals: &normals, surface: &surface };
         let filling = rim.fill(mesh.vertices.len() as u32, monitor)?;
         found.holes += 1;

@@ -29,6 +29,7 @@ pub use report::{CutLoop, CutSurface, HandlesReport, Kind};
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Silent};
+use spharm_surface::geometry::{unit, vertex_normals};
 use spharm_surface::nearest::TriangleTree;
 use spharm_surface::topology::{Topology, is_outward};
 use spharm_surface::{Mesh, Seam};
@@ -54,7 +55,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     let genus = flaws.handles();
     if !flaws.problems.is_empty() {
         let problems = flaws.problems.join("; ");
-        return Err(ParametrizeError::BadSurface { problems, handles: genus, remedy: flaws.remedy });
+        return Err(ParametrizeError::BadSurface { problems, handles: genus, remedy: flaws.remedy, mending: None });
     }
     let corners = |face: &[u32; 3]| face.map(|v| surface.vertices[v as usize]);
     let mut report = HandlesReport {
@@ -73,7 +74,8 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
     })?;
     let mut cut = Mesh::new(complex.positions.clone(), complex.own_triangles().collect());
     cut.meta.clone_from(&surface.meta);
-    let (normals, outward) = (normals(surface), is_outward(surface));
+    let normals = vertex_normals(&surface.vertices, &surface.faces);
+    let outward = is_outward(surface);
     for (found, filling) in cuts.iter().zip(fillings(&complex, surface, &normals, &cuts, monitor)?) {
         let (rim, first) = (right_rim(&complex, &found.rims), cut.vertices.len() as u32);
         let sum = rim.iter().fold([0.0; 3], |sum, &v| add(sum, complex.positions[v as usize]));
@@ -109,7 +111,8 @@ pub(crate) fn shortest_loops(surface: &Mesh, genus: usize) -> Vec<f64> {
 }
 
 fn left_over(problems: String) -> ParametrizeError {
-    ParametrizeError::BadSurface { problems, handles: 0, remedy: "remesh the surface, or cut its handles by hand" }
+    let remedy = "remesh the surface, or cut its handles by hand";
+    ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None }
 }
 
 /// Returns the fillings of all cuts. In each filling, the new vertices are numbered from the complex's number of
@@ -126,7 +129,7 @@ fn fillings(
         monitor.check()?;
         let (right, left) = (right_rim(complex, &cut.rims), left_rim(complex, &cut.rims));
         let places: Vec<Vec3> = right.iter().map(|&v| complex.positions[v as usize]).collect();
-        let normals: Vec<Vec3> = right.iter().map(|&v| normals[complex.own[v as usize] as usize]).collect();
+        let normals: Vec<Vec3> = right.iter().map(|&v| unit(normals[complex.own[v as usize] as usize])).collect();
         let rim = Rim { right: &right, left: &left, places: &places, normals: &normals, surface: &tree };
         rim.fill(complex.vertices() as u32, monitor)
     });
@@ -141,16 +144,4 @@ fn right_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
 /// Returns the vertices on the left of a cut, in the loop's order.
 fn left_rim(complex: &Complex, rims: &Rims) -> Vec<u32> {
     rims.left.iter().map(|&h| complex.to(h)).collect()
-}
-
-/// Returns unit normals at the vertices; they point outwards if the triangles wind outwards.
-fn normals(surface: &Mesh) -> Vec<Vec3> {
-    let mut normals = vec![[0.0; 3]; surface.vertices.len()];
-    for face in &surface.faces {
-        let normal = spharm_surface::geometry::face_normal(face.map(|v| surface.vertices[v as usize]));
-        for &v in face {
-            normals[v as usize] = add(normals[v as usize], normal);
-        }
-    }
-    normals.into_iter().map(spharm_surface::geometry::unit).collect()
 }

@@ -22,7 +22,7 @@ use spharm_harmonics::{Coefficients, Directions, basis_size};
 use spharm_monitor::{Monitor, OnlyCancel, Silent};
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
-use spharm_surface::geometry::{add, dot, face_normal, sub};
+use spharm_surface::geometry::{dot, sub, vertex_normals};
 use spharm_surface::metrics::{SurfaceDistanceParams, bounding_box_scale, surface_distance};
 use spharm_transform::{Transform, TransformParams};
 
@@ -70,7 +70,7 @@ impl<'a> Reference<'a> {
         let mesh = evaluate(&transform, &sphere, coefficients.values().view())?;
         let scale = bounding_box_scale(&mesh.vertices)?;
         let points = POINTS_PER_FUNCTION * functions;
-        let normals = normals(&mesh);
+        let normals = vertex_normals(&mesh.vertices, &mesh.faces);
         Ok(Self::Surface(Box::new(Surface { transform, mesh, normals, scale, points })))
     }
 
@@ -118,17 +118,6 @@ fn deviation(column: ArrayView1<'_, f64>) -> f64 {
         if largest > 0.0 { largest * (scaled / (4.0 * PI)).sqrt() } else { 0.0 }
     };
     [norm(1), norm(0)].into_iter().find(|&norm| norm > 0.0).unwrap_or(1.0)
-}
-
-fn normals(mesh: &Mesh) -> Vec<[f64; 3]> {
-    let mut normals = vec![[0.0; 3]; mesh.vertices.len()];
-    for face in &mesh.faces {
-        let normal = face_normal(face.map(|v| mesh.vertices[v as usize]));
-        for &v in face {
-            normals[v as usize] = add(normals[v as usize], normal);
-        }
-    }
-    normals
 }
 
 impl Surface {

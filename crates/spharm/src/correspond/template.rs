@@ -39,7 +39,7 @@ impl MappedTemplate {
         let input = Input::Mesh(surface.clone()).mended(monitor)?;
         if let Some(repair) = input.mesh_repair().filter(|repair| repair.filled_area > crate::FILLED) {
             let (problems, remedy) = (repair.drops_and_fills(), "close the surface, or take another as the template");
-            return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy }.into());
+            return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None }.into());
         }
         let input = input.without_handles(monitor)?;
         let changes = input.changes(true);

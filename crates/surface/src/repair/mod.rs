@@ -58,6 +58,25 @@ impl MeshRepair {
         [dropped, filled].into_iter().flatten().collect::<Vec<_>>().join(", ")
     }
 
+    /// Returns a description of all changes: phrases joined by commas, or "nothing".
+    #[must_use]
+    pub fn changes(&self) -> String {
+        let [dropped, filled] = self.large();
+        let phrases = [
+            phrase(self.welded, "vertex welded to another", "vertices welded to others"),
+            phrase(self.degenerate, "degenerate triangle dropped", "degenerate triangles dropped"),
+            phrase(self.repeated, "repeated triangle dropped", "repeated triangles dropped"),
+            phrase(self.fins, "triangle of fins or inner walls dropped", "triangles of fins or inner walls dropped"),
+            phrase(self.turned, "triangle turned", "triangles turned"),
+            phrase(self.split, "vertex added where parts touched", "vertices added where parts touched"),
+            dropped,
+            filled,
+            phrase(self.unused, "unused vertex dropped", "unused vertices dropped"),
+        ];
+        let phrases: Vec<String> = phrases.into_iter().flatten().collect();
+        if phrases.is_empty() { "nothing".to_owned() } else { phrases.join(", ") }
+    }
+
     fn large(&self) -> [Option<String>; 2] {
         let of = |count: usize, one: &str, many: &str, share: f64| {
             let text = phrase(count, one, many)?;
@@ -96,26 +115,7 @@ impl MeshRepair {
 
 impl fmt::Display for MeshRepair {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let [dropped, filled] = self.large();
-        let phrases: Vec<String> = [
-            phrase(self.welded, "vertex welded to another", "vertices welded to others"),
-            phrase(self.degenerate, "degenerate triangle dropped", "degenerate triangles dropped"),
-            phrase(self.repeated, "repeated triangle dropped", "repeated triangles dropped"),
-            phrase(self.fins, "triangle of fins or inner walls dropped", "triangles of fins or inner walls dropped"),
-            phrase(self.turned, "triangle turned", "triangles turned"),
-            phrase(self.split, "vertex added where parts touched", "vertices added where parts touched"),
-            dropped,
-            filled,
-            phrase(self.unused, "unused vertex dropped", "unused vertices dropped"),
-        ]
-        .into_iter()
-        .flatten()
-        .collect();
-        write!(
-            f,
-            "the mesh was repaired: {}",
-            if phrases.is_empty() { "nothing".to_owned() } else { phrases.join(", ") }
-        )
+        write!(f, "the mesh was repaired: {}", self.changes())
     }
 }
 

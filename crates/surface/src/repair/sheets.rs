@@ -53,7 +53,7 @@ fn pieces(faces: &[[u32; 3]], sides: &[Side]) -> UnionFind {
 /// Drops pieces that end at an edge to which other triangles belong, too, such as fins and walls between chambers: at
 /// each edge all but two, those with a rim first, then the smallest. Returns the number of triangles dropped.
 pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
-    let before = faces.len();
+    let given = faces.len();
     let mut left = LARGEST_FINS * faces.iter().map(|face| area_of(vertices, face)).sum::<f64>();
     loop {
         let sides = sides(faces);
@@ -99,7 +99,7 @@ pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
         let mut f = 0..;
         faces.retain(|_| f.next().is_some_and(|f| !fins.contains(&pieces.root(f))));
     }
-    before - faces.len()
+    given - faces.len()
 }
 
 /// Which sides are joined at an edge where a surface touches itself.
@@ -115,25 +115,30 @@ enum Join {
 fn joined(vertices: &[Vec3], faces: &[[u32; 3]], how: Join) -> Vec<u32> {
     let sides = sides(faces);
     let mut pieces = pieces(faces, &sides);
-    let mut joined = vec![OPEN; 3 * faces.len()];
+    let mut joined = pairs(faces, &sides);
     let mut join = |a: u32, b: u32| (joined[a as usize], joined[b as usize]) = (b, a);
-    for edge in by_edge(&sides) {
-        match edge {
-            [_] => {}
-            [a, b] => join(a.2, b.2),
-            _ => {
-                let mut by_piece: Vec<(u32, u32)> = edge.iter().map(|side| (pieces.root(side.2 / 3), side.2)).collect();
-                by_piece.sort_unstable();
-                for same in by_piece.chunk_by(|a, b| a.0 == b.0) {
-                    match same {
-                        [a, b] => join(a.1, b.1),
-                        _ => wedges(vertices, faces, edge[0], same, how).into_iter().for_each(|[a, b]| join(a, b)),
-                    }
-                }
+    for edge in by_edge(&sides).filter(|edge| edge.len() > 2) {
+        let mut by_piece: Vec<(u32, u32)> = edge.iter().map(|side| (pieces.root(side.2 / 3), side.2)).collect();
+        by_piece.sort_unstable();
+        for same in by_piece.chunk_by(|a, b| a.0 == b.0) {
+            match same {
+                [a, b] => join(a.1, b.1),
+                _ => wedges(vertices, faces, edge[0], same, how).into_iter().for_each(|[a, b]| join(a, b)),
             }
         }
     }
     joined
+}
+
+/// Returns for each side the other side of an edge of two triangles, or [`OPEN`].
+fn pairs(faces: &[[u32; 3]], sides: &[Side]) -> Vec<u32> {
+    let mut other = vec![OPEN; 3 * faces.len()];
+    for edge in by_edge(sides) {
+        if let [a, b] = edge {
+            (other[a.2 as usize], other[b.2 as usize]) = (b.2, a.2);
+        }
+    }
+    other
 }
 
 /// Returns the pairs of sides, of several at one edge, whose triangles are neighbours around the edge. Empty if the
@@ -180,13 +185,7 @@ fn wedges(
 /// Turns triangles so that all of a piece agree with their neighbours, the smaller part by area. Returns their number.
 /// A surface with one side only, such as a Möbius strip, stays as it is.
 pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
-    let sides = sides(faces);
-    let mut joined = vec![OPEN; 3 * faces.len()];
-    for edge in by_edge(&sides) {
-        if let [a, b] = edge {
-            (joined[a.2 as usize], joined[b.2 as usize]) = (b.2, a.2);
-        }
-    }
+    let joined = pairs(faces, &sides(faces));
     let mut turned: Vec<Option<bool>> = vec![None; faces.len()];
     let mut count = 0;
     for first in 0..faces.len() {

@@ -1,0 +1,26 @@
+//! Describes the repair that would make a refused mesh a closed surface.
+
+use std::fmt;
+
+use spharm_surface::repair::MeshRepair;
+
+/// A repair that makes a mesh a closed surface without defects, perhaps with handles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Mending {
+    /// The changes of the repair.
+    pub repair: MeshRepair,
+    /// Number of handles of the repaired mesh.
+    pub handles: usize,
+}
+
+impl fmt::Display for Mending {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let left = match self.handles {
+            0 => String::new(),
+            1 => ", which leaves 1 handle".to_owned(),
+            handles => format!(", which leaves {handles} handles"),
+        };
+        write!(f, "a repair is possible{left}: {}", self.repair.changes())
+    }
+}

@@ -1,0 +1,71 @@
+//! Repairs meshes.
+
+use pyo3::prelude::*;
+use serde_json::{Map, Value, json};
+use spharm::parametrize::Input;
+use spharm::repair::MeshRepair;
+use spharm::topology::Topology;
+use spharm::{MappedSurface, Preparation};
+
+use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, mesh, mesh_arrays};
+use crate::run::run_owned;
+
+pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(repair, module)?)?;
+    Ok(())
+}
+
+/// Changes to a mesh before it is mapped, as given in Python: whether to repair it, the largest share of its area that
+/// the repair may drop or add, and whether to cut handles.
+#[derive(Clone, Copy, FromPyObject)]
+pub(crate) struct Changes(bool, Option<f64>, bool);
+
+impl From<Changes> for Preparation {
+    fn from(Changes(fix, largest_repair, cut_handles): Changes) -> Self {
+        Self { fix, largest_repair, cut_handles, ..Self::default() }
+    }
+}
+
+/// A repaired mesh as returned to Python: vertices, triangles, report as JSON, and a description of the changes.
+type Repaired<'py> = (PositionsOut<'py>, FacesOut<'py>, String, String);
+
+#[pyfunction]
+#[pyo3(signature = (vertices, faces, *, largest_repair, progress = None))]
+fn repair<'py>(
+    py: Python<'py>,
+    vertices: Positions<'py>,
+    faces: Faces<'py>,
+    largest_repair: Option<f64>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Repaired<'py>> {
+    let given = mesh("surface", &vertices, &faces)?;
+    let (mesh, repair, problems) = run_owned(py, Some(1), progress.as_ref(), move |monitor| {
+        let changes = Preparation { fix: true, largest_repair, ..Preparation::default() };
+        let repaired = changes.apply(Input::Mesh(given), monitor)?;
+        let repair = repaired.mesh_repair().copied().unwrap_or_default();
+        let mesh = repaired.mesh().cloned().unwrap_or_default();
+        let problems = Topology::of(&mesh).problems();
+        Ok((mesh, repair, problems))
+    })?;
+    let mut report = report_of(&repair);
+    report.insert("problems".to_owned(), json!(problems));
+    let (vertices, faces) = mesh_arrays(py, mesh);
+    Ok((vertices, faces, Value::Object(report).to_string(), repair.changes()))
+}
+
+/// Returns the report on the map of a surface, with its repair and the handles that were cut.
+pub(crate) fn map_report(mapped: &MappedSurface) -> Value {
+    let mut report = json!(mapped.parametrized.map.report);
+    if let Some(report) = report.as_object_mut() {
+        report.extend(mapped.handles.as_ref().map(|handles| ("handles".to_owned(), json!(handles))));
+        report.extend(mapped.mesh_repair.map(|repair| ("repair".to_owned(), Value::Object(report_of(&repair)))));
+    }
+    report
+}
+
+/// Returns the counts of a repair, and the shares of the area that it dropped and added.
+pub(crate) fn report_of(repair: &MeshRepair) -> Map<String, Value> {
+    let counts = repair.counts().map(|(name, count)| (name.to_owned(), json!(count)));
+    let shares = [("dropped_area", repair.dropped_area), ("filled_area", repair.filled_area)];
+    counts.into_iter().chain(shares.map(|(name, share)| (name.to_owned(), json!(share)))).collect()
+}

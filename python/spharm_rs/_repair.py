@@ -1,0 +1,93 @@
+"""Repairs meshes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from . import _core
+from ._progress import Progress, callback
+from ._surface import Surface, as_surface
+from .reports import RepairReport
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """A repaired surface.
+
+    Attributes
+    ----------
+    surface : Surface
+        The repaired surface. The remaining vertices keep their order; vertices added where parts touched or to fill
+        holes come last.
+    changes : str
+        The changes in words, such as ``"1 vertex welded to another, 1 hole filled (2.3 % of the area)"``, or ``"nothing"``.
+    report : dict
+        The changes as counts, the shares of the area that were dropped and added, and the problems that remain.
+    """
+
+    surface: Surface
+    changes: str
+    report: RepairReport = field(repr=False)
+
+
+def repair(surface: Any, *, largest_repair: float | None = None, progress: Progress = None) -> Repair:
+    """Repairs common defects of scanned or exported meshes, so that the surface can be mapped to the sphere.
+
+    In this order: welds vertices at the same position, drops degenerate and repeated triangles, welds rims that nearly
+    meet, drops fins and inner walls, turns triangles to agree with their neighbours, keeps the largest piece, fills holes
+    of up to 500 edges (the larger ones by surfaces that bend least), separates parts that touch at a vertex or along an
+    edge, and drops unused vertices. Handles and intersections of the surface with itself remain.
+
+    Parameters
+    ----------
+    surface : Surface or what `as_surface` takes
+    largest_repair : float, optional
+        Share of the area, from 0 to 1, that the repair may drop with pieces or add by filling holes, if more than the
+        usual 0.05 dropped and 0.25 added.
+    progress : bool or callable, optional
+        ``progress(stage, done, total)``, or True for a tqdm bar.
+
+    Returns
+    -------
+    Repair
+
+    Raises
+    ------
+    MeshError
+        If the repair would drop or add a larger share of the area.
+
+    Examples
+    --------
+    >>> import spharm_rs as sp
+    >>> ball = sp.icosphere(3)
+    >>> open_ball = sp.Surface(ball.vertices, ball.faces[7:])
+    >>> mended = sp.repair(open_ball)
+    >>> mended.changes
+    '3 holes filled (0.55 % of the area)'
+    >>> sp.fit(mended.surface, max_degree=8).report["parametrization"]["quality"]["flipped"]
+    0
+    """
+    mesh = as_surface(surface)
+    found = _core.repair(
+        mesh.vertices, mesh.faces, largest_repair=_share(largest_repair), progress=callback(progress)
+    )
+    vertices, faces, report, changes = found
+    return Repair(Surface(vertices, faces), changes, json.loads(report))
+
+
+def changes_of(fix: bool, largest_repair: float | None, cut_handles: bool) -> tuple[bool, float | None, bool]:
+    """Returns the changes to make to a surface before it is mapped."""
+    if largest_repair is not None and not fix:
+        raise ValueError(f"largest_repair: expected None without fix=True, found {largest_repair!r}")
+    return bool(fix), _share(largest_repair), bool(cut_handles)
+
+
+def _share(largest_repair: float | None) -> float | None:
+    if largest_repair is None:
+        return None
+    share = float(largest_repair)
+    if not 0 <= share <= 1:
+        raise ValueError(f"largest_repair: expected a share from 0 to 1, found {largest_repair!r}")
+    return share

@@ -1,0 +1,119 @@
+"""Meshes are repaired, and refused with the call that repairs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spharm_rs as sp
+
+from .test_handles import characteristic, torus
+
+
+def without_cap(height: float) -> sp.Surface:
+    """A ball of radius 1 without what lies above this height."""
+    ball = sp.icosphere(4)
+    return sp.Surface(ball.vertices, ball.faces[(ball.vertices[ball.faces, 2] < height).any(axis=1)])
+
+
+@pytest.fixture(scope="module")
+def open_ball() -> sp.Surface:
+    return without_cap(0.9)
+
+
+def test_a_repair_fills_holes_by_a_surface_that_continues_the_mesh(open_ball: sp.Surface) -> None:
+    repaired = sp.repair(open_ball)
+    kept = len(np.unique(open_ball.faces))
+    assert characteristic(repaired.surface) == 2 and repaired.report["problems"] == []
+    assert repaired.changes == f"1 hole filled (4.4 % of the area), {len(open_ball.vertices) - kept} unused vertices dropped"
+    report = repaired.report
+    assert report["holes_filled"] == 1 and abs(report["filled_area"] - 0.044) < 1e-3 and report["dropped_area"] == 0
+    radii = np.linalg.norm(repaired.surface.vertices[kept:], axis=1)
+    assert np.abs(radii - 1).max() < 0.01
+    assert sp.repair(repaired.surface).changes == "nothing"
+
+
+def test_each_kind_of_defect_is_counted() -> None:
+    ball = sp.icosphere(3)
+    corners = ball.vertices[ball.faces]
+    soup = np.concatenate([corners, corners[5:6], corners[:1] + [9, 0, 0]]).reshape(-1, 3)
+    faces = np.arange(len(soup)).reshape(-1, 3)
+    faces[40] = faces[40, ::-1]
+    repaired = sp.repair((soup, faces))
+    assert repaired.surface.faces.shape == ball.faces.shape and abs(repaired.surface.volume - ball.volume) < 1e-12
+    report = repaired.report
+    assert (report["repeated_triangles_dropped"], report["triangles_turned"], report["pieces_dropped"]) == (1, 1, 1)
+    assert 0 < report["dropped_area"] < 0.01 and report["holes_filled"] == 0
+
+
+def test_a_large_repair_is_refused_unless_it_is_allowed() -> None:
+    half = without_cap(0.1)
+    with pytest.raises(sp.MeshError, match=r"1 hole filled \(.*; largest_repair=0.(\d\d) allows it") as refused:
+        sp.repair(half)
+    share = float(str(refused.value).split("largest_repair=")[1].split()[0])
+    with pytest.raises(sp.MeshError):
+        sp.repair(half, largest_repair=share - 0.02)
+    assert characteristic(sp.repair(half, largest_repair=share).surface) == 2
+    for wrong in (-0.1, 25, float("nan")):
+        with pytest.raises(ValueError, match="largest_repair: expected a share from 0 to 1"):
+            sp.repair(half, largest_repair=wrong)
+
+
+def test_what_a_repair_leaves_is_stated() -> None:
+    ring = torus()
+    repaired = sp.repair(sp.Surface(ring.vertices, ring.faces[1:]))
+    assert repaired.report["problems"] == ["the surface has a handle (genus 1)"]
+
+
+def test_errors_name_the_call_that_repairs(open_ball: sp.Surface) -> None:
+    for call in (sp.parametrize, sp.fit):
+        with pytest.raises(sp.MeshError, match=r"a repair is possible: 1 hole filled .*; call spharm_rs.repair\(surface\)$"):
+            call(open_ball)
+    with pytest.raises(sp.MeshError, match="cut_handles=True cuts the handles$"):
+        sp.fit(torus())
+    with pytest.raises(sp.MeshError, match=r"; call spharm_rs.repair\(surface, largest_repair=0\.\d\d\)$"):
+        sp.fit(without_cap(0.1))
+    with pytest.raises(sp.MeshError, match="triangle 0 refers to vertex 3"):
+        sp.repair((np.eye(3), [[0, 1, 3]]))
+
+
+def test_fix_repairs_before_the_map(open_ball: sp.Surface, tmp_path: Path) -> None:
+    repaired = sp.repair(open_ball)
+    with pytest.warns(sp.SpharmWarning, match="the mesh was repaired: 1 hole filled"):
+        mapped = sp.parametrize(open_ball, fix=True)
+    assert np.array_equal(mapped.surface.vertices, repaired.surface.vertices)
+    assert mapped.report["repair"]["holes_filled"] == 1
+    with pytest.warns(sp.SpharmWarning, match="the mesh was repaired"):
+        model = sp.fit(open_ball, max_degree=8, fix=True)
+    expected = sp.fit(repaired.surface, max_degree=8)
+    assert np.array_equal(model.coefficients, expected.coefficients)
+    report = model.report["parametrization"]
+    assert report is not None and report["repair"]["holes_filled"] == 1
+    assert model.provenance["repair"]["holes_filled"] == 1
+    with pytest.warns(sp.SpharmWarning):
+        (one,) = sp.fit_many([open_ball], max_degree=8, fix=True)
+    assert np.allclose(one.coefficients, model.coefficients, atol=1e-12)
+    # A sound surface is not changed.
+    assert "repair" not in sp.parametrize(sp.icosphere(2), fix=True).report
+
+    path = tmp_path / "half.ply"
+    without_cap(0.1).save(path)
+    rows = [{"id": "half", "surface": path}]
+    (refused,) = sp.fit_cohort(rows, tmp_path, 6, fix=True, on_error="collect")
+    assert "a large part of the surface" in str(refused.error)
+    with pytest.warns(sp.SpharmWarning):
+        (done,) = sp.fit_cohort(rows, tmp_path, 6, fix=True, largest_repair=0.4)
+    assert done.state == "done"
+
+
+def test_settings_that_have_no_effect_are_refused(open_ball: sp.Surface) -> None:
+    with pytest.raises(ValueError, match="largest_repair: expected None without fix=True"):
+        sp.fit(open_ball, max_degree=4, largest_repair=0.5)
+    ball = sp.icosphere(2)
+    for name in ("fix", "cut_handles"):
+        setting: Any = {name: True}
+        with pytest.raises(ValueError, match=f"{name}: expected no sphere"):
+            sp.fit(ball, ball, 4, **setting)
