@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -67,7 +67,7 @@ class Model(Values):
         inner = _core.Model(
             values, surface=surface, sphere=vertices, faces=faces, parametrized=parametrized, seam=seam
         )
-        self._set(inner, {}, None)
+        self._set(inner, cast(FitReport, {}), None)
 
     def _set(self, core: _core.Model, report: FitReport, errors: Floats | None) -> None:
         self._inner, self.report, self.standard_errors = core, report, errors
@@ -77,7 +77,7 @@ class Model(Values):
     @classmethod
     def _of(cls, core: _core.Model, report: FitReport | None = None, errors: Floats | None = None) -> Model:
         model = cls.__new__(cls)
-        model._set(core, {} if report is None else report, errors)
+        model._set(core, cast(FitReport, {}) if report is None else report, errors)
         return model
 
     def __repr__(self) -> str:

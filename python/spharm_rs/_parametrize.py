@@ -294,7 +294,7 @@ def resample(
     Parameters
     ----------
     surface : Surface or what `as_surface` takes
-    sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3)
+    sphere : Surface or what `as_surface` takes, Parametrization, or ndarray of float, (n, 3)
         The surface's own sphere, with the same vertices in the same order.
     onto : str, Surface or what `as_surface` takes
         ``icosphere:N``, or a sphere.
@@ -314,6 +314,8 @@ def resample(
     Surface(642 vertices, 1280 faces)
     """
     mesh = as_surface(surface)
+    if isinstance(sphere, Parametrization):
+        sphere = sphere.sphere
     unit = _arrays.positions("sphere", sphere) if isinstance(sphere, np.ndarray) else as_surface(sphere).vertices
     shared = as_surface(named_icosphere(onto))
     return _made(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import Any, Sequence, overload
+from typing import Any, Sequence, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from ._model import Model, core
 from ._progress import Progress, callback
 from ._surface import Surface
 from ._warnings import warn
+from .reports import FitReport
 
 
 def rotation(what: str, value: Any) -> list[float]:
@@ -214,7 +215,7 @@ class Alignment:
         The transform applied to the model.
     rmsd_before, rmsd_after : float
         Root mean square distance from the target over the sphere, in the surfaces' unit.
-    Highest degree that was compared.
+    degree : int
         Highest degree compared.
     mirrored : bool
         Whether the surface was mirrored in space.
@@ -459,4 +460,5 @@ def mean(
     )
     each = np.array(distances)
     warn(warnings)
-    return Model._of(found, {"distances": each, "spread": float(np.sqrt(np.mean(each**2))), "warnings": warnings})
+    report = {"distances": each, "spread": float(np.sqrt(np.mean(each**2))), "warnings": warnings}
+    return Model._of(found, cast(FitReport, report))

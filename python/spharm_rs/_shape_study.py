@@ -423,6 +423,8 @@ def group_test(
     """
     average: Model | None = None
     noted: tuple[str, ...] = ()
+    if _are_models(groups):
+        raise ValueError("groups: expected a name for each subject, found models; give all subjects in one sequence")
     if _are_models(subjects):
         measured = _measured(subjects, minus, sphere, signal, degree, threads, progress)  # type: ignore[arg-type]
         values, average, noted = measured.values, measured.mean, measured.warnings

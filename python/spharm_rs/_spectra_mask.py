@@ -11,7 +11,8 @@ For an isotropic field with spectrum C_l, and independent noise of standard devi
 
 which is exact for samples at points: no quadrature is involved, and the weights needn't be areas. Without the pairs of
 a sample with itself, which add ``sum_i (w_i f_i)**2 / (4 pi)`` to P_l and ``sum_i w_i**2 / (4 pi)`` to W_l, the
-equation holds with N = 0 (Wolz, Alonso and Nicola 2025, JCAP 01, 028).
+equation holds with N = 0 (Wolz, Alonso and Nicola 2025, JCAP 01, 028). For the cross-spectrum of two fields, the square of
+the sum over f is the product of the sums over f and g.
 """
 
 from __future__ import annotations
@@ -171,21 +172,23 @@ def _noise(noise: Any, values: Floats, weights: Floats) -> Floats:
     return np.full(values.shape[1], ((weights * deviations) ** 2).sum() / (4 * np.pi))
 
 
-def _powers(transform: Transform, values: Floats) -> Floats:
-    """Returns the mean squared coefficient of each degree of weighted samples, (degree + 1, c)."""
+def _powers(transform: Transform, values: Floats, others: Floats | None = None) -> Floats:
+    """Returns the mean squared coefficient of each degree of weighted samples, (degree + 1, c); or the mean product with
+    the coefficients of other samples."""
     counts = 2.0 * np.arange(transform.max_degree + 1) + 1
-    return np.asarray(sums(transform.adjoint(values) ** 2) / counts[:, np.newaxis])
+    found = transform.adjoint(values)
+    return np.asarray(sums(found * (found if others is None else transform.adjoint(others))) / counts[:, np.newaxis])
 
 
 def _samples(
-    directions: ArrayLike, values: ArrayLike, weights: ArrayLike | None, mask: ArrayLike | None
+    directions: ArrayLike, values: ArrayLike, weights: ArrayLike | None, mask: ArrayLike | None, what: str = "values"
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Returns directions, values, weights and mask, with 0 for values that have no weight."""
-    at, array = _arrays.positions("directions", directions), _arrays.channels("values", values)
+    at, array = _arrays.positions("directions", directions), _arrays.channels(what, values)
     if len(array) != len(at):
-        raise ValueError(f"values: expected a row for each of {len(at)} directions, found shape {np.shape(values)}")
+        raise ValueError(f"{what}: expected a row for each of {len(at)} directions, found shape {np.shape(values)}")
     areas, kept = _weights(weights, mask, len(at))
-    return at, finite("values", np.where((areas * kept != 0)[:, np.newaxis], array, 0)), areas, kept
+    return at, finite(what, np.where((areas * kept != 0)[:, np.newaxis], array, 0)), areas, kept
 
 
 def pseudo_spectrum(
@@ -232,12 +235,19 @@ def pseudo_spectrum(
 
 def _pseudo(double: Transform, values: Floats, weights: Floats, noise: ArrayLike | str) -> tuple[Floats, Floats, Floats]:
     """Returns power, (L + 1, c), noise, (c,), and window, (2 L + 1,), with a transform to degree 2 L."""
+    window, added = _window(double, weights, noise), _noise(noise, values, weights)
+    return _powers(_single(double, values.shape[1]), weights[:, np.newaxis] * values), added, window
+
+
+def _window(double: Transform, weights: Floats, noise: ArrayLike | str) -> Floats:
+    """Returns the spectrum of the weights, (2 L + 1,), without the pairs of a sample with itself if noise is "auto"."""
     window = _powers(double, weights[:, np.newaxis])[:, 0]
-    if isinstance(noise, str):
-        window = window - (weights**2).sum() / (4 * np.pi)
-    added = _noise(noise, values, weights)
-    transform = Transform(double.directions, double.max_degree // 2, channels=min(values.shape[1], 8))
-    return _powers(transform, weights[:, np.newaxis] * values), added, window
+    return window - (weights**2).sum() / (4 * np.pi) if isinstance(noise, str) else window
+
+
+def _single(double: Transform, channels: int) -> Transform:
+    """Returns a transform to degree L, given one to degree 2 L."""
+    return Transform(double.directions, double.max_degree // 2, channels=min(channels, 8))
 
 
 def _edges(bins: Any, degree: int) -> NDArray[np.intp]:
@@ -313,17 +323,102 @@ def decoupled_spectrum(
     True
     """
     degree = _arrays.whole("max_degree", max_degree)
-    edges = _edges(bins, degree)
-    expected = np.ones(degree + 1)
-    if shape is not None:
-        expected = finite("shape", np.atleast_1d(_arrays.real("shape", shape, f"({degree + 1},)")))
-        if expected.shape != (degree + 1,) or (expected <= 0).any():
-            raise ValueError(f"shape: expected {degree + 1} numbers above 0, found shape {expected.shape} or others")
+    edges, expected = _edges(bins, degree), _shape(shape, degree)
     at, array, areas, kept = _samples(directions, values, weights, mask)
     double = Transform(at, 2 * degree, channels=1)
     pseudo, added, window = _pseudo(double, array, areas * kept, noise)
-    coupling = coupling_matrix(window, degree)
+    return _decoupled(double, (areas, kept), window, (edges, expected), (pseudo, pseudo, pseudo), added, np.ndim(values) == 1)
 
+
+def decoupled_cross_spectrum(
+    directions: ArrayLike,
+    a: ArrayLike,
+    b: ArrayLike,
+    max_degree: int,
+    *,
+    mask: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
+    noise: float | str = 0.0,
+    bins: int | ArrayLike = 1,
+    shape: ArrayLike | None = None,
+) -> BandPowers:
+    """Estimates the cross-spectrum of two isotropic fields from samples of both at the same directions.
+
+    Parameters
+    ----------
+    directions, max_degree, mask, weights, bins, shape
+        As for `decoupled_spectrum`; ``shape`` is that of the cross-spectrum.
+    a, b : array_like of float, (n,) or (n, c)
+        Samples of the two fields, with the same number of channels, or one.
+    noise : 0 or "auto"
+        0 for samples whose noise isn't correlated between a and b. ``"auto"`` also allows correlated noise that is
+        independent from sample to sample: it leaves out the pairs of a sample with itself.
+
+    Returns
+    -------
+    BandPowers
+        Of either sign.
+
+    Notes
+    -----
+    As for `decoupled_spectrum`, with ``cov(P_l, P_k) = (sqrt(A_l A_k B_l B_k) + T_l T_k) X_lk / (2 k + 1)``, where A, B
+    and T are the spectra of a and b and their cross-spectrum, over the mean squared mask.
+
+    Examples
+    --------
+    The correlation of two fields by degree, from two thirds of the sphere:
+
+    >>> import numpy as np, spharm_rs as sp
+    >>> from spharm_rs import spectra
+    >>> directions = sp.icosphere(4).vertices
+    >>> fields = np.random.default_rng(0).normal(size=(169, 2)) @ [[1.0, 0.6], [0.0, 0.8]]
+    >>> a, b = sp.Transform(directions, 12).synthesis(fields).T
+    >>> seen = {"mask": abs(directions[:, 2]) > 1 / 3, "bins": 4}
+    >>> cross = spectra.decoupled_cross_spectrum(directions, a, b, 12, **seen)
+    >>> own = [spectra.decoupled_spectrum(directions, field, 12, **seen) for field in (a, b)]
+    >>> (cross.power / np.sqrt(own[0].power * own[1].power)).round(1)[1:]
+    array([0.8, 0.5, 0.6])
+    """
+    degree = _arrays.whole("max_degree", max_degree)
+    edges, expected = _edges(bins, degree), _shape(shape, degree)
+    if noise != 0 and noise != "auto":
+        raise ValueError(f"noise: expected 0 or 'auto', found {noise!r}")
+    at, first, areas, kept = _samples(directions, a, weights, mask, "a")
+    _, second, _, _ = _samples(directions, b, weights, mask, "b")
+    if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:
+        raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as a has; found {second.shape[1]}")
+    double, w = Transform(at, 2 * degree, channels=1), areas * kept
+    powers = _pseudo(double, first, w, 0.0)[0], _pseudo(double, second, w, 0.0)[0]
+    window = _window(double, w, noise)
+    added = (w[:, np.newaxis] ** 2 * first * second).sum(axis=0) / (4 * np.pi) if noise == "auto" else np.zeros(1)
+    products = _powers(_single(double, max(first.shape[1], second.shape[1])), w[:, np.newaxis] * first, w[:, np.newaxis] * second)
+    flat = np.ndim(a) == np.ndim(b) == 1
+    return _decoupled(double, (areas, kept), window, (edges, expected), (products, *powers), added, flat)
+
+
+def _shape(shape: ArrayLike | None, degree: int) -> Floats:
+    """Returns the expected spectrum, (L + 1,)."""
+    if shape is None:
+        return np.ones(degree + 1)
+    expected = finite("shape", np.atleast_1d(_arrays.real("shape", shape, f"({degree + 1},)")))
+    if expected.shape != (degree + 1,) or (expected <= 0).any():
+        raise ValueError(f"shape: expected {degree + 1} numbers above 0, found shape {expected.shape} or others")
+    return expected
+
+
+def _decoupled(
+    double: Transform,
+    weights: tuple[Floats, Floats],
+    window: Floats,
+    bins: tuple[NDArray[np.intp], Floats],
+    powers: tuple[Floats, Floats, Floats],
+    added: Floats,
+    flat: bool,
+) -> BandPowers:
+    """Returns the powers of bins, given the pseudo-spectra of the products of two fields and of each field, (L + 1, c)."""
+    (areas, kept), (edges, expected) = weights, bins
+    degree = len(expected) - 1
+    coupling = coupling_matrix(window, degree)
     degrees = np.arange(degree + 1)
     inside = (degrees >= edges[:-1, np.newaxis]) & (degrees < edges[1:, np.newaxis])
     share = np.where(inside, 2.0 * degrees + 1, 0)
@@ -337,14 +432,14 @@ def decoupled_spectrum(
         )
     # From the pseudo-spectrum to the mean power of each bin.
     solve = (share @ expected)[:, np.newaxis] * np.linalg.solve(binned, average)
-    power = solve @ (pseudo - added)
+    power = solve @ (powers[0] - added)
 
     squared = _powers(double, (areas * kept**2)[:, np.newaxis])[:, 0]
-    spread = 2 * coupling_matrix(squared, degree) / (2.0 * degrees + 1)
-    total = pseudo / ((areas * kept**2).sum() / (4 * np.pi))
-    covariance = np.stack([(solve * t) @ spread @ (solve * t).T for t in total.T], axis=-1)
+    spread = coupling_matrix(squared, degree) / (2.0 * degrees + 1)
+    product, first, second = (total / ((areas * kept**2).sum() / (4 * np.pi)) for total in powers)
+    terms = [np.stack([(solve * t) @ spread @ (solve * t).T for t in total.T], axis=-1) for total in (product, np.sqrt(first * second))]
+    covariance = terms[0] + terms[1]
     error = np.sqrt(np.maximum(np.einsum("bbc->bc", covariance), 0))
-    flat = np.ndim(values) == 1
     return BandPowers(
         edges[:-1],
         edges[1:] - 1,

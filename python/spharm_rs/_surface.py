@@ -70,6 +70,32 @@ class Surface:
 
         return pyvista.PolyData.from_regular_faces(self.vertices.copy(), self.faces.astype(np.int64))
 
+    def to_nilearn(self, values: ArrayLike | None = None, *, hemisphere: str = "left") -> Any:
+        """Returns a mesh of nilearn, or an image with values at the vertices of the mesh.
+
+        Parameters
+        ----------
+        values : array_like of float, (n,) or (n, c), optional
+            Values at the vertices, such as thicknesses or the p values of a test.
+        hemisphere : {"left", "right"}
+            The part of the image.
+
+        Returns
+        -------
+        nilearn.surface.InMemoryMesh, or with values nilearn.surface.SurfaceImage
+        """
+        from nilearn.surface import InMemoryMesh, SurfaceImage
+
+        if hemisphere not in ("left", "right"):
+            raise ValueError(f"hemisphere: expected left or right, found {hemisphere!r}")
+        mesh = InMemoryMesh(self.vertices.copy(), self.faces.astype(np.int64))
+        if values is None:
+            return mesh
+        data = _arrays.channels("values", values)
+        if len(data) != len(self.vertices):
+            raise ValueError(f"values: expected one for each of the {len(self.vertices)} vertices, found {len(data)}")
+        return SurfaceImage({hemisphere: mesh}, {hemisphere: data.reshape(np.shape(values)).copy()})
+
     def to_nibabel(self) -> Any:
         """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits."""
         from nibabel.gifti import GiftiDataArray, GiftiImage
@@ -114,7 +140,7 @@ def as_surface(mesh: Any) -> Surface:
     ----------
     mesh : object
         A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``), nilearn
-        (``.coordinates``, ``.faces``), pyvista (``.points``, ``.regular_faces``), meshio (``.points``,
+        (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one hemisphere), pyvista (``.points``, ``.regular_faces``), meshio (``.points``,
         ``.cells_dict["triangle"]``); or a GIfTI image of nibabel.
 
     Returns
@@ -152,6 +178,12 @@ def as_surface(mesh: Any) -> Surface:
         return Surface(mesh.points, mesh.cells_dict["triangle"])
     if hasattr(mesh, "points") and hasattr(mesh, "regular_faces"):
         return Surface(mesh.points, mesh.regular_faces)
+    # A nilearn image has a mesh of one or two parts.
+    parts = getattr(getattr(mesh, "mesh", mesh), "parts", None)
+    if isinstance(parts, dict):
+        if len(parts) != 1:
+            raise ValueError(f"surface: expected one hemisphere, found {' and '.join(parts)}; give one, such as mesh.parts['left']")
+        return as_surface(*parts.values())
     for vertices in ("vertices", "coordinates"):
         if hasattr(mesh, vertices) and hasattr(mesh, "faces"):
             return Surface(getattr(mesh, vertices), mesh.faces)

@@ -2,7 +2,7 @@
 
 Reports are dictionaries: these types name their keys for editors and type checkers. Distances with the suffix ``_raw``
 are in the unit of the surface or signal; the others are relative to the cube root of the bounding box's volume. Keys
-that don't apply are absent.
+that don't apply are absent; to type checkers all are present, so that one can be read without a check.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ __all__ = [
     "HeldOut",
     "MapQuality",
     "MapReport",
+    "RepairReport",
     "ResidualNorms",
     "Seconds",
     "SolverReport",
@@ -66,18 +67,15 @@ class HeldOut(TypedDict):
     seen: Distances
 
 
-class _Denoised(TypedDict):
+class Denoised(TypedDict):
+    """Noise that was estimated and removed, of a surface or of a channel of a signal."""
+
     #: Standard deviation of the noise in each channel, in the target's unit.
     sigma: float
     #: Effective number of coefficients per channel, at most (L + 1)**2.
     degrees_of_freedom: float
     #: Gain of each degree, between 0 and 1, (L + 1).
     gain: List[float]
-
-
-class Denoised(_Denoised, total=False):
-    """Noise that was estimated and removed, of a surface or of a channel of a signal."""
-
     #: Root mean square of the detail beyond the fit's degree, in the target's unit; None if unknown.
     left_out: Optional[float]
 
@@ -98,7 +96,9 @@ class SolverSeconds(TypedDict):
     total: float
 
 
-class _SolverStep(TypedDict):
+class SolverStep(TypedDict):
+    """A step of the solver."""
+
     #: ``moments``, ``iterations by samples``, ``iterations by moments``, ``factor``, ``refinement``, ``confirmation``, ...
     name: str
     #: ``none``, ``density``, ``factor`` or ``stored-factor``.
@@ -109,11 +109,6 @@ class _SolverStep(TypedDict):
     seconds: float
     #: Largest relative gradient of all columns after the step.
     optimality: float
-
-
-class SolverStep(_SolverStep, total=False):
-    """A step of the solver."""
-
     #: Why it ended early.
     left: str
 
@@ -233,11 +228,13 @@ class RepairReport(TypedDict):
     dropped_area: float
     #: Share of the area of the repaired surface in the filled holes.
     filled_area: float
-    #: Reasons why the repaired surface can't be mapped to the sphere; empty for a surface of genus zero.
+    #: `repair` alone: reasons why the repaired surface can't be mapped to the sphere; empty for a surface of genus zero.
     problems: List[str]
 
 
-class _MapReport(TypedDict):
+class MapReport(TypedDict):
+    """A map to the sphere."""
+
     #: ``cald``, ``conformal``, ``stretch``, ``equal-area``, ``deform``, ``resample`` or ``given``.
     method: str
     vertices: int
@@ -249,18 +246,15 @@ class _MapReport(TypedDict):
     seconds: float
     notes: List[str]
     warnings: List[str]
-
-
-class MapReport(_MapReport, total=False):
-    """A map to the sphere."""
-
     #: ``equal-area`` alone: largest relative deviation of a quadrangle's area from its target.
     quad_area_deviation: float
     handles: HandlesReport
     #: Of `spharm_rs.fit_cohort` alone: file of the sphere.
     sphere: str
-    #: Repairs of the label or mesh: counts by name.
+    #: Repairs of a label: counts by name.
     repair: Any
+    #: Repair of a mesh.
+    mesh_repair: RepairReport
     #: `resample` alone: root mean square and largest distance from the given surface, in its unit.
     distance_rms: float
     distance_max: float
@@ -268,7 +262,7 @@ class MapReport(_MapReport, total=False):
     self_intersections: Optional[int]
 
 
-class FitReport(TypedDict, total=False):
+class FitReport(TypedDict):
     """A fit: `spharm_rs.Model.report`, and the report of `spharm_rs.solve`. A model from a file has an empty one."""
 
     #: Number of channels; of a fit of moments their names.

@@ -10,7 +10,7 @@ pyshtools ``spectrum``       `spectrum`, of coefficients converted by ``convert.
 pyshtools ``SHAdmitCorr``    `admittance` and `correlation`
 healpy ``alm2cl``            ``spectrum(.., unit="per_lm", convention="energy")``, the C_l of cosmology
 healpy ``anafast``, masked   `pseudo_spectrum`
-NaMaster, spin 0             `decoupled_spectrum`
+NaMaster, spin 0             `decoupled_spectrum`, `decoupled_cross_spectrum`
 ===========================  ======================================================================================
 
 Examples
@@ -45,7 +45,14 @@ from ._spectra_degree import (
     finite,
     spectrum,
 )
-from ._spectra_mask import BandPowers, PseudoSpectrum, coupling_matrix, decoupled_spectrum, pseudo_spectrum
+from ._spectra_mask import (
+    BandPowers,
+    PseudoSpectrum,
+    coupling_matrix,
+    decoupled_cross_spectrum,
+    decoupled_spectrum,
+    pseudo_spectrum,
+)
 
 __all__ = [
     "Admittance",
@@ -57,6 +64,7 @@ __all__ = [
     "correlation",
     "coupling_matrix",
     "cross_spectrum",
+    "decoupled_cross_spectrum",
     "decoupled_spectrum",
     "directions",
     "latitude_longitude",

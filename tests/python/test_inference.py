@@ -143,6 +143,12 @@ def test_regions_are_enhanced_and_clustered() -> None:
     assert (abs(found.statistic) >= found.cluster_threshold).sum() == sum(cluster.vertices for cluster in found.clusters)
 
 
+def test_groups_given_apart_are_refused() -> None:
+    models = [sp.Model(np.eye(9)[:, :3]) for _ in range(4)]
+    with pytest.raises(ValueError, match="groups: expected a name for each subject, found models; give all subjects in one"):
+        sp.shape.group_test(models[:2], models[2:])
+
+
 def test_arguments_that_do_not_fit_are_refused() -> None:
     values, groups = np.random.default_rng(0).normal(size=(8, 12)), ["a"] * 4 + ["b"] * 4
     refused: list[tuple[dict[str, Any], str]] = [

@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -134,3 +136,42 @@ def test_threads_of_python_get_the_same_bits() -> None:
     for thread in threads:
         thread.join()
     assert len(found) == 4 and all(np.array_equal(found[0], other) for other in found)
+
+
+#: Prints the growth in bytes of the process's largest memory during 10,000 rounds of small calls.
+SMALL_CALLS = """
+import resource
+import sys
+import numpy as np
+import spharm_rs as sp
+
+surface, _ = sp.example_surface(2)
+transform = sp.Transform(surface.vertices, 4)
+
+def once():
+    model = sp.Model(np.ones((25, 3)))
+    model.evaluate(np.eye(3))
+    (2 * model - model).truncate(2)
+    sp.shape.describe(model)
+    sp.as_surface((surface.vertices, surface.faces)).area
+    transform.synthesis(np.ones((25, 3)))
+    try:
+        sp.repair((surface.vertices, surface.faces + 1))
+    except sp.MeshError:
+        pass
+
+def largest():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+for _ in range(1000):
+    once()
+before = largest()
+for _ in range(10000):
+    once()
+print(largest() - before)
+"""
+
+
+def test_small_calls_lose_no_memory() -> None:
+    done = subprocess.run([sys.executable, "-c", SMALL_CALLS], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 2**20, done.stdout

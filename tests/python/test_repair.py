@@ -85,19 +85,19 @@ def test_fix_repairs_before_the_map(open_ball: sp.Surface, tmp_path: Path) -> No
     with pytest.warns(sp.SpharmWarning, match="the mesh was repaired: 1 hole filled"):
         mapped = sp.parametrize(open_ball, fix=True)
     assert np.array_equal(mapped.surface.vertices, repaired.surface.vertices)
-    assert mapped.report["repair"]["holes_filled"] == 1
+    assert mapped.report["mesh_repair"]["holes_filled"] == 1
     with pytest.warns(sp.SpharmWarning, match="the mesh was repaired"):
         model = sp.fit(open_ball, max_degree=8, fix=True)
     expected = sp.fit(repaired.surface, max_degree=8)
     assert np.array_equal(model.coefficients, expected.coefficients)
     report = model.report["parametrization"]
-    assert report is not None and report["repair"]["holes_filled"] == 1
+    assert report is not None and report["mesh_repair"]["holes_filled"] == 1
     assert model.provenance["repair"]["holes_filled"] == 1
     with pytest.warns(sp.SpharmWarning):
         (one,) = sp.fit_many([open_ball], max_degree=8, fix=True)
     assert np.allclose(one.coefficients, model.coefficients, atol=1e-12)
     # A sound surface is not changed.
-    assert "repair" not in sp.parametrize(sp.icosphere(2), fix=True).report
+    assert "mesh_repair" not in sp.parametrize(sp.icosphere(2), fix=True).report
 
     path = tmp_path / "half.ply"
     without_cap(0.1).save(path)

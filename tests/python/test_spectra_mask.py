@@ -156,6 +156,65 @@ def test_full_sky_errors_are_cosmic_variance() -> None:
     assert np.allclose(found.power, exact.power, rtol=1e-9) and np.allclose(found.error, exact.sample_error, rtol=1e-8)
 
 
+@pytest.mark.parametrize("noise", [0, "auto"])
+def test_the_mean_of_decoupled_cross_spectra_is_the_cross_spectrum(noise: Any) -> None:
+    at, mask, spectrum, values = sky(True)
+    others = np.roll(values, 1, axis=1)
+    first, second = values, 0.6 * values + 0.8 * others
+    rng = np.random.default_rng(12)
+    if noise == "auto":
+        # Noise that both samples share, which the pairs of a sample with itself would add to every degree.
+        shared = 0.2 * rng.normal(size=values.shape)
+        first, second = first + shared, second + shared
+    else:
+        first, second = (field + 0.2 * rng.normal(size=values.shape) for field in (first, second))
+    second = np.where(mask[:, None], second, np.nan)
+    found = spectra.decoupled_cross_spectrum(at, first, second, DEGREE, mask=mask, noise=noise, bins=4)
+    scatter = found.power.std(axis=1, ddof=1)
+    off = found.power.mean(axis=1) - 0.6 * found.windows @ spectrum
+    assert (abs(off) < 3.5 * scatter / np.sqrt(FIELDS)).all()
+    ratio = np.sqrt((found.error**2).mean(axis=1)) / scatter
+    assert (ratio[2:] > 0.8).all() and (ratio[2:] < 1.3).all() and ratio[1] < 1.6
+    assert np.allclose(found.windows.sum(axis=1), 1, rtol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0, "auto"])
+def test_the_cross_spectrum_of_a_field_with_itself_is_its_spectrum(noise: Any) -> None:
+    at, mask, _, values = sky(False)
+    own = spectra.decoupled_spectrum(at, values[:, :2], DEGREE, mask=mask, noise=noise, bins=4)
+    cross = spectra.decoupled_cross_spectrum(at, values[:, :2], values[:, :2], DEGREE, mask=mask, noise=noise, bins=4)
+    assert np.allclose(cross.power, own.power, rtol=1e-12) and np.allclose(cross.covariance, own.covariance, rtol=1e-12)
+    broadcast = spectra.decoupled_cross_spectrum(at, values[:, 0], values[:, :2], DEGREE, mask=mask, noise=noise, bins=4)
+    assert np.allclose(broadcast.power[:, 0], own.power[:, 0], rtol=1e-12) and broadcast.error.shape == (5, 2)
+    one = spectra.decoupled_cross_spectrum(at, values[:, 0], values[:, 1], DEGREE, mask=mask, noise=noise, bins=4)
+    assert np.allclose(one.power, broadcast.power[:, 1], rtol=1e-9) and one.covariance.shape == (5, 5)
+
+
+def test_full_sky_cross_spectra_are_those_of_the_coefficients() -> None:
+    at, weights = grid(2 * DEGREE)
+    coefficients = np.random.default_rng(11).normal(size=((DEGREE + 1) ** 2, 2))
+    a, b = sp.Transform(at, DEGREE).synthesis(coefficients).T
+    found = spectra.decoupled_cross_spectrum(at, a, b, DEGREE, weights=weights)
+    exact = spectra.cross_spectrum(*coefficients.T, unit="per_lm", convention="energy")
+    assert np.allclose(found.power, exact.power, rtol=1e-8) and np.allclose(found.error, exact.sample_error, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "given, text",
+    [
+        ({"b": np.ones(5)}, "b: expected a row for each of 42 directions"),
+        ({"b": np.full(42, np.nan)}, "b: expected finite numbers"),
+        ({"a": np.ones((42, 2)), "b": np.ones((42, 3))}, "b: expected 1 channel or 2, as a has; found 3"),
+        ({"noise": 0.1}, "noise: expected 0 or 'auto', found 0.1"),
+        ({"noise": "white"}, "noise: expected 0 or 'auto', found 'white'"),
+    ],
+)
+def test_wrong_pairs_are_refused(given: dict[str, Any], text: str) -> None:
+    samples = {"directions": sp.icosphere(1).vertices, "a": np.ones(42), "b": np.ones(42), "max_degree": 3}
+    with pytest.raises(ValueError, match=text):
+        spectra.decoupled_cross_spectrum(**{**samples, **given})
+
+
 @pytest.mark.parametrize(
     "given, text",
     [

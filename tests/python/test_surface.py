@@ -12,6 +12,7 @@ import nibabel
 import numpy as np
 import pytest
 import trimesh
+from nilearn.surface import PolyMesh, SurfaceImage
 
 import spharm_rs as sp
 
@@ -32,7 +33,9 @@ HOLDERS = {
     "trimesh": lambda s: trimesh.Trimesh(s.vertices, s.faces, process=False),
     "meshio": lambda s: meshio.Mesh(s.vertices, [("triangle", s.faces)]),
     "pyvista": lambda s: SimpleNamespace(points=s.vertices, regular_faces=s.faces),
-    "nilearn": lambda s: SimpleNamespace(coordinates=s.vertices, faces=s.faces),
+    "nilearn": lambda s: s.to_nilearn(),
+    "nilearn's meshes": lambda s: PolyMesh(right=s.to_nilearn()),
+    "nilearn's image": lambda s: s.to_nilearn(s.vertices[:, 2]),
     "nibabel": _nibabel,
 }
 
@@ -42,6 +45,21 @@ def test_meshes_of_other_packages_are_taken(holder: str) -> None:
     ball = sp.icosphere(2)
     found = sp.as_surface(HOLDERS[holder](ball))
     assert np.allclose(found.vertices, ball.vertices, atol=1e-6) and np.array_equal(found.faces, ball.faces)
+
+
+def test_an_image_of_nilearn_holds_the_values() -> None:
+    ball = sp.icosphere(2)
+    image = ball.to_nilearn(ball.vertices[:, 2], hemisphere="right")
+    assert isinstance(image, SurfaceImage) and image.shape == (162,) and list(image.mesh.parts) == ["right"]
+    assert np.array_equal(image.data.parts["right"], ball.vertices[:, 2])
+    assert np.array_equal(ball.to_nilearn(ball.vertices).data.parts["left"], ball.vertices)
+    both = SurfaceImage({"left": ball.to_nilearn(), "right": ball.to_nilearn()}, {"left": np.ones(162), "right": np.ones(162)})
+    with pytest.raises(ValueError, match="expected one hemisphere, found left and right"):
+        sp.as_surface(both)
+    with pytest.raises(ValueError, match="values: expected one for each of the 162 vertices, found 161"):
+        ball.to_nilearn(np.ones(161))
+    with pytest.raises(ValueError, match="hemisphere: expected left or right, found 'lh'"):
+        ball.to_nilearn(hemisphere="lh")
 
 
 @pytest.mark.parametrize("wrong", [None, 3, "", object(), np.zeros((4, 3)), (1, 2, 3), {}])

@@ -58,7 +58,7 @@ pub(crate) fn map_report(mapped: &MappedSurface) -> Value {
     let mut report = json!(mapped.parametrized.map.report);
     if let Some(report) = report.as_object_mut() {
         report.extend(mapped.handles.as_ref().map(|handles| ("handles".to_owned(), json!(handles))));
-        report.extend(mapped.mesh_repair.map(|repair| ("repair".to_owned(), Value::Object(report_of(&repair)))));
+        report.extend(mapped.mesh_repair.map(|repair| ("mesh_repair".to_owned(), Value::Object(report_of(&repair)))));
     }
     report
 }

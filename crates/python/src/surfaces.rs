@@ -196,7 +196,7 @@ fn parametrize<'py>(
         let (found, handles) = map(&mesh, &method, memory, monitor)?;
         Ok((found, handles, mesh.mesh_repair().copied()))
     })?;
-    let details = [("handles", handles), ("repair", repair.map(|repair| Value::Object(report_of(&repair))))];
+    let details = [("handles", handles), ("mesh_repair", repair.map(|repair| Value::Object(report_of(&repair))))];
     let mut mapped = mapped(py, found, details);
     mapped.4.extend(repair.map(|repair| repair.to_string()));
     Ok(mapped)
