@@ -35,7 +35,9 @@ def positions(what: str, values: ArrayLike) -> Floats:
         raise ValueError(f"{what}: expected an array of shape (n, 3), found a model or a transform")
     array = real(what, values, "(n, 3)")
     if array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError(f"{what}: expected shape (n, 3), found {array.shape}")
+        angles = what == "directions" and 2 in array.shape
+        advice = "; spectra.directions(latitudes, longitudes) converts angles" if angles else ""
+        raise ValueError(f"{what}: expected shape (n, 3), found {array.shape}{advice}")
     return array
 
 

@@ -327,7 +327,7 @@ def picture(
     view: str,
 ) -> bytes: ...
 def repair(
-    vertices: _Floats, faces: _Triangles, *, largest_repair: float | None, progress: _Progress | None = None
+    vertices: _Floats, faces: _Triangles, *, largest_repair: float | None
 ) -> tuple[_Floats, _Triangles, str, str]: ...
 def parametrize_volume(
     volume: str | tuple[NDArray[np.int32] | _Floats, _Floats],

@@ -165,7 +165,7 @@ def fit(
         surface, or from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has
         the noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
     stderr : bool
-        Compute the standard error of each coefficient, for independent noise of the vertices.
+        Compute the standard error of each coefficient, for independent noise of the vertices: `Model.standard_errors`.
     hold_out : float, optional
         Fraction of the vertices to leave out of the fit and to assess separately; a fit of the surface also leaves out
         their triangles.
@@ -250,6 +250,9 @@ def fit(
     if directions is not None and (fix or cut_handles):
         name = "fix" if fix else "cut_handles"
         raise ValueError(f"{name}: expected no sphere, because it changes the surface; map the surface with parametrize first")
+    if fix and (mask is not None or not isinstance(weights, str)):
+        name = "weights" if mask is None else "mask"
+        raise ValueError(f"{name}: expected none with fix=True, which renumbers the vertices; repair the surface first")
     settings = _settings(
         max_degree,
         len(values),

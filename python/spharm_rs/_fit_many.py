@@ -16,6 +16,7 @@ from ._arrays import Floats
 from ._fit import _model, _settings, fit
 from ._model import Model, seam_of, sphere_arrays
 from ._progress import Progress, callback
+from ._repair import changes_of
 from ._store import Store
 from ._surface import Path, as_surface
 from .errors import SpharmError
@@ -137,6 +138,7 @@ def fit_many(
         return models
     if on_error != "raise":
         raise ValueError("on_error: expected 'raise' with a sphere, over which all surfaces are fitted together")
+    changes_of(fix, largest_repair, cut_handles)
     if fix or cut_handles:
         raise ValueError(f"{'fix' if fix else 'cut_handles'}: expected no sphere, because it changes the surfaces")
     kinds = set()
@@ -240,6 +242,7 @@ def fit_each(
     [10, 10, 10]
     """
     collects = _arrays.on_error(on_error)
+    changes_of(fix, largest_repair, cut_handles)
     each: dict[str, Any] = {**settings, "max_degree": max_degree}
     each.update(fix=fix, largest_repair=largest_repair, cut_handles=cut_handles)
     workers = _arrays.threads(each.pop("threads", None)) or len(os.sched_getaffinity(0))

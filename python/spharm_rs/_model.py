@@ -19,6 +19,9 @@ from ._spectra_degree import sums
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from .reports import FitReport
 
+#: Endings of meshes, which models aren't written as.
+_MESHES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp", ".gii", ".glb", ".gltf", ".msh", ".pial", ".white")
+
 
 class Model(Values):
     """A model: functions on the sphere, each a sum of real spherical harmonics.
@@ -277,7 +280,10 @@ class Model(Values):
         overwrite : bool
             Replace an existing file.
         """
-        self._inner.write(os.fspath(path), overwrite=bool(overwrite))
+        name = os.fspath(path)
+        if name.lower().removesuffix(".gz").endswith(_MESHES):
+            raise ValueError(f"path: expected a model's name such as NAME.spharm.npz, found {name}; model.surface(5).save writes meshes")
+        self._inner.write(name, overwrite=bool(overwrite))
 
     @classmethod
     def load(cls, path: Path) -> Model:

@@ -6,8 +6,9 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from . import _core
-from ._progress import Progress, callback
 from ._surface import Surface, as_surface
 from .reports import RepairReport
 
@@ -32,7 +33,7 @@ class Repair:
     report: RepairReport = field(repr=False)
 
 
-def repair(surface: Any, *, largest_repair: float | None = None, progress: Progress = None) -> Repair:
+def repair(surface: Any, *, largest_repair: float | None = None) -> Repair:
     """Repairs common defects of scanned or exported meshes, so that the surface can be mapped to the sphere.
 
     In this order: welds vertices at the same position, drops degenerate and repeated triangles, welds rims that nearly
@@ -46,8 +47,6 @@ def repair(surface: Any, *, largest_repair: float | None = None, progress: Progr
     largest_repair : float, optional
         Share of the area, from 0 to 1, that the repair may drop with pieces or add by filling holes, if more than the
         usual 0.05 dropped and 0.25 added.
-    progress : bool or callable, optional
-        ``progress(stage, done, total)``, or True for a tqdm bar.
 
     Returns
     -------
@@ -70,10 +69,7 @@ def repair(surface: Any, *, largest_repair: float | None = None, progress: Progr
     0
     """
     mesh = as_surface(surface)
-    found = _core.repair(
-        mesh.vertices, mesh.faces, largest_repair=_share(largest_repair), progress=callback(progress)
-    )
-    vertices, faces, report, changes = found
+    vertices, faces, report, changes = _core.repair(mesh.vertices, mesh.faces, largest_repair=_share(largest_repair))
     return Repair(Surface(vertices, faces), changes, json.loads(report))
 
 
@@ -87,7 +83,7 @@ def changes_of(fix: bool, largest_repair: float | None, cut_handles: bool) -> tu
 def _share(largest_repair: float | None) -> float | None:
     if largest_repair is None:
         return None
-    share = float(largest_repair)
-    if not 0 <= share <= 1:
+    number = isinstance(largest_repair, (int, float, np.number)) and not isinstance(largest_repair, bool)
+    if not number or not 0 <= largest_repair <= 1:
         raise ValueError(f"largest_repair: expected a share from 0 to 1, found {largest_repair!r}")
-    return share
+    return float(largest_repair)

@@ -92,6 +92,9 @@ def _measured(
         if len(minus) != len(models):
             raise ValueError(f"minus: expected {len(models)} models, one for each subject; found {len(minus)}")
         models = [*models, *minus]
+    if signal != "value" and not all(model.is_surface for model in models):
+        raise ValueError(f"signal: expected 'value' for models of signals, found {signal!r}")
+    noted = warn([_OWN_MAPS]) if signal == "value" and _over_own_maps(models) else ()
     directions = sampling(sphere)[0]
     if directions is None:
         raise ValueError("sphere: expected a level of an icosphere, a sphere, or directions; found None")
@@ -106,7 +109,20 @@ def _measured(
     )
     if components > 1:
         values = values.reshape(len(values), -1, components)
-    return Field(values, Model._of(mean), directions, warn(warnings))
+    return Field(values, Model._of(mean), directions, noted + warn(warnings))
+
+
+_OWN_MAPS = (
+    "the signals were fitted over maps of several surfaces, in which equal directions aren't corresponding places; fit them "
+    "over a common sphere, or bring the surfaces into correspondence first (shape.correspond)"
+)
+
+
+def _over_own_maps(models: Sequence[Model]) -> bool:
+    """Returns whether signals were fitted over maps that `parametrize` made from different surfaces."""
+    own = [model.directions for model in models if not model.is_surface and model._inner.parametrized]
+    maps = [directions for directions in own if directions is not None]
+    return any(not np.array_equal(one, maps[0]) for one in maps[1:])
 
 
 #: A column of the table of subjects: numbers, or names of levels.

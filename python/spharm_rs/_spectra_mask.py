@@ -381,7 +381,7 @@ def decoupled_cross_spectrum(
     """
     degree = _arrays.whole("max_degree", max_degree)
     edges, expected = _edges(bins, degree), _shape(shape, degree)
-    if noise != 0 and noise != "auto":
+    if not (isinstance(noise, str) and noise == "auto") and not (np.ndim(noise) == 0 and noise == 0):
         raise ValueError(f"noise: expected 0 or 'auto', found {noise!r}")
     at, first, areas, kept = _samples(directions, a, weights, mask, "a")
     _, second, _, _ = _samples(directions, b, weights, mask, "b")

@@ -78,7 +78,7 @@ class Surface:
         values : array_like of float, (n,) or (n, c), optional
             Values at the vertices, such as thicknesses or the p values of a test.
         hemisphere : {"left", "right"}
-            The part of the image.
+            The part of an image.
 
         Returns
         -------
@@ -182,11 +182,18 @@ def as_surface(mesh: Any) -> Surface:
     parts = getattr(getattr(mesh, "mesh", mesh), "parts", None)
     if isinstance(parts, dict):
         if len(parts) != 1:
-            raise ValueError(f"surface: expected one hemisphere, found {' and '.join(parts)}; give one, such as mesh.parts['left']")
+            found = " and ".join(map(str, parts)) or "none"
+            raise ValueError(f"surface: expected one hemisphere, found {found}; give a mesh, such as that of parts['left']")
         return as_surface(*parts.values())
     for vertices in ("vertices", "coordinates"):
         if hasattr(mesh, vertices) and hasattr(mesh, "faces"):
             return Surface(getattr(mesh, vertices), mesh.faces)
+    # Results such as `Parametrization` and `Repair` have a surface.
+    inner = getattr(mesh, "surface", None)
+    if isinstance(inner, Surface):
+        return inner
+    if callable(inner):
+        raise ValueError(f"surface: expected a mesh, found {type(mesh).__name__}; model.surface() or model.surface(5) is one")
     kinds = "a path, (vertices, faces), or a mesh of trimesh, nilearn, pyvista, meshio or nibabel"
     raise ValueError(f"surface: expected {kinds}, found {type(mesh).__name__}")
 

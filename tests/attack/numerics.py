@@ -137,9 +137,10 @@ def coefficients(path: Path) -> list[Decimal]:
 
 
 def warned(report: dict[str, Any]) -> str:
-    """Returns all warnings of a report."""
+    """Returns a report's warnings about numerical accuracy; that of a poorly determined degree is about noise."""
     parts = [*report.get("surfaces", [report]), report.get("fit", {})]
-    return " ".join(str(warning) for one in parts for warning in one.get("warnings", []))
+    told = [str(warning) for one in parts for warning in one.get("warnings", [])]
+    return " ".join(warning for warning in told if "is poorly determined" not in warning)
 
 
 def solver_report(report: dict[str, Any]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from pathlib import Path
 from typing import Any, Callable
 
@@ -243,6 +244,27 @@ def test_what_may_be_wrong_is_warned_of(study: Study) -> None:
         sp.fit(surface, sphere, 20, objective="vertices", max_iterations=1, preconditioner="none", strict=True)
 
 
+def test_samples_of_a_part_of_the_sphere_are_doubted_where_noise_decides() -> None:
+    """Samples up to latitude 65 determine degree 30 with a condition number of 3e5, and the noise is multiplied by it."""
+    rng = np.random.default_rng(3)
+    at = rng.normal(size=(12_000, 3))
+    at /= np.linalg.norm(at, axis=1, keepdims=True)
+    truth = rng.normal(size=(31**2, 1)) / (1 + np.sqrt(np.arange(31**2)))[:, np.newaxis]
+    clean = sp.Transform(at, 30).synthesis(truth)
+    noisy = clean + rng.normal(0, 0.1, clean.shape)
+    seen = abs(at[:, 2]) < np.sin(np.radians(65))
+    with pytest.warns(sp.NotDetermined, match="degree 30 is poorly determined by this sampling") as warned:
+        found, report = sp.solve(at, noisy, 30, mask=seen)
+    assert len(warned) == 1 and np.abs(found - truth).max() > 10
+    # Neither exact samples of the part, nor noisy ones of the whole sphere, nor a penalty give the warning.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        exact, _ = sp.solve(at, clean, 30, mask=seen)
+        whole, _ = sp.solve(at, noisy, 30)
+        smooth, _ = sp.solve(at, noisy, 30, mask=seen, smoothness=1e-3)
+    assert np.abs(exact - truth).max() < 1e-3 and np.abs(whole - truth).max() < 0.1 and np.abs(smooth).max() < 10
+
+
 def test_a_model_goes_to_a_file_and_back(study: Study, tmp_path: Path) -> None:
     model = sp.fit(*study, 8)
     model.save(tmp_path / "m.spharm.npz")
@@ -252,6 +274,9 @@ def test_a_model_goes_to_a_file_and_back(study: Study, tmp_path: Path) -> None:
         assert np.array_equal(found.coefficients, model.coefficients) and found.is_surface
         assert np.array_equal(found.surface().vertices, model.surface().vertices)
     assert sp.Model.load(tmp_path / "m.spharm.npz").provenance["method"] == "lsq"
+    for name in ("mean.ply", "lh.STL", "mean.surf.gii.gz"):
+        with pytest.raises(ValueError, match="path: expected a model's name"):
+            model.save(tmp_path / name)
     np.savez(tmp_path / "mean.npz", coefficients=model.coefficients)
     assert np.array_equal(sp.Model.load(tmp_path / "mean.npz").coefficients, model.coefficients)
 

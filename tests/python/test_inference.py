@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import warnings
 from typing import Any
 
 import numpy as np
@@ -147,6 +148,21 @@ def test_groups_given_apart_are_refused() -> None:
     models = [sp.Model(np.eye(9)[:, :3]) for _ in range(4)]
     with pytest.raises(ValueError, match="groups: expected a name for each subject, found models; give all subjects in one"):
         sp.shape.group_test(models[:2], models[2:])
+
+
+def test_signals_over_maps_of_their_own_are_doubted() -> None:
+    surfaces = [sp.example_surface(2, seed)[0] for seed in range(6)]
+    groups = ["a"] * 3 + ["b"] * 3
+    maps = [sp.fit(surface, max_degree=4) for surface in surfaces]
+    own = [sp.fit(surface.vertices[:, 0], model, 4) for surface, model in zip(surfaces, maps)]
+    with pytest.warns(sp.SpharmWarning, match="fitted over maps of several surfaces"):
+        sp.shape.group_test(own, groups, signal="value", sphere=2, permutations=0)
+    with pytest.raises(ValueError, match="signal: expected 'value' for models of signals, found 'normal'"):
+        sp.shape.group_test(own, groups)
+    common = [sp.fit(surface.vertices[:, 0], sp.icosphere(2), 4) for surface in surfaces]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sp.shape.group_test(common, groups, signal="value", sphere=2, permutations=0)
 
 
 def test_arguments_that_do_not_fit_are_refused() -> None:

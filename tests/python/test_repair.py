@@ -57,14 +57,22 @@ def test_a_large_repair_is_refused_unless_it_is_allowed() -> None:
     with pytest.raises(sp.MeshError):
         sp.repair(half, largest_repair=share - 0.02)
     assert characteristic(sp.repair(half, largest_repair=share).surface) == 2
-    for wrong in (-0.1, 25, float("nan")):
+    for wrong in (-0.1, 25, float("nan"), True, [0.4]):
         with pytest.raises(ValueError, match="largest_repair: expected a share from 0 to 1"):
-            sp.repair(half, largest_repair=wrong)
+            sp.repair(half, largest_repair=wrong)  # type: ignore[arg-type]
 
 
 def test_what_a_repair_leaves_is_stated() -> None:
     ring = torus()
-    repaired = sp.repair(sp.Surface(ring.vertices, ring.faces[1:]))
+    open_ring = sp.Surface(ring.vertices, ring.faces[1:])
+    with pytest.raises(sp.MeshError, match=r"leaves 1 handle: .*; call spharm_rs.repair\(surface\) and give cut_handles=True$"):
+        sp.fit(open_ring)
+    repaired = sp.repair(open_ring)
+    # The middle of an edge as a corner of a triangle at the edge.
+    ball = sp.icosphere(2)
+    vertices = ball.vertices.copy()
+    vertices[ball.faces[3, 0]] = vertices[ball.faces[3, 1:]].mean(axis=0)
+    assert "no area" in sp.repair((vertices, ball.faces)).report["problems"][0]
     assert repaired.report["problems"] == ["the surface has a handle (genus 1)"]
 
 
@@ -107,12 +115,22 @@ def test_fix_repairs_before_the_map(open_ball: sp.Surface, tmp_path: Path) -> No
     with pytest.warns(sp.SpharmWarning):
         (done,) = sp.fit_cohort(rows, tmp_path, 6, fix=True, largest_repair=0.4)
     assert done.state == "done"
+    map_report = done.report["parametrization"] if done.report is not None else None
+    assert map_report is not None and 0.3 < map_report["mesh_repair"]["filled_area"] < 0.4
 
 
 def test_settings_that_have_no_effect_are_refused(open_ball: sp.Surface) -> None:
     with pytest.raises(ValueError, match="largest_repair: expected None without fix=True"):
         sp.fit(open_ball, max_degree=4, largest_repair=0.5)
     ball = sp.icosphere(2)
+    given: Any
+    for given in ({"mask": np.ones(2562, bool)}, {"weights": np.ones(2562)}):
+        with pytest.raises(ValueError, match=f"{next(iter(given))}: expected none with fix=True"):
+            sp.fit(open_ball, max_degree=4, fix=True, **given)
+    with pytest.raises(ValueError, match="largest_repair: expected None without fix=True"):
+        sp.fit_many([ball], ball, 4, largest_repair=0.5)
+    with pytest.raises(ValueError, match="largest_repair: expected a share"):
+        sp.fit_each([ball], 4, fix=True, largest_repair=5)
     for name in ("fix", "cut_handles"):
         setting: Any = {name: True}
         with pytest.raises(ValueError, match=f"{name}: expected no sphere"):

@@ -54,6 +54,9 @@ def test_an_image_of_nilearn_holds_the_values() -> None:
     assert np.array_equal(image.data.parts["right"], ball.vertices[:, 2])
     assert np.array_equal(ball.to_nilearn(ball.vertices).data.parts["left"], ball.vertices)
     both = SurfaceImage({"left": ball.to_nilearn(), "right": ball.to_nilearn()}, {"left": np.ones(162), "right": np.ones(162)})
+    with pytest.raises(ValueError, match="found Model; model.surface"):
+        sp.as_surface(sp.Model(np.eye(4)[:, 1:]))
+    assert sp.as_surface(sp.repair(ball)) is not None and len(sp.as_surface(sp.parametrize(ball)).faces) == 320
     with pytest.raises(ValueError, match="expected one hemisphere, found left and right"):
         sp.as_surface(both)
     with pytest.raises(ValueError, match="values: expected one for each of the 162 vertices, found 161"):

@@ -1,13 +1,12 @@
 //! Output of `parametrize`: JSON, or tables.
 
-use std::collections::BTreeMap;
-
 use serde::Serialize;
 use spharm_cli::output::{counted, table};
 use spharm_monitor::number;
 use spharm_parametrize::handles::{CutLoop, HandlesReport};
 use spharm_parametrize::volume::{Repair, VolumeSurface};
 use spharm_parametrize::{Input, Parametrization, Quality, Report, Resampling};
+use spharm_surface::repair::MeshRepair;
 
 use super::args::Cli;
 use super::items::Item;
@@ -26,7 +25,7 @@ pub(super) struct Written {
     volume: Option<Label>,
     /// Repairs of a mesh by `--fix`, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
-    mesh_repair: Option<BTreeMap<&'static str, usize>>,
+    mesh_repair: Option<MeshRepair>,
     /// Cuts by `--cut-handles`, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     handles: Option<HandlesReport>,
@@ -44,7 +43,7 @@ impl Written {
             version: env!("CARGO_PKG_VERSION"),
             report: found.report,
             volume: input.label().map(Label::from),
-            mesh_repair: input.mesh_repair().map(|repair| repair.counts().into_iter().collect()),
+            mesh_repair: input.mesh_repair().copied(),
             handles: input.handles().cloned(),
             distance: found.resampling.map(Distance::from),
         }

@@ -175,7 +175,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::BadSurface { handles: 1.., .. } => {
             Some("--cut-handles cuts the handles and fills the cuts; spharm reconstruct restores handles".to_owned())
         }
-        ParametrizeError::LargeRepair { repair, .. } => {
+        ParametrizeError::LargeRepair { repair, succeeds: true, .. } => {
             percent_to_allow(repair).map(|percent| format!("--largest-repair {percent} allows it"))
         }
         ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {

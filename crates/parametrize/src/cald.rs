@@ -103,7 +103,7 @@ pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Resul
         return Err(ParametrizeError::Argument { what: "area", expected: "a number from 0 to 1", found });
     }
     let started = Instant::now();
-    let domain = Domain::new(surface)?;
+    let domain = Domain::new(surface, monitor)?;
     let growth = Growth { energy: Energy::balanced(1.0, STAGES[0]), steps: 6, seed: params.seed };
     let mut descent = Descent::start(&domain, growth, monitor)?;
     monitor.begin(SMOOTHING, 0);

@@ -56,7 +56,7 @@ pub fn conformal(
     monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
     let started = Instant::now();
-    let domain = Domain::new(surface)?;
+    let domain = Domain::new(surface, monitor)?;
     let growth = Growth { energy: Energy::balanced(0.3, 1.0), steps: 6, seed: params.seed };
     let mut descent = Descent::start(&domain, growth, monitor)?;
     monitor.begin(SMOOTHING, 0);
@@ -164,7 +164,7 @@ mod tests {
         let quality = Quality::measure(&sphere.vertices, &moved, &sphere.faces);
         assert!(quality.is_bijective() && quality.area_rms > 0.5, "{quality:?}");
         assert!(quality.angle_rms_degrees < 2.0, "{quality:?}");
-        let domain = Domain::new(&sphere).unwrap();
+        let domain = Domain::new(&sphere, &Silent).unwrap();
         let mut map = moved;
         assert!(centre(&domain, &mut map, &Silent).unwrap());
         let quality = Quality::measure(&sphere.vertices, &map, &sphere.faces);

@@ -1,6 +1,6 @@
 //! Checks a surface and brings it into the form that the methods expect: wound outwards, with area 4 pi.
 
-use spharm_monitor::number;
+use spharm_monitor::{Monitor, number};
 use spharm_surface::Mesh;
 use spharm_surface::range::{scaled_meshes, times};
 use spharm_surface::topology::is_outward;
@@ -35,11 +35,12 @@ impl Domain {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::BadSurface`] with all problems found.
-    pub(crate) fn new(mesh: &Mesh) -> Result<Self, ParametrizeError> {
+    /// [`ParametrizeError::BadSurface`] with all problems found, and the repair that would succeed;
+    /// [`ParametrizeError::Interrupted`].
+    pub(crate) fn new(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let scaled = scaled_meshes([mesh]);
         let (mesh, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
-        check(mesh, exponent)?;
+        check(mesh, exponent, monitor)?;
         let corners = |face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);
         let total: f64 = mesh.faces.iter().map(|face| area(corners(face))).sum();
         let factor = (4.0 * std::f64::consts::PI / total).sqrt();
@@ -65,14 +66,14 @@ impl Domain {
 }
 
 /// Rejects meshes that have handles or defects. The coordinates of `mesh` have been divided by 2^exponent.
-fn check(mesh: &Mesh, exponent: i32) -> Result<(), ParametrizeError> {
+fn check(mesh: &Mesh, exponent: i32, monitor: &dyn Monitor) -> Result<(), ParametrizeError> {
     let found = Flaws::of(mesh)?;
     let handles = found.handles();
     let mut problems = found.problems;
     if problems.is_empty() && handles == 0 {
         return Ok(());
     }
-    let mending = if problems.is_empty() { None } else { mending(mesh) };
+    let mending = if problems.is_empty() { None } else { mending(mesh, monitor)? };
     if handles > 0 {
         problems.push(with_lengths(mesh, handles, problems.is_empty(), exponent));
     }
@@ -100,16 +101,17 @@ fn with_lengths(mesh: &Mesh, handles: usize, clean: bool, exponent: i32) -> Stri
 #[cfg(test)]
 mod tests {
     use super::*;
+    use spharm_monitor::Silent;
     use spharm_surface::generate::icosphere;
 
     fn message(mesh: &Mesh) -> String {
-        Domain::new(mesh).err().map(|error| error.to_string()).unwrap_or_default()
+        Domain::new(mesh, &Silent).err().map(|error| error.to_string()).unwrap_or_default()
     }
 
     #[test]
     fn problems_are_named_with_counts() {
         let good = icosphere(2);
-        assert!(Domain::new(&good).is_ok());
+        assert!(Domain::new(&good, &Silent).is_ok());
 
         let mut open = good.clone();
         open.faces.pop();

@@ -212,6 +212,8 @@ pub enum ParametrizeError {
         repair: Box<MeshRepair>,
         /// Largest share of the area that may be dropped or added, of the one that is exceeded.
         most: f64,
+        /// Whether the repaired surface could be mapped to the sphere, perhaps after cutting its handles.
+        succeeds: bool,
     },
 
     /// The monitor asked to stop.

@@ -65,7 +65,7 @@ impl Input {
             }
             Self::Label(_) | Self::Cut(..) => return Ok(self),
         };
-        let found = cut_handles(mesh, monitor).map_err(|error| with_mending(error, mesh))?;
+        let found = cut_handles(mesh, monitor).map_err(|error| with_mending(error, mesh, monitor))?;
         if found.seam.is_none() {
             return Ok(self);
         }

@@ -114,3 +114,4 @@ pub use quality::Quality;
 pub use report::{Note, Parametrization, Report, Resampling, Warning};
 pub use resample::resample;
 pub use stretch::{StretchParams, stretch};
+pub use trial::defects;

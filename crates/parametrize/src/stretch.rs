@@ -42,7 +42,7 @@ pub fn stretch(
     monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
     let started = Instant::now();
-    let domain = Domain::new(surface)?;
+    let domain = Domain::new(surface, monitor)?;
     let growth = Growth { energy: Energy::STRETCH, steps: 6, seed: params.seed };
     let mut descent = Descent::start(&domain, growth, monitor)?;
     monitor.begin(SMOOTHING, 0);

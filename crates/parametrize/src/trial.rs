@@ -1,6 +1,6 @@
 //! Tries the repair of a mesh that was refused, so that the error can state whether a repair succeeds.
 
-use spharm_monitor::Silent;
+use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
 use spharm_surface::repair::repair;
 
@@ -11,19 +11,36 @@ use crate::mending::Mending;
 
 /// Repairs a copy of a mesh, whose triangles must have valid indices. Returns `None` if the repair changes nothing, or
 /// if defects other than handles remain.
-pub(crate) fn mending(mesh: &Mesh) -> Option<Box<Mending>> {
+pub(crate) fn mending(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Option<Box<Mending>>, Interrupted> {
     let (mut mended, mut repair) = repair(mesh);
-    fill_holes(&mut mended, &mut repair, &Silent).ok()?;
-    let flaws = Flaws::of(&mended).ok().filter(|flaws| repair.is_any() && flaws.problems.is_empty())?;
-    Some(Box::new(Mending { repair, handles: flaws.handles() }))
+    fill_holes(&mut mended, &mut repair, monitor)?;
+    let (defects, handles) = defects(&mended);
+    let succeeds = repair.is_any() && defects.is_empty();
+    Ok(succeeds.then(|| Box::new(Mending { repair, handles })))
+}
+
+/// Returns the defects of a mesh, other than handles, for which it can't be mapped to the sphere, and the number of its
+/// handles.
+#[must_use]
+pub fn defects(mesh: &Mesh) -> (Vec<String>, usize) {
+    match Flaws::of(mesh) {
+        Ok(flaws) => {
+            let handles = flaws.handles();
+            (flaws.problems, handles)
+        }
+        Err(error) => (vec![error.to_string()], 0),
+    }
 }
 
 /// Adds the result of the trial to an error about this mesh.
-pub(crate) fn with_mending(error: ParametrizeError, mesh: &Mesh) -> ParametrizeError {
+pub(crate) fn with_mending(error: ParametrizeError, mesh: &Mesh, monitor: &dyn Monitor) -> ParametrizeError {
     let in_range = || mesh.faces.as_flattened().iter().all(|&v| (v as usize) < mesh.vertices.len());
     match error {
         ParametrizeError::BadSurface { problems, handles, remedy, mending: None } if in_range() => {
-            ParametrizeError::BadSurface { problems, handles, remedy, mending: mending(mesh) }
+            match mending(mesh, monitor) {
+                Ok(mending) => ParametrizeError::BadSurface { problems, handles, remedy, mending },
+                Err(interrupted) => interrupted.into(),
+            }
         }
         error => error,
     }

@@ -92,12 +92,13 @@ fn with_advice(error: &Error) -> String {
     let advice = match error {
         Error::Parametrize(ParametrizeError::BadSurface { mending: Some(mending), .. }) => {
             let largest = largest(&mending.repair).map(|largest| format!(", {largest}")).unwrap_or_default();
-            Some(format!("call spharm_rs.repair(surface{largest})"))
+            let cut = if mending.handles > 0 { " and give cut_handles=True" } else { "" };
+            Some(format!("call spharm_rs.repair(surface{largest}){cut}"))
         }
         Error::Parametrize(ParametrizeError::BadSurface { handles: 1.., .. }) => {
             Some("cut_handles=True cuts the handles".to_owned())
         }
-        Error::Parametrize(ParametrizeError::LargeRepair { repair, .. }) => {
+        Error::Parametrize(ParametrizeError::LargeRepair { repair, succeeds: true, .. }) => {
             largest(repair).map(|largest| format!("{largest} allows it"))
         }
         _ => None,

@@ -388,6 +388,7 @@ pub(crate) fn category(warning: &FitWarning) -> &'static str {
         FitWarning::Singular { .. }
         | FitWarning::FewVertices { .. }
         | FitWarning::RankDeficient { .. }
+        | FitWarning::Amplified { .. }
         | FitWarning::Gap { .. } => "NotDetermined",
         FitWarning::Solver(LsqWarning::Underdetermined { .. }) => "NotDetermined",
         FitWarning::NotConverged { .. } => "NotConverged",

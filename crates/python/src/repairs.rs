@@ -1,10 +1,8 @@
 //! Repairs meshes.
 
 use pyo3::prelude::*;
-use serde_json::{Map, Value, json};
-use spharm::parametrize::Input;
-use spharm::repair::MeshRepair;
-use spharm::topology::Topology;
+use serde_json::{Value, json};
+use spharm::parametrize::{Input, defects};
 use spharm::{MappedSurface, Preparation};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, mesh, mesh_arrays};
@@ -30,27 +28,32 @@ impl From<Changes> for Preparation {
 type Repaired<'py> = (PositionsOut<'py>, FacesOut<'py>, String, String);
 
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, *, largest_repair, progress = None))]
+#[pyo3(signature = (vertices, faces, *, largest_repair))]
 fn repair<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,
     faces: Faces<'py>,
     largest_repair: Option<f64>,
-    progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Repaired<'py>> {
     let given = mesh("surface", &vertices, &faces)?;
-    let (mesh, repair, problems) = run_owned(py, Some(1), progress.as_ref(), move |monitor| {
+    let (mesh, repair, problems) = run_owned(py, Some(1), None, move |monitor| {
         let changes = Preparation { fix: true, largest_repair, ..Preparation::default() };
         let repaired = changes.apply(Input::Mesh(given), monitor)?;
         let repair = repaired.mesh_repair().copied().unwrap_or_default();
         let mesh = repaired.mesh().cloned().unwrap_or_default();
-        let problems = Topology::of(&mesh).problems();
+        let (mut problems, handles) = defects(&mesh);
+        problems.extend((handles > 0).then(|| match handles {
+            1 => "the surface has a handle (genus 1)".to_owned(),
+            _ => format!("the surface has {handles} handles (genus {handles})"),
+        }));
         Ok((mesh, repair, problems))
     })?;
-    let mut report = report_of(&repair);
-    report.insert("problems".to_owned(), json!(problems));
+    let mut report = json!(repair);
+    if let Some(report) = report.as_object_mut() {
+        report.insert("problems".to_owned(), json!(problems));
+    }
     let (vertices, faces) = mesh_arrays(py, mesh);
-    Ok((vertices, faces, Value::Object(report).to_string(), repair.changes()))
+    Ok((vertices, faces, report.to_string(), repair.changes()))
 }
 
 /// Returns the report on the map of a surface, with its repair and the handles that were cut.
@@ -58,14 +61,7 @@ pub(crate) fn map_report(mapped: &MappedSurface) -> Value {
     let mut report = json!(mapped.parametrized.map.report);
     if let Some(report) = report.as_object_mut() {
         report.extend(mapped.handles.as_ref().map(|handles| ("handles".to_owned(), json!(handles))));
-        report.extend(mapped.mesh_repair.map(|repair| ("mesh_repair".to_owned(), Value::Object(report_of(&repair)))));
+        report.extend(mapped.mesh_repair.map(|repair| ("mesh_repair".to_owned(), json!(repair))));
     }
     report
-}
-
-/// Returns the counts of a repair, and the shares of the area that it dropped and added.
-pub(crate) fn report_of(repair: &MeshRepair) -> Map<String, Value> {
-    let counts = repair.counts().map(|(name, count)| (name.to_owned(), json!(count)));
-    let shares = [("dropped_area", repair.dropped_area), ("filled_area", repair.filled_area)];
-    counts.into_iter().chain(shares.map(|(name, share)| (name.to_owned(), json!(share)))).collect()
 }

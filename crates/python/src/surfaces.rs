@@ -20,7 +20,7 @@ use spharm::{Mesh, Monitor, Preparation, Seam, Signal, Sphere};
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, seam_out};
 use crate::errors::Failure;
 use crate::memory::{check_distance, check_mapping, check_resampling};
-use crate::repairs::{Changes, report_of};
+use crate::repairs::Changes;
 use crate::run::{run, run_owned};
 
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -196,7 +196,7 @@ fn parametrize<'py>(
         let (found, handles) = map(&mesh, &method, memory, monitor)?;
         Ok((found, handles, mesh.mesh_repair().copied()))
     })?;
-    let details = [("handles", handles), ("mesh_repair", repair.map(|repair| Value::Object(report_of(&repair))))];
+    let details = [("handles", handles), ("mesh_repair", repair.map(|repair| json!(repair)))];
     let mut mapped = mapped(py, found, details);
     mapped.4.extend(repair.map(|repair| repair.to_string()));
     Ok(mapped)

@@ -9,7 +9,7 @@ use spharm_surface::{Mesh, Target};
 
 use crate::fit::check_sizes;
 use crate::parametrize::volume::{LabelSurface, Repair, VolumeReading, VoxelSteps};
-use crate::parametrize::{HandlesReport, Input, ParametrizeError, Parametrized, Source, parametrize_with};
+use crate::parametrize::{HandlesReport, Input, ParametrizeError, Parametrized, Source, defects, parametrize_with};
 use crate::{Error, Fit, FitParams, ManyReport, check_mapping, fit_target};
 
 /// Changes to a surface before it is mapped to a sphere. A surface that is given with a sphere isn't changed.
@@ -64,8 +64,9 @@ impl Preparation {
         if let Some(repair) = surface.mesh_repair() {
             let limits = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
             let limits = limits.map(|(share, usual)| (share, self.largest_repair.unwrap_or(0.0).max(usual)));
-            if let Some((_, most)) = limits.into_iter().find(|(share, most)| share > most) {
-                return Err(ParametrizeError::LargeRepair { repair: Box::new(*repair), most }.into());
+            if let Some((_, most)) = limits.into_iter().find(|(share, most)| share.is_nan() || share > most) {
+                let succeeds = surface.mesh().is_some_and(|mesh| defects(mesh).0.is_empty());
+                return Err(ParametrizeError::LargeRepair { repair: Box::new(*repair), most, succeeds }.into());
             }
         }
         Ok(if self.cut_handles { surface.without_handles(monitor)? } else { surface })

@@ -7,6 +7,8 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
 use spharm_solver::lsq::LsqWarning;
 
+/// Least error of the worst combination of coefficients, relative to their norm, about which a warning is given.
+const LARGEST_AMPLIFIED: f64 = 0.25;
 /// Largest rms of unresolved detail, relative to the noise, that causes no warning. Held-out vertices reveal only part
 /// of the detail.
 const DETAIL: f64 = 0.3;
@@ -78,6 +80,15 @@ pub enum FitWarning {
         /// Resolution at the highest degree, `pi / L`, in degrees.
         resolved: f64,
     },
+    /// The sampling determines some combinations of coefficients so poorly that noise decides them.
+    Amplified {
+        /// Highest degree of the fit.
+        max_degree: usize,
+        /// Condition number of the basis at the samples.
+        condition: f64,
+        /// Expected error of the worst combination of coefficients, relative to the norm of the coefficients.
+        share: f64,
+    },
     /// Detail beyond the degree of a denoised fit was treated as noise.
     Detail {
         /// Highest degree of the fit.
@@ -130,6 +141,13 @@ impl fmt::Display for FitWarning {
                  and the largest gap between samples is {largest_gap:.1} degrees wide, but the degree resolves \
                  {resolved:.1} degrees"
             ),
+            Self::Amplified { max_degree, condition, share } => write!(
+                f,
+                "degree {max_degree} is poorly determined by this sampling (condition number {condition:.1e}): noise \
+                 and detail beyond the degree change the coefficients by about {:.0} % of their norm; use a smoothness \
+                 penalty or a lower degree",
+                100.0 * share.min(1.0)
+            ),
             Self::Detail { max_degree, left_out, sigma } => write!(
                 f,
                 "the surface has detail of {left_out:.2e} rms beyond degree {max_degree}, which counts as part of the \
@@ -168,11 +186,24 @@ impl FitWarning {
             warnings.push(Self::FewVertices { vertices, functions, suitable_degree });
         }
         warnings.extend(report.warnings.iter().cloned().map(Self::Solver));
+        warnings.extend(Self::of_amplified(report, functions).filter(|_| !singular));
         if report.stop != spharm_solver::lsq::Stop::Converged && !singular {
             let steps = report.iterations + report.refinements;
             warnings.push(Self::NotConverged { optimality: report.optimality, tolerance, steps });
         }
         warnings
+    }
+
+    /// Returns a warning if noise decides a large part of the coefficients. Of independent noise of standard deviation
+    /// s at n samples, the combination of coefficients that the samples determine worst gets the standard deviation
+    /// `s condition sqrt(4 pi / n)`, up to a factor that depends on how evenly the samples are distributed.
+    fn of_amplified(report: &LsqReport, functions: usize) -> Option<Self> {
+        let free = report.rows.checked_sub(functions).filter(|&free| free > 0 && report.smoothness == 0.0)?;
+        let mean_square = report.residuals.iter().map(|residual| residual.mean_square).reduce(f64::max)?;
+        let deviation = (mean_square * report.rows as f64 / free as f64).sqrt();
+        let amplified = deviation * report.condition * (4.0 * std::f64::consts::PI / report.rows as f64).sqrt();
+        let (max_degree, condition, share) = (report.max_degree, report.condition, amplified / report.norm);
+        (share > LARGEST_AMPLIFIED && condition.is_finite()).then_some(Self::Amplified { max_degree, condition, share })
     }
 
     /// Returns a warning if a large part of the removed noise is detail.

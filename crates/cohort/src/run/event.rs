@@ -1,12 +1,12 @@
 //! Defines the events that a run reports while it works.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 use spharm::parametrize::volume::Repair;
 use spharm::parametrize::{HandlesReport, Report};
 use spharm::{FitParams, FitReport, FitWarning, ManyReport, MappedSurface};
+use spharm_surface::repair::MeshRepair;
 
 use super::error::RunError;
 use crate::files::ModelFiles;
@@ -138,9 +138,9 @@ pub struct Mapping {
     /// Repair of the volume's label, if it was repaired.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repair: Option<Repair>,
-    /// Repair of the mesh, if it was repaired: number of changes of each kind.
+    /// Repair of the mesh, if it was repaired.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub mesh_repair: Option<BTreeMap<&'static str, usize>>,
+    pub mesh_repair: Option<MeshRepair>,
     /// Handles of the surface that were cut, if it had any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handles: Option<HandlesReport>,
@@ -154,7 +154,7 @@ impl Mapping {
         Self {
             sphere,
             repair: surface.repair,
-            mesh_repair: surface.mesh_repair.map(|repair| repair.counts().into_iter().collect()),
+            mesh_repair: surface.mesh_repair,
             handles: surface.handles.clone(),
             report: surface.parametrized.map.report.clone(),
         }

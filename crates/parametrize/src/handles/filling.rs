@@ -11,9 +11,6 @@ use crate::geometry::{Vec3, add, area, cross, dot, norm, scale, sub};
 /// Number of sweeps that smooth the directions in which a filling continues the surface. They are needed because loops
 /// of edges zigzag.
 const SWEEPS: usize = 2;
-/// Largest area of a smooth filling of a hole, as a multiple of the flat filling's. Domes over round holes have at most
-/// twice its area, while smooth fillings of long slits fold.
-const LARGEST_DOME: f64 = 3.0;
 
 /// The rim of a cut: one loop, with separate vertices for its two sides.
 pub(super) struct Rim<'a> {
@@ -59,13 +56,7 @@ impl Rim<'_> {
         // The two sides face each other, so the filling of the left side continues in the direction opposite to that of
         // the right side.
         for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)].into_iter().filter(|(rim, _)| !rim.is_empty()) {
-            let mut positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
-            let area_of = |positions: &[Vec3]| -> f64 {
-                disc.triangles.iter().map(|triangle| area(triangle.map(|v| positions[v as usize]))).sum()
-            };
-            if self.left.is_empty() && area_of(&positions) > LARGEST_DOME * area_of(&flat) {
-                positions.clone_from(&flat);
-            }
+            let positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
             let new = first + filling.vertices.len() as u32;
             let vertex = |v: u32| rim.get(v as usize).copied().unwrap_or_else(|| new + v - count as u32);
             for &triangle in &disc.triangles {

@@ -9,7 +9,7 @@
 //!   through it; the shortest is cut.
 //! - `complex`: makes the cuts.
 //! - `disc`, `fair`, `filling`: make the fillings, which continue the surface smoothly across the seam.
-//! - `holes`: fills holes of a mesh in the same way.
+//! - `holes`, `strip`: fill holes of a mesh in the same way, and slits by strips of triangles.
 //!
 //! Cost: O(n log n) for a single handle; with many handles, O(n log n) for each round. Each of the two fillings of a
 //! loop with m vertices has 0.09 m^2 vertices.
@@ -23,6 +23,7 @@ mod homology;
 mod report;
 mod rounds;
 mod search;
+mod strip;
 
 pub use holes::{LARGEST_HOLE, fill_holes};
 pub use report::{CutLoop, CutSurface, HandlesReport, Kind};

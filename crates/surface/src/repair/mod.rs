@@ -10,6 +10,8 @@ mod sheets;
 use std::collections::{HashMap, HashSet};
 use std::fmt;
 
+use serde::ser::{Serialize, SerializeMap, Serializer};
+
 use crate::geometry::{Vec3, dot, face_normal};
 use crate::mesh::Mesh;
 pub use rims::{LARGEST_FAN, rims};
@@ -110,6 +112,20 @@ impl MeshRepair {
             ("triangles_added", self.filled),
             ("unused_vertices_dropped", self.unused),
         ]
+    }
+}
+
+impl Serialize for MeshRepair {
+    /// Serializes the counts by name, and the shares of the area, `dropped_area` and `filled_area`.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let counts = self.counts();
+        let mut map = serializer.serialize_map(Some(counts.len() + 2))?;
+        for (name, count) in counts {
+            map.serialize_entry(name, &count)?;
+        }
+        map.serialize_entry("dropped_area", &self.dropped_area)?;
+        map.serialize_entry("filled_area", &self.filled_area)?;
+        map.end()
     }
 }
 
