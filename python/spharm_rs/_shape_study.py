@@ -92,6 +92,7 @@ def _measured(
         if len(minus) != len(models):
             raise ValueError(f"minus: expected {len(models)} models, one for each subject; found {len(minus)}")
         models = [*models, *minus]
+    members = cores(models)
     if signal != "value" and not all(model.is_surface for model in models):
         raise ValueError(f"signal: expected 'value' for models of signals, found {signal!r}")
     noted = warn([_OWN_MAPS]) if signal == "value" and _over_own_maps(models) else ()
@@ -99,7 +100,7 @@ def _measured(
     if directions is None:
         raise ValueError("sphere: expected a level of an icosphere, a sphere, or directions; found None")
     values, components, mean, warnings = _core.shape_measure_group(
-        cores(models),
+        members,
         directions,
         None if degree is None else _arrays.whole("degree", degree),
         signal=str(signal),

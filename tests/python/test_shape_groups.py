@@ -194,7 +194,7 @@ def test_what_a_group_measures_is_its_displacement(group: list[sp.Model]) -> Non
     assert np.allclose(sp.shape.measure_group(signals, at, signal="value").values, positions.values[..., 0], atol=1e-12)
     with pytest.raises(ValueError, match="normal, position or value"):
         sp.shape.measure_group(group, 2, signal="colour")
-    with pytest.raises(ValueError, match="surface"):
+    with pytest.raises(ValueError, match="models of signals"):
         sp.shape.measure_group(signals, 2)
 
 
