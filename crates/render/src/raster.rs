@@ -52,14 +52,14 @@ impl Raster {
     /// are also drawn, lit as if seen from the front, so that the inside of an open or inverted surface is visible.
     pub(crate) fn draw(&mut self, mesh: &Mesh, colors: &[[u8; 3]], contour: Option<Contour<'_>>, camera: &Camera) {
         let lights = LIGHTS.map(|(direction, strength)| (camera.direction(direction), strength));
-        let normals = vertex_normals(&mesh.vertices, &mesh.faces);
+        let normals = vertex_normals(&mesh.vertices, &mesh.faces).into_iter().map(unit);
         let corners: Vec<Corner> = mesh
             .vertices
             .iter()
-            .zip(&normals)
+            .zip(normals)
             .zip(colors)
             .enumerate()
-            .map(|(vertex, ((&position, &normal), &color))| {
+            .map(|(vertex, ((&position, normal), &color))| {
                 let [x, y, depth] = camera.project(position);
                 let at = [x * FINE as f64, y * FINE as f64, depth];
                 let off = contour.map_or(f64::NAN, |contour| contour.values[vertex] - contour.level);
