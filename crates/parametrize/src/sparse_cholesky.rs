@@ -1,14 +1,9 @@
-//! Wraps faer's sparse Cholesky factorisation for symmetric matrices of small blocks, with a symbolic analysis that is
-//! reused for all matrices of the same pattern.
+//! Sparse Cholesky factors of symmetric matrices of small blocks, with an analysis that is reused for all matrices of
+//! the same pattern.
 //!
 //! On a surface of n vertices, a factorisation takes O(n^1.5) flops and O(n log n) numbers.
 
-use std::sync::Arc;
-
-use faer::linalg::solvers::Solve;
-use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::{MatMut, Side};
+use spharm_linalg::{MatMut, SparseFactor, SparsePattern};
 use spharm_monitor::{Interrupted, Monitor};
 
 use crate::background::abandonable;
@@ -18,18 +13,17 @@ const LONG: usize = 20_000;
 
 /// The symbolic factorisation of a sparsity pattern.
 pub(crate) struct Symbolic {
-    pattern: Arc<SymbolicSparseColMat<usize>>,
-    symbolic: SymbolicLlt<usize>,
+    pattern: SparsePattern,
     size: usize,
 }
 
 /// The factor of one matrix.
-pub(crate) struct Factor(Llt<usize, f64>);
+pub(crate) struct Factor(SparseFactor);
 
 impl Symbolic {
     /// Analyses a symmetric pattern of blocks of `size` rows and columns. `columns` lists the columns of each row,
-    /// including the diagonal, in any order; `starts` has the start of each row in `columns`. Returns `None` if faer
-    /// runs out of memory.
+    /// including the diagonal, in any order; `starts` has the start of each row in `columns`. Returns `None` if
+    /// memory runs out.
     pub(crate) fn new(
         size: usize,
         starts: &[u32],
@@ -51,11 +45,8 @@ impl Symbolic {
                 begins.push(rows.len());
             }
         }
-        let pattern = Arc::new(SymbolicSparseColMat::new_checked(size * n, size * n, begins, None, rows));
-        let theirs = Arc::clone(&pattern);
-        let work = move || SymbolicLlt::try_new(theirs.as_ref().as_ref(), Side::Lower);
-        let symbolic = abandonable(size * n >= LONG, monitor, work)?;
-        Ok(symbolic.ok().map(|symbolic| Self { pattern, symbolic, size }))
+        let pattern = abandonable(size * n >= LONG, monitor, move || SparsePattern::new(begins, rows))?;
+        Ok(pattern.map(|pattern| Self { pattern, size }))
     }
 
     /// Factors a matrix with the analysed pattern. Each block has `N` = `size`^2 numbers, stored by rows. Returns
@@ -68,12 +59,12 @@ impl Symbolic {
         monitor: &dyn Monitor,
     ) -> Result<Option<Factor>, Interrupted> {
         let (n, size) = (starts.len() - 1, self.size);
-        let mut values = Vec::with_capacity(self.pattern.row_idx().len());
+        let mut values = Vec::with_capacity(self.pattern.entries());
         for v in 0..n {
             let (columns, first) = later(starts, columns, v);
             let own = columns.iter().position(|&w| w as usize == v).unwrap_or(0);
             for k in 0..size {
-                // faer stores columns below the diagonal; by symmetry these equal the rows to the right of the
+                // The pattern has columns below the diagonal; by symmetry these equal the rows to the right of the
                 // diagonal.
                 values.extend_from_slice(&blocks[first + own][size * k + k..size * (k + 1)]);
                 for (at, &w) in columns.iter().enumerate() {
@@ -84,12 +75,9 @@ impl Symbolic {
             }
         }
         drop(blocks);
-        let (pattern, symbolic) = (Arc::clone(&self.pattern), self.symbolic.clone());
-        let found = abandonable(size * n >= LONG, monitor, move || {
-            let matrix = SparseColMatRef::new(pattern.as_ref().as_ref(), &values);
-            Llt::try_new_with_symbolic(symbolic, matrix, Side::Lower)
-        })?;
-        Ok(found.ok().map(Factor))
+        let pattern = self.pattern.clone();
+        let found = abandonable(size * n >= LONG, monitor, move || pattern.factor(&values))?;
+        Ok(found.map(Factor))
     }
 }
 
@@ -103,6 +91,6 @@ impl Factor {
     /// Replaces the right-hand side `x` by the solution.
     pub(crate) fn solve(&self, x: &mut [f64]) {
         let rows = x.len();
-        self.0.solve_in_place(MatMut::from_column_major_slice_mut(x, rows, 1));
+        self.0.solve(MatMut::from_column_major_slice_mut(x, rows, 1));
     }
 }

@@ -18,10 +18,8 @@
 //!
 //! An iteration costs 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::Solve;
-use faer::{Accum, Mat, MatRef, Par, Side};
 use rayon::prelude::*;
+use spharm_linalg::{Accum, Cholesky, Mat, MatRef, matmul};
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::{Vec3, add, bounds, dot, scale, sub};
 use spharm_surface::{Mesh, SpreadPoints};
@@ -159,8 +157,8 @@ impl Held {
 
     /// Adds the landmarks' part of the normal equations.
     fn add(&self, matrix: &mut Mat<f64>, right: &mut Mat<f64>) {
-        matmul(matrix, Accum::Add, self.rows.transpose(), &self.rows, self.weight, Par::Seq);
-        matmul(right, Accum::Add, self.rows.transpose(), &self.off, self.weight, Par::Seq);
+        matmul(matrix.as_mut(), Accum::Add, self.rows.transpose(), self.rows.as_ref(), self.weight);
+        matmul(right.as_mut(), Accum::Add, self.rows.transpose(), self.off.as_ref(), self.weight);
     }
 }
 
@@ -255,8 +253,8 @@ fn maximisation(
         let pulls =
             Mat::from_fn(rows.len(), 3, |i, k| pulled[rows.start + i][k] - shares[i] * start[rows.start + i][k]);
         let (mut matrix, mut right) = (Mat::zeros(r, r), Mat::zeros(r, 3));
-        matmul(&mut matrix, Accum::Replace, factor.transpose(), &weighted, 1.0, Par::Seq);
-        matmul(&mut right, Accum::Replace, factor.transpose(), &pulls, 1.0, Par::Seq);
+        matmul(matrix.as_mut(), Accum::Replace, factor.transpose(), weighted.as_ref(), 1.0);
+        matmul(right.as_mut(), Accum::Replace, factor.transpose(), pulls.as_ref(), 1.0);
         (matrix, right)
     });
     let partial: Vec<(Mat<f64>, Mat<f64>)> = partial.collect();
@@ -267,6 +265,6 @@ fn maximisation(
     }
     held.add(&mut matrix, &mut right);
     (0..r).for_each(|i| matrix[(i, i)] += stiffness);
-    let solved = matrix.llt(Side::Lower).map_err(|_| RegisterError::Singular)?.solve(&right);
+    let solved = Cholesky::new(matrix.as_ref()).map_err(|_| RegisterError::Singular)?.solve(right.as_ref());
     Ok((0..r).map(|i| std::array::from_fn(|k| solved[(i, k)])).collect())
 }

@@ -2,12 +2,7 @@
 //! with each row divided by the number of neighbours. This weighs all neighbours equally, because the triangles have
 //! nearly equal sizes.
 
-use std::sync::Arc;
-
-use faer::linalg::solvers::Solve;
-use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
-use faer::{Mat, Side};
+use spharm_linalg::{MatMut, SparseFactor, SparsePattern};
 use spharm_surface::geometry::Vec3;
 
 use crate::error::RegisterError;
@@ -46,8 +41,7 @@ pub struct Plate {
     /// Pattern of `L^T L`, symmetric: vertices up to two edges apart.
     pattern: Rows,
     values: Vec<f64>,
-    lower: Arc<SymbolicSparseColMat<usize>>,
-    symbolic: SymbolicLlt<usize>,
+    lower: SparsePattern,
 }
 
 /// A symmetric matrix with the pattern of a plate.
@@ -57,7 +51,7 @@ pub(crate) struct PlateMatrix<'a> {
 }
 
 /// The Cholesky factor of a [`PlateMatrix`], applied to three columns at once.
-pub(crate) struct PlateFactor(Llt<usize, f64>);
+pub(crate) struct PlateFactor(SparseFactor);
 
 impl Plate {
     pub(crate) fn new(faces: &[[u32; 3]], n: usize) -> Result<Self, RegisterError> {
@@ -94,10 +88,8 @@ impl Plate {
             rows.extend(pattern.row(v).iter().map(|w| *w as usize).filter(|w| *w >= v));
             begins.push(rows.len());
         }
-        let lower = Arc::new(SymbolicSparseColMat::new_checked(n, n, begins, None, rows));
-        let symbolic =
-            SymbolicLlt::try_new(lower.as_ref().as_ref(), Side::Lower).map_err(|_| RegisterError::Singular)?;
-        Ok(Self { rings, of_vertices, pattern, values: matrix, lower, symbolic })
+        let lower = SparsePattern::new(begins, rows).ok_or(RegisterError::Singular)?;
+        Ok(Self { rings, of_vertices, pattern, values: matrix, lower })
     }
 
     /// Returns the triangles of a vertex.
@@ -149,22 +141,21 @@ impl PlateMatrix<'_> {
 
     pub(crate) fn factor(&self) -> Result<PlateFactor, RegisterError> {
         let plate = self.plate;
-        let mut lower = Vec::with_capacity(plate.lower.row_idx().len());
+        let mut lower = Vec::with_capacity(plate.lower.entries());
         for v in 0..plate.pattern.starts.len() - 1 {
             lower.extend(
                 plate.pattern.range(v).filter(|at| plate.pattern.columns[*at] as usize >= v).map(|at| self.values[at]),
             );
         }
-        let matrix = SparseColMatRef::new(plate.lower.as_ref().as_ref(), &lower);
-        let factor = Llt::try_new_with_symbolic(plate.symbolic.clone(), matrix, Side::Lower);
-        factor.map(PlateFactor).map_err(|_| RegisterError::Singular)
+        plate.lower.factor(&lower).map(PlateFactor).ok_or(RegisterError::Singular)
     }
 }
 
 impl PlateFactor {
     pub(crate) fn solve(&self, right: &[Vec3]) -> Vec<Vec3> {
-        let right = Mat::from_fn(right.len(), 3, |i, k| right[i][k]);
-        let solved = self.0.solve(&right);
-        (0..solved.nrows()).map(|i| std::array::from_fn(|k| solved[(i, k)])).collect()
+        let n = right.len();
+        let mut columns: Vec<f64> = (0..3).flat_map(|k| right.iter().map(move |value| value[k])).collect();
+        self.0.solve(MatMut::from_column_major_slice_mut(&mut columns, n, 3));
+        (0..n).map(|i| std::array::from_fn(|k| columns[k * n + i])).collect()
     }
 }

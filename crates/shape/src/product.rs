@@ -4,9 +4,8 @@
 //! ndarray's own `dot` uses OpenBLAS if another crate of the program enables it. The threads of OpenBLAS would then
 //! compete with the threads of the calling loop.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
 use ndarray::{Array2, ArrayView2};
+use spharm_linalg::{Accum, MatMut, MatRef, matmul};
 
 /// Number of columns of B per product, chosen such that they fit the L2 cache together with some dozens of rows of A.
 pub(crate) const COLUMNS: usize = 768;
@@ -23,7 +22,7 @@ pub(crate) fn product(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> Array2<
     let (a, b) = (a.as_standard_layout(), b.as_standard_layout());
     let (Some(a), Some(b), Some(out)) = (a.as_slice(), b.as_slice(), c.as_slice_mut()) else { return c };
     let (a, b) = (MatRef::from_row_major_slice(a, m, k), MatRef::from_row_major_slice(b, k, n));
-    matmul(MatMut::from_row_major_slice_mut(out, m, n), Accum::Replace, a, b, 1.0, Par::Seq);
+    matmul(MatMut::from_row_major_slice_mut(out, m, n), Accum::Replace, a, b, 1.0);
     c
 }
 

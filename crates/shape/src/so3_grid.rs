@@ -17,8 +17,7 @@ use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use rustfft::num_complex::Complex64;
-use rustfft::{Fft, FftPlanner};
+use spharm_transform::fft::{Complex64, Fft, plan_forward};
 
 use crate::matrix3::Matrix3;
 use crate::quarter::{Centre, dense};
@@ -59,7 +58,7 @@ impl So3Grid {
             let beta = (at as f64 + 0.5) * PI / bandwidth as f64;
             quarters.iter().enumerate().map(|(degree, quarter)| wigner(degree, quarter, beta)).collect()
         });
-        Self { bandwidth, wigner: wigner.collect(), fft: FftPlanner::new().plan_fft_forward(2 * bandwidth) }
+        Self { bandwidth, wigner: wigner.collect(), fft: plan_forward(2 * bandwidth) }
     }
 
     /// Returns the best local maxima of `tr Q^T M` over the allowed matrices Q, at most `most`, best first. Of maxima

@@ -1,19 +1,11 @@
-//! Operations on dense matrices by faer, on the calling thread: for matrices too small for several threads, and for
-//! threads that each process their own matrices. [`threaded`](crate::threaded) processes large matrices on several
-//! threads.
+//! Operations on dense matrices, on the calling thread: for matrices too small for several threads, and for threads
+//! that each process their own matrices. [`threaded`](crate::threaded) processes large matrices on several threads.
 //!
 //! Matrices are column-major slices. The right-hand sides and solutions of a block, (k, c), are row-major, because they
 //! are summed in that order.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
-use faer::linalg::matmul::matmul;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch, recommended_block_size};
-use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
-use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
-use faer::{Accum, Mat, MatMut, MatRef, Par};
 use spharm_harmonics::product::Matrix;
+use spharm_linalg::{Accum, Mat, MatMut, MatRef, NoConvergence, ThinSvd, matmul};
 
 use crate::condition;
 
@@ -28,17 +20,7 @@ pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64]) {
     let k = block.columns();
     assert_eq!(gram.len(), k * k, "Gram matrix of {k} columns");
     let (block, gram) = (view(block), MatMut::from_column_major_slice_mut(gram, k, k));
-    triangular::matmul(
-        gram,
-        BlockStructure::TriangularLower,
-        Accum::Add,
-        block.transpose(),
-        BlockStructure::Rectangular,
-        block,
-        BlockStructure::Rectangular,
-        1.0,
-        Par::Seq,
-    );
+    spharm_linalg::add_gram(gram, block.transpose(), 1.0);
 }
 
 /// Computes `out += block^T r`: block (n, k), r (n, c), out (k, c) row-major.
@@ -46,7 +28,7 @@ pub(crate) fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f6
     let (k, c) = (block.columns(), r.columns());
     assert!(out.len() == k * c && r.rows() == block.rows(), "adjoint of {k} x {c}");
     let out = MatMut::from_column_major_slice_mut(out, c, k);
-    matmul(out, Accum::Add, view(r).transpose(), view(block), 1.0, Par::Seq);
+    matmul(out, Accum::Add, view(r).transpose(), view(block), 1.0);
 }
 
 /// Computes `out += sign block x`: block (n, k), x (k, c) row-major, out (n, c) column-major.
@@ -55,17 +37,14 @@ pub(crate) fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out:
     assert!(k > 0 && x.len().is_multiple_of(k) && out.len() == rows * (x.len() / k), "synthesis of {rows} x {k}");
     let c = x.len() / k;
     let out = MatMut::from_column_major_slice_mut(out, rows, c);
-    matmul(out, Accum::Add, view(block), MatRef::from_row_major_slice(x, k, c), sign, Par::Seq);
+    matmul(out, Accum::Add, view(block), MatRef::from_row_major_slice(x, k, c), sign);
 }
 
 /// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle; returns false if it
 /// isn't numerically positive definite.
 pub(crate) fn cholesky(matrix: &mut [f64], k: usize) -> bool {
     assert_eq!(matrix.len(), k * k, "matrix of order {k}");
-    let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(k, Par::Seq, Default::default()));
-    let stack = MemStack::new(&mut scratch);
-    let lower = MatMut::from_column_major_slice_mut(matrix, k, k);
-    cholesky_in_place(lower, Default::default(), Par::Seq, stack, Default::default()).is_ok()
+    spharm_linalg::cholesky_in_place(MatMut::from_column_major_slice_mut(matrix, k, k)).is_ok()
 }
 
 /// Estimates the reciprocal condition number, in the 1-norm, of a matrix from its norm and its factor by [`cholesky`].
@@ -102,28 +81,19 @@ pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
     let factor = MatRef::from_column_major_slice(factor, k, k);
     let c = x.len() / k;
     let mut x = MatMut::from_row_major_slice_mut(x, k, c);
-    solve_lower_triangular_in_place(factor, x.as_mut(), Par::Seq);
-    solve_upper_triangular_in_place(factor.transpose(), x, Par::Seq);
+    spharm_linalg::solve_lower(factor, x.as_mut());
+    spharm_linalg::solve_upper(factor.transpose(), x);
 }
 
 /// Computes the triangular factor of a QR factorisation, in place: matrix (rows, columns) column-major. On return its
 /// first `min(rows, columns)` rows contain R, with zeros below the diagonal.
 pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
     assert_eq!(matrix.len(), rows * columns, "matrix of {rows} x {columns}");
-    let block = recommended_block_size::<f64>(rows, columns);
-    let mut reflectors = Mat::zeros(block, rows.min(columns));
-    let requirement = qr_in_place_scratch::<f64>(rows, columns, block, Par::Seq, Default::default());
-    let mut scratch = MemBuffer::new(requirement);
-    let values = MatMut::from_column_major_slice_mut(matrix, rows, columns);
-    qr_in_place(values, reflectors.as_mut(), Par::Seq, MemStack::new(&mut scratch), Default::default());
+    spharm_linalg::triangularise(MatMut::from_column_major_slice_mut(matrix, rows, columns));
     for (j, column) in matrix.chunks_exact_mut(rows).enumerate() {
         column[(j + 1).min(rows)..].fill(0.0);
     }
 }
-
-/// Error of a singular value decomposition that did not converge.
-#[derive(Debug)]
-pub(crate) struct NoConvergence;
 
 /// The minimum-norm solution of a least-squares problem.
 pub(crate) struct MinimumNorm {
@@ -139,39 +109,23 @@ pub(crate) struct MinimumNorm {
 /// `tolerance` times the largest are treated as zero.
 pub(crate) fn minimum_norm(r: &[f64], z: &[f64], m: usize, tolerance: f64) -> Result<MinimumNorm, NoConvergence> {
     let (k, c) = (r.len() / m, z.len() / m);
-    let r = MatRef::from_column_major_slice(r, m, k);
-    let z = MatRef::from_column_major_slice(z, m, c);
-    if !r.norm_max().is_finite() {
+    if !r.iter().all(|value| value.is_finite()) {
         return Err(NoConvergence);
     }
-    let size = m.min(k);
-    let (mut left, mut right) = (Mat::<f64>::zeros(m, size), Mat::<f64>::zeros(k, size));
-    let mut singular = faer::diag::Diag::<f64>::zeros(size);
-    let wanted = ComputeSvdVectors::Thin;
-    let mut scratch = MemBuffer::new(svd_scratch::<f64>(m, k, wanted, wanted, Par::Seq, Default::default()));
-    svd(
-        r,
-        singular.as_mut(),
-        Some(left.as_mut()),
-        Some(right.as_mut()),
-        Par::Seq,
-        MemStack::new(&mut scratch),
-        Default::default(),
-    )
-    .map_err(|_| NoConvergence)?;
-    // The decomposition sorts the singular values in decreasing order.
-    let singular: Vec<f64> = singular.column_vector().iter().copied().collect();
+    let r = MatRef::from_column_major_slice(r, m, k);
+    let z = MatRef::from_column_major_slice(z, m, c);
+    let ThinSvd { u, singular, v } = ThinSvd::new(r)?;
     let largest = singular.first().copied().unwrap_or(0.0);
     let smallest = singular.last().copied().unwrap_or(0.0);
     let rank = singular.iter().filter(|&&s| s > tolerance * largest).count();
     let mut projected = Mat::<f64>::zeros(rank, c);
-    matmul(projected.as_mut(), Accum::Replace, left.subcols(0, rank).transpose(), z, 1.0, Par::Seq);
+    matmul(projected.as_mut(), Accum::Replace, u.subcols(0, rank).transpose(), z, 1.0);
     for column in projected.as_mut().col_iter_mut() {
         column.iter_mut().zip(&singular).for_each(|(value, singular)| *value /= singular);
     }
     let mut x = vec![0.0; k * c];
     let solution = MatMut::from_row_major_slice_mut(&mut x, k, c);
-    matmul(solution, Accum::Replace, right.subcols(0, rank), &projected, 1.0, Par::Seq);
+    matmul(solution, Accum::Replace, v.subcols(0, rank), projected.as_ref(), 1.0);
     let condition = if smallest > 0.0 { largest / smallest } else { f64::INFINITY };
     Ok(MinimumNorm { x, rank, condition })
 }
@@ -190,18 +144,18 @@ fn subtract(a: MatRef<'_, f64>, y: &[f64], out: &mut [f64]) {
     let (rows, k) = a.shape();
     let c = y.len() / k;
     let out = MatMut::from_column_major_slice_mut(out, rows, c);
-    matmul(out, Accum::Add, a, MatRef::from_column_major_slice(y, k, c), -1.0, Par::Seq);
+    matmul(out, Accum::Add, a, MatRef::from_column_major_slice(y, k, c), -1.0);
 }
 
 /// Computes `x = C^-1 x`: C (k, k) lower triangular, x (k, c) column-major.
 pub(crate) fn solve_lower(c: Matrix<'_>, x: &mut [f64]) {
     let (k, columns) = (c.rows(), x.len() / c.rows());
-    solve_lower_triangular_in_place(view(c), MatMut::from_column_major_slice_mut(x, k, columns), Par::Seq);
+    spharm_linalg::solve_lower(view(c), MatMut::from_column_major_slice_mut(x, k, columns));
 }
 
 /// Computes `x = C^-T x`: C (k, k) lower triangular, x (k, c) column-major.
 pub(crate) fn solve_lower_transposed(c: Matrix<'_>, x: &mut [f64]) {
     let (k, columns) = (c.rows(), x.len() / c.rows());
     let x = MatMut::from_column_major_slice_mut(x, k, columns);
-    solve_upper_triangular_in_place(view(c).transpose(), x, Par::Seq);
+    spharm_linalg::solve_upper(view(c).transpose(), x);
 }

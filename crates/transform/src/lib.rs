@@ -62,6 +62,7 @@ mod cells;
 mod degree_pairs;
 mod either;
 mod error;
+pub mod fft;
 mod fourier;
 pub mod gram;
 mod grid;

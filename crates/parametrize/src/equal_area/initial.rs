@@ -12,8 +12,7 @@
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
 
-use faer::prelude::*;
-use faer::sparse::{SparseColMat, Triplet};
+use spharm_linalg::{MatMut, SparseSum};
 
 use crate::error::ParametrizeError;
 use crate::geometry::Vec3;
@@ -99,19 +98,19 @@ fn colatitude(rings: &Rings, north: usize, south: usize) -> Result<Vec<f64>, Par
     let mut right = vec![0.0; rings.len()];
     for (v, right) in right.iter_mut().enumerate() {
         if let Some(value) = fixed(v) {
-            matrix.push(Triplet::new(v, v, 1.0));
+            matrix.push(([v, v], 1.0));
             *right = value;
             continue;
         }
-        matrix.push(Triplet::new(v, v, rings.of(v).len() as f64));
+        matrix.push(([v, v], rings.of(v).len() as f64));
         for w in rings.of(v).iter().map(|&w| w as usize) {
             match fixed(w) {
                 Some(value) => *right += value,
-                None => matrix.push(Triplet::new(v, w, -1.0)),
+                None => matrix.push(([v, w], -1.0)),
             }
         }
     }
-    solve(&matrix, &right)
+    solve(&matrix, right)
 }
 
 fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<Vec<f64>, ParametrizeError> {
@@ -121,14 +120,14 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
     for v in 0..rings.len() {
         let within = rings.of(v).iter().filter(|&&w| !pole(w as usize));
         let degree = if pole(v) { 1.0 } else { within.clone().count() as f64 };
-        matrix.push(Triplet::new(v, v, degree));
+        matrix.push(([v, v], degree));
         if !pole(v) {
-            matrix.extend(within.map(|&w| Triplet::new(v, w as usize, -1.0)));
+            matrix.extend(within.map(|&w| ([v, w as usize], -1.0)));
         }
     }
     let line = date_line(rings, theta, north, south);
     // The azimuth is determined only up to a constant, so the date line's first vertex after the pole gets azimuth 0.
-    matrix.push(Triplet::new(line[1], line[1], 1.0));
+    matrix.push(([line[1], line[1]], 1.0));
     for window in line.windows(3) {
         let [before, v, after] = [window[0], window[1], window[2]];
         // The neighbours west of the line (seen from outside, with north up) lie counter-clockwise between the previous
@@ -141,7 +140,7 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
             right[west] += TAU;
         }
     }
-    solve(&matrix, &right)
+    solve(&matrix, right)
 }
 
 /// Returns a path from the north pole to the south pole that always continues to the neighbour of largest theta. It
@@ -175,12 +174,18 @@ fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
     }
 }
 
-fn solve(matrix: &[Triplet<usize, usize, f64>], right: &[f64]) -> Result<Vec<f64>, ParametrizeError> {
+/// Solves a symmetric system given by entries `([row, column], value)`, of which those at the same place are summed.
+fn solve(matrix: &[([usize; 2], f64)], mut right: Vec<f64>) -> Result<Vec<f64>, ParametrizeError> {
     // These systems are always solvable, so an error here is a defect of this program.
-    let failed = |found: String| ParametrizeError::Argument { what: "surface", expected: "one connected mesh", found };
+    let failed = |found: &str| ParametrizeError::Argument {
+        what: "surface",
+        expected: "one connected mesh",
+        found: found.to_owned(),
+    };
     let n = right.len();
-    let matrix = SparseColMat::try_new_from_triplets(n, n, matrix).map_err(|e| failed(format!("{e:?}")))?;
-    let factor = matrix.sp_cholesky(faer::Side::Lower).map_err(|e| failed(format!("{e:?}")))?;
-    let solution = factor.solve(Col::from_fn(n, |i| right[i]));
-    Ok(solution.iter().copied().collect())
+    let (places, values): (Vec<[usize; 2]>, Vec<f64>) = matrix.iter().copied().unzip();
+    let pattern = SparseSum::new(n, &places).ok_or_else(|| failed("too little memory for its matrix"))?;
+    let factor = pattern.factor(&values).ok_or_else(|| failed("a matrix that isn't positive definite"))?;
+    factor.solve(MatMut::from_column_major_slice_mut(&mut right, n, 1));
+    Ok(right)
 }

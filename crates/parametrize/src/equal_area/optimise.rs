@@ -18,19 +18,16 @@
 //!
 //! with c_q = A_q / a_q - 1 and a the mean area, then sets m_q += rho c_q, and doubles rho if the largest |c_q| hasn't
 //! halved. A round takes up to five Gauss-Newton steps with Levenberg's damping in the tangent planes. A step solves a
-//! sparse positive definite system with 2 unknowns per vertex and a pattern that is analysed once (faer's Cholesky). It
-//! is taken only if L decreases. The penalty on angles is finite, so a map with folds has a finite L and can unfold.
+//! sparse positive definite system with 2 unknowns per vertex and a pattern that is analysed once (Cholesky). It is
+//! taken only if L decreases. The penalty on angles is finite, so a map with folds has a finite L and can unfold.
 //!
 //! # Cost
 //!
 //! Linear in the number of vertices n, except for the Cholesky factor, which has O(n log n) entries. 2,400 vertices
 //! take 0.6 s; 57,674 vertices take 20 s of processor time and 370 MB.
 
-use faer::linalg::solvers::Solve;
-use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
-use faer::sparse::{Argsort, Pair, SparseColMat, SymbolicSparseColMat};
-use faer::{Col, Side};
 use rayon::prelude::*;
+use spharm_linalg::{MatMut, SparseSum};
 use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::targets::Targets;
@@ -81,7 +78,7 @@ pub(super) fn optimise(
     monitor: &dyn Monitor,
 ) -> Result<Found, ParametrizeError> {
     monitor.begin(Stage::counted("equal areas", "rounds"), 0);
-    let mut system = System::new(quads, start.len())?;
+    let system = System::new(quads, start.len())?;
     let mut positions = start;
     let mut lagrangian = Lagrangian::new(quads, targets);
     let mut damping = 1e-2;
@@ -329,64 +326,53 @@ fn solid_angle_gradient([a, b, c]: [Vec3; 3]) -> [Vec3; 3] {
 /// The linear system of a Gauss-Newton step; its sparsity pattern is analysed once.
 struct System<'a> {
     quads: &'a [[u32; 4]],
-    pattern: SymbolicSparseColMat<usize>,
-    order: Argsort<usize>,
-    analysis: SymbolicLlt<usize>,
-    values: Vec<f64>,
+    pattern: SparseSum,
 }
 
 impl<'a> System<'a> {
     fn new(quads: &'a [[u32; 4]], vertices: usize) -> Result<Self, ParametrizeError> {
-        let failed = |found: String| ParametrizeError::Argument {
-            what: "linear system of equal-area",
-            expected: "enough memory for its Cholesky factor",
-            found,
-        };
         let mut entries = Vec::with_capacity(36 * quads.len() + 2 * vertices);
         for quad in quads {
             let unknown = |i: usize| 2 * quad[i / 2] as usize + i % 2;
             for i in 0..8 {
                 for j in 0..=i {
                     let (a, b) = (unknown(i), unknown(j));
-                    entries.push(Pair { row: a.max(b), col: a.min(b) });
+                    entries.push([a.max(b), a.min(b)]);
                 }
             }
         }
-        entries.extend((0..2 * vertices).map(|i| Pair { row: i, col: i }));
-        let (pattern, order) = SymbolicSparseColMat::try_new_from_indices(2 * vertices, 2 * vertices, &entries)
-            .map_err(|error| failed(format!("{error:?}")))?;
-        let analysis =
-            SymbolicLlt::try_new(pattern.as_ref(), Side::Lower).map_err(|error| failed(format!("{error:?}")))?;
-        Ok(Self { quads, pattern, order, analysis, values: Vec::with_capacity(entries.len()) })
+        entries.extend((0..2 * vertices).map(|i| [i, i]));
+        let pattern = SparseSum::new(2 * vertices, &entries).ok_or_else(|| ParametrizeError::Argument {
+            what: "linear system of equal-area",
+            expected: "enough memory for its Cholesky factor",
+            found: format!("too little for {vertices} vertices"),
+        })?;
+        Ok(Self { quads, pattern })
     }
 
     /// Returns the damped Gauss-Newton step of each vertex as a vector in space; `None` if the matrix isn't numerically
     /// positive definite.
     fn step(
-        &mut self,
+        &self,
         parts: &[Part],
         positions: &[Vec3],
         damping: f64,
         monitor: &dyn Monitor,
     ) -> Result<Option<Vec<Vec3>>, Interrupted> {
         let n = 2 * positions.len();
-        self.values.clear();
-        self.values.extend(parts.iter().flat_map(|part| part.matrix));
-        self.values.extend(std::iter::repeat_n(damping, n));
-        let mut right = Col::<f64>::zeros(n);
+        let mut values = Vec::with_capacity(36 * parts.len() + n);
+        values.extend(parts.iter().flat_map(|part| part.matrix));
+        values.extend(std::iter::repeat_n(damping, n));
+        let mut solution = vec![0.0; n];
         for (quad, part) in self.quads.iter().zip(parts) {
             for (i, g) in part.gradient.iter().enumerate() {
-                right[2 * quad[i / 2] as usize + i % 2] -= g;
+                solution[2 * quad[i / 2] as usize + i % 2] -= g;
             }
         }
-        let matrix = SparseColMat::new_from_argsort(self.pattern.clone(), &self.order, &self.values);
-        let Ok(matrix) = matrix else { return Ok(None) };
-        let analysis = self.analysis.clone();
-        let factor = abandonable(positions.len() >= LONG, monitor, move || {
-            Llt::try_new_with_symbolic(analysis, matrix.as_ref(), Side::Lower)
-        })?;
-        let Ok(factor) = factor else { return Ok(None) };
-        let solution = factor.solve(&right);
+        let pattern = self.pattern.clone();
+        let factor = abandonable(positions.len() >= LONG, monitor, move || pattern.factor(&values))?;
+        let Some(factor) = factor else { return Ok(None) };
+        factor.solve(MatMut::from_column_major_slice_mut(&mut solution, n, 1));
         let step = positions.iter().enumerate().map(|(v, &x)| {
             let [e, f] = basis(x);
             add(scale(e, solution[2 * v]), scale(f, solution[2 * v + 1]))

@@ -23,11 +23,9 @@
 //!
 //! Cost: `2 N^2 n C` flops for a value and the same for a gradient. Memory: three arrays of (N, n C).
 
-use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::{DenseSolveCore, Llt};
-use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
+use spharm_linalg::{Accum, Cholesky, Mat, MatMut, MatRef, matmul};
 use spharm_surface::geometry::{Vec3, cross, dot, face_normal, scale, sub};
 
 use crate::error::ShapeError;
@@ -172,10 +170,9 @@ impl Covariance {
     pub(super) fn description_length(&self, delta: f64) -> Result<(f64, Array2<f64>), ShapeError> {
         let n = self.gram.nrows();
         let matrix = Mat::from_fn(n, n, |i, j| self.gram[[i, j]] + if i == j { delta } else { 0.0 });
-        let factor = Llt::new(matrix.as_ref(), Side::Lower).map_err(|_| ShapeError::NoDecomposition)?;
-        let length = (0..n).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum();
+        let factor = Cholesky::new(matrix.as_ref()).map_err(|_| ShapeError::NoDecomposition)?;
         let inverse = factor.inverse();
-        Ok((length, Array2::from_shape_fn((n, n), |(i, j)| inverse[(i.max(j), i.min(j))])))
+        Ok((factor.log_determinant(), Array2::from_shape_fn((n, n), |(i, j)| inverse[(i.max(j), i.min(j))])))
     }
 }
 
@@ -196,7 +193,7 @@ fn product(a: &Array2<f64>, b: &Array2<f64>, transposed: bool) -> Array2<f64> {
     rows.zip(a.as_slice().unwrap_or_default().par_chunks(ROWS * depth)).for_each(|(out, a)| {
         let count = a.len() / depth;
         let a = MatRef::from_row_major_slice(a, count, depth);
-        matmul(MatMut::from_row_major_slice_mut(out, count, columns), Accum::Replace, a, whole, 1.0, Par::Seq);
+        matmul(MatMut::from_row_major_slice_mut(out, count, columns), Accum::Replace, a, whole, 1.0);
     });
     out
 }

@@ -7,11 +7,11 @@
 //! on the degree: `n` decompositions of (n, n) matrices for the generalisation, and `samples n m` flops for the
 //! specificity.
 
-use faer::MatRef;
 use ndarray::{Array2, Axis};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
+use spharm_linalg::{MatRef, ThinSvd};
 use spharm_monitor::{Monitor, Stage};
 
 use super::Modes;
@@ -87,10 +87,10 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
     let centred = (&others - &mean).as_standard_layout().into_owned();
     let slice = centred.as_slice().ok_or(ShapeError::NoDecomposition)?;
     let decomposed =
-        MatRef::from_column_major_slice(slice, m, n - 1).thin_svd().map_err(|_| ShapeError::NoDecomposition)?;
+        ThinSvd::new(MatRef::from_column_major_slice(slice, m, n - 1)).map_err(|_| ShapeError::NoDecomposition)?;
     let rest = &scores.row(member) - &mean;
     let mut square = rest.iter().map(|value| value * value).sum::<f64>();
-    let (u, available) = (decomposed.U(), (n - 2).min(m));
+    let (u, available) = (decomposed.u, (n - 2).min(m));
     let left = (0..m).map(|k| {
         if k < available {
             let along: f64 = u.col(k).iter().zip(&rest).map(|(u, value)| u * value).sum();

@@ -2,9 +2,9 @@
 //!
 //! In a bootstrap a member may have several rows, which are all excluded together.
 
-use faer::MatRef;
 use ndarray::{Array2, ArrayView1, Axis};
 use rayon::prelude::*;
+use spharm_linalg::{MatRef, ThinSvd};
 use spharm_monitor::Monitor;
 
 use crate::ShapeError;
@@ -79,11 +79,10 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
     let standard = centred.as_standard_layout();
     let slice = standard.as_slice().ok_or(ShapeError::NoDecomposition)?;
     let found =
-        MatRef::from_row_major_slice(slice, rows, columns).thin_svd().map_err(|_| ShapeError::NoDecomposition)?;
+        ThinSvd::new(MatRef::from_row_major_slice(slice, rows, columns)).map_err(|_| ShapeError::NoDecomposition)?;
     let count = (rows - 1).min(columns);
-    let singular = found.S().column_vector().iter().take(count).copied().collect();
-    let u = found.U();
-    Ok((Array2::from_shape_fn((rows, count), |(i, k)| u[(i, k)]), singular))
+    let singular = found.singular[..count].to_vec();
+    Ok((Array2::from_shape_fn((rows, count), |(i, k)| found.u[(i, k)]), singular))
 }
 
 /// An excluded member, compared with the modes of the other members.

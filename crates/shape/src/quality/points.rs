@@ -1,9 +1,9 @@
 //! Evaluates a group at corresponding points, which are weighted by area.
 
-use faer::MatRef;
 use ndarray::Array2;
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, Directions};
+use spharm_linalg::{MatRef, SymmetricEigen};
 use spharm_monitor::{Monitor, Stage};
 use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere;
@@ -141,12 +141,11 @@ impl Points {
         let inner = |i: usize, j: usize| -> f64 { off[i].iter().zip(&off[j]).map(|(a, b)| dot(*a, *b)).sum() };
         let rows: Vec<Vec<f64>> = (0..n).into_par_iter().map(|i| (0..=i).map(|j| inner(i, j)).collect()).collect();
         let gram: Vec<f64> = (0..n * n).map(|k| rows[(k / n).max(k % n)][(k / n).min(k % n)]).collect();
-        let decomposed = MatRef::from_column_major_slice(&gram, n, n)
-            .self_adjoint_eigen(faer::Side::Lower)
+        let decomposed = SymmetricEigen::new(MatRef::from_column_major_slice(&gram, n, n))
             .map_err(|_| ShapeError::NoDecomposition)?;
         // Eigenvalues are in ascending order. The smallest one belongs to the mean and is omitted.
-        let values: Vec<f64> = decomposed.S().column_vector().iter().map(|value: &f64| value.max(0.0)).collect();
-        let vectors = decomposed.U();
+        let values: Vec<f64> = decomposed.values.iter().map(|value| value.max(0.0)).collect();
+        let vectors = decomposed.vectors;
         Ok(Array2::from_shape_fn((n, n - 1), |(i, k)| vectors[(i, n - 1 - k)] * values[n - 1 - k].sqrt()))
     }
 

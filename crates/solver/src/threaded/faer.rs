@@ -5,13 +5,8 @@
 //! parallelism isn't used: it is a feature of the entire program that would also make the sequential calls elsewhere
 //! parallel.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place, cholesky_in_place_scratch};
-use faer::linalg::matmul::matmul;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
-use faer::{Accum, MatMut, MatRef, Par};
 use spharm_harmonics::product::Matrix;
+use spharm_linalg::{Accum, MatMut, MatRef, NotPositiveDefinite, add_gram, cholesky_in_place, matmul, solve_lower};
 
 use super::{ThreadedKernels, assert_extent};
 
@@ -78,8 +73,7 @@ impl Faer {
     /// Computes the lower triangle of `out += sign a a^T`: a (k, n).
     fn add_gram(&self, a: MatRef<'_, f64>, out: MatMut<'_, f64>, sign: f64) {
         if out.nrows() <= TILE {
-            let (lower, whole) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
-            triangular::matmul(out, lower, Accum::Add, a, whole, a.transpose(), whole, sign, Par::Seq);
+            add_gram(out, a, sign);
             return;
         }
         let half = half(out.nrows());
@@ -99,7 +93,7 @@ impl Faer {
     fn add_product(&self, a: MatRef<'_, f64>, b: MatRef<'_, f64>, out: MatMut<'_, f64>, sign: f64) {
         let (rows, columns) = out.shape();
         if rows.max(columns) <= TILE {
-            matmul(out, Accum::Add, a, b.transpose(), sign, Par::Seq);
+            matmul(out, Accum::Add, a, b.transpose(), sign);
         } else if rows >= columns {
             let half = half(rows);
             let (above, below) = a.split_at_row(half);
@@ -116,7 +110,7 @@ impl Faer {
     /// Computes `out = out C^-T`, each row independently.
     fn divide(&self, c: MatRef<'_, f64>, out: MatMut<'_, f64>) {
         if out.nrows() <= DIVIDED_ROWS {
-            solve_lower_triangular_in_place(c, out.transpose_mut(), Par::Seq);
+            solve_lower(c, out.transpose_mut());
             return;
         }
         let half = half(out.nrows());
@@ -129,13 +123,7 @@ impl Faer {
     fn factorise(&self, matrix: MatMut<'_, f64>) -> Result<(), usize> {
         let k = matrix.nrows();
         if k <= FACTOR {
-            let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(k, Par::Seq, Default::default()));
-            let stack = MemStack::new(&mut scratch);
-            let done = cholesky_in_place(matrix, Default::default(), Par::Seq, stack, Default::default());
-            return match done {
-                Ok(_) => Ok(()),
-                Err(LltError::NonPositivePivot { index }) => Err(index),
-            };
+            return cholesky_in_place(matrix).map_err(|NotPositiveDefinite { column }| column);
         }
         let half = half(k);
         let (mut first, _, mut below, mut second) = matrix.split_at_mut(half, half);

@@ -1,0 +1,30 @@
+//! Linear algebra by faer, in double precision and on the calling thread.
+//!
+//! faer's functions are generic, so the compiler makes another copy of them in each crate that calls them. This crate
+//! calls them from functions that aren't generic. The other crates call these, and are compiled in less time to smaller
+//! programs. Matrices are faer's own types.
+
+mod dense;
+mod sparse;
+
+pub use dense::{
+    Cholesky, NoConvergence, SymmetricEigen, ThinSvd, add_gram, cholesky_in_place, matmul, solve_lower, solve_upper,
+    triangularise,
+};
+pub use faer::{Accum, Mat, MatMut, MatRef};
+pub use sparse::{SparseFactor, SparsePattern, SparseSum};
+
+/// Error of a matrix that isn't numerically positive definite.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NotPositiveDefinite {
+    /// The first column at which the factorisation found this.
+    pub column: usize,
+}
+
+impl std::fmt::Display for NotPositiveDefinite {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "a matrix isn't positive definite at column {}, counted from 0", self.column)
+    }
+}
+
+impl std::error::Error for NotPositiveDefinite {}
