@@ -34,6 +34,36 @@ fn a_ball_covers_a_disc() {
     assert!(brightness(at(&image, 32, 28)) > brightness(at(&image, 68, 75)) + 60);
 }
 
+/// Returns a pixel of the middle row, at a place between the left end of what is drawn, 0, and the right end, 1.
+fn across(image: &Image, place: f64) -> [u8; 3] {
+    let row = &image.pixels[image.height / 2 * image.width..][..image.width];
+    let drawn = |pixel: &[u8; 3]| *pixel != [255; 3];
+    let (first, last) = (row.iter().position(drawn).unwrap(), row.iter().rposition(drawn).unwrap());
+    row[(first as f64 + place * (last - first) as f64).round() as usize]
+}
+
+#[test]
+fn shading_follows_the_direction_of_normals_and_not_their_area() {
+    // A gable roof: half way up a side, the normal is half way between the side's, tilted by 80 degrees, and the
+    // ridge's, which is vertical. Around a vertex of the ridge, the sum of the normals weighted by area is a third as
+    // long as around one of the eaves.
+    const ROWS: u32 = 40;
+    let slope = 80_f64.to_radians();
+    let vertices = (0..=ROWS).flat_map(|row| {
+        let y = f64::from(row) / 20.0 - 1.0;
+        [-1.0, 0.0, 1.0].map(|x: f64| [x, y, -x.abs() * slope.tan()])
+    });
+    let faces = (0..ROWS).flat_map(|row| [3 * row, 3 * row + 1]).flat_map(|v| [[v, v + 1, v + 4], [v, v + 4, v + 3]]);
+    let roof = Mesh::new(vertices.collect(), faces.collect());
+    let settings = Settings { width: 400, height: 400, view: View::TOP, ..Settings::default() };
+    let [roof, ball] = [roof, icosphere(5)].map(|mesh| render(&[Panel::new(&mesh, "")], &settings).unwrap());
+    let left = across(&roof, 0.25);
+    let same_normal_on_the_ball = across(&ball, 0.5 - 0.5 * (slope / 2.0).sin());
+    for (found, expected) in left.iter().zip(same_normal_on_the_ball) {
+        assert!(found.abs_diff(expected) <= 4, "{left:?}, on a ball {same_normal_on_the_ball:?}");
+    }
+}
+
 #[test]
 fn a_thumbnail_has_few_colours_near_those_of_the_picture() {
     let ball = icosphere(4);
