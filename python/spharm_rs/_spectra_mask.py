@@ -172,12 +172,16 @@ def _noise(noise: Any, values: Floats, weights: Floats) -> Floats:
     return np.full(values.shape[1], ((weights * deviations) ** 2).sum() / (4 * np.pi))
 
 
-def _powers(transform: Transform, values: Floats, others: Floats | None = None) -> Floats:
-    """Returns the mean squared coefficient of each degree of weighted samples, (degree + 1, c); or the mean product with
-    the coefficients of other samples."""
-    counts = 2.0 * np.arange(transform.max_degree + 1) + 1
+def _products(first: Floats, second: Floats) -> Floats:
+    """Returns the mean product of the coefficients of each degree, (degree + 1, c), given coefficients, (K, c)."""
+    totals = sums(first * second)
+    return np.asarray(totals / (2.0 * np.arange(len(totals)) + 1)[:, np.newaxis])
+
+
+def _powers(transform: Transform, values: Floats) -> Floats:
+    """Returns the mean squared coefficient of each degree of weighted samples, (degree + 1, c)."""
     found = transform.adjoint(values)
-    return np.asarray(sums(found * (found if others is None else transform.adjoint(others))) / counts[:, np.newaxis])
+    return _products(found, found)
 
 
 def _samples(
@@ -388,12 +392,13 @@ def decoupled_cross_spectrum(
     if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:
         raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as a has; found {second.shape[1]}")
     double, w = Transform(at, 2 * degree, channels=1), areas * kept
-    powers = _pseudo(double, first, w, 0.0)[0], _pseudo(double, second, w, 0.0)[0]
     window = _window(double, w, noise)
     added = (w[:, np.newaxis] ** 2 * first * second).sum(axis=0) / (4 * np.pi) if noise == "auto" else np.zeros(1)
-    products = _powers(_single(double, max(first.shape[1], second.shape[1])), w[:, np.newaxis] * first, w[:, np.newaxis] * second)
+    single = _single(double, max(first.shape[1], second.shape[1]))
+    x, y = (single.adjoint(w[:, np.newaxis] * field) for field in (first, second))
+    powers = _products(x, y), _products(x, x), _products(y, y)
     flat = np.ndim(a) == np.ndim(b) == 1
-    return _decoupled(double, (areas, kept), window, (edges, expected), (products, *powers), added, flat)
+    return _decoupled(double, (areas, kept), window, (edges, expected), powers, added, flat)
 
 
 def _shape(shape: ArrayLike | None, degree: int) -> Floats:
