@@ -69,7 +69,7 @@ def fit(directions, values, degree, weights="uniform", tolerance=TOLERANCE):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "the sphere: [0-9]+ directions are equal", sp.SpharmWarning)
         found, _ = sp.solve(directions, values, degree, weights=weights, tolerance=tolerance)
-    return found[:, 0] if np.ndim(values) == 1 else found
+    return found
 
 
 def rotate(coefficients, rotation):

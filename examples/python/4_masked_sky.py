@@ -53,11 +53,10 @@ tried = 10.0 ** np.arange(-5, 1)
 unseen = []
 for smoothness in tried:
     guess, _ = sp.solve(transform, samples, weights=seen_by_fit.astype(float), smoothness=smoothness)
-    unseen.append(np.sqrt(np.mean((transform.synthesis(guess[:, 0]) - samples)[~seen_by_fit] ** 2)))
+    unseen.append(np.sqrt(np.mean((transform.synthesis(guess) - samples)[~seen_by_fit] ** 2)))
     print(f"smoothness {smoothness:.0e}: rms at the samples left out {unseen[-1]:.4f}")
 
 found, report = sp.solve(transform, samples, smoothness=tried[np.argmin(unseen)])
-found = found[:, 0]
 print("chosen:", report["smoothness"], " optimality:", f"{report['solver']['optimality']:.0e}")
 
 # %%

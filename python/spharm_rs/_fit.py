@@ -383,7 +383,8 @@ def solve(
 
     Returns
     -------
-    coefficients : ndarray of float, (K, c)
+    coefficients : ndarray of float, (K,) or (K, c)
+        Of the shape of the values, as `Transform.adjoint` has it.
     report : dict
         ``report["solver"]`` contains iterations, optimality and condition.
 
@@ -393,7 +394,7 @@ def solve(
     >>> directions = sp.icosphere(4).vertices
     >>> height = directions[:, 2] ** 2
     >>> coefficients, report = sp.solve(directions, height, 4)
-    >>> bool(abs(coefficients[6, 0] - 2 / 3 * np.sqrt(4 * np.pi / 5)) < 1e-9)
+    >>> bool(abs(coefficients[6] - 2 / 3 * np.sqrt(4 * np.pi / 5)) < 1e-9)
     True
     """
     if isinstance(transform, Transform):
@@ -427,4 +428,4 @@ def solve(
         warn([problem], getattr(errors, kind))
     report: FitReport = json.loads(text)
     report["warnings"] = [problem for _, problem in problems]
-    return coefficients, report
+    return coefficients[:, 0] if np.ndim(values) == 1 else coefficients, report

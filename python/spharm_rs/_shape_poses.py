@@ -83,8 +83,8 @@ class SimilarityTransform:
     def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
         """Transforms a model at all its degrees; or moves a surface or points, such as landmarks, in space.
 
-        For a model of a signal, only a rotation of the parameters is possible. A mirrored surface keeps its outward
-        orientation.
+        A model of a signal, such as thickness, only turns with the parameters, ``f'(u) = f(R.T u)``, so that its values
+        stay at the same points of the surface. A mirrored surface keeps its outward orientation.
 
         Parameters
         ----------
@@ -101,7 +101,12 @@ class SimilarityTransform:
             return Landmarks(what.names, self._moved(what.points))
         if not isinstance(what, Model):
             return self._moved(what)
-        model = what
+        if not what.is_surface:
+            turn = SimilarityTransform(self.parameters, self.antipodal, np.eye(3), 1.0, np.zeros(3))
+            return turn._of_model(what, threads, progress)
+        return self._of_model(what, threads, progress)
+
+    def _of_model(self, model: Model, threads: int | None, progress: Progress) -> Model:
         asked = {
             "parameters": rotation("parameters", self.parameters),
             "antipodal": bool(self.antipodal),

@@ -86,6 +86,12 @@ def test_size_and_mirror_images_are_matched_if_asked_for() -> None:
     found = sp.shape.align(mirrored, target, mirror=True)
     assert found.mirrored and found.rmsd_after < 1e-9 and np.linalg.det(found.transform.object) < 0
     assert rmsd(found.transform.apply(mirrored), target) < 1e-9
+    # A signal, here the x coordinate of each point before it is moved, stays at its point of the surface.
+    at = sp.icosphere(2).vertices
+    for model, transform in ((mirrored, found.transform), (small, scaled.transform)):
+        signal = transform.apply(sp.Model(model.coefficients[:, :1])).evaluate(at)[:, 0]
+        before = transform.inverse().apply(transform.apply(model).evaluate(at))[:, 0]
+        assert np.allclose(signal, before, rtol=0, atol=1e-9)
     fixed = sp.shape.align(sp.shape.rotate(target, object=[1, 2, 3]), target, "fixed")
     assert fixed.rmsd_after < 1e-12 and np.array_equal(fixed.transform.parameters, np.eye(3))
     with pytest.warns(sp.SpharmWarning, match="degrees 5 and 3"):
