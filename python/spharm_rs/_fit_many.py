@@ -125,6 +125,7 @@ def fit_many(
     >>> len(models)
     3
     """
+    _check_several(surfaces)
     if sphere is None:
         given = list(surfaces)  # type: ignore[arg-type]
         changes: Any = {"fix": fix, "largest_repair": largest_repair, "cut_handles": cut_handles}
@@ -241,12 +242,24 @@ def fit_each(
     >>> [model.max_degree for model in sp.fit_each(meshes, 10)]
     [10, 10, 10]
     """
+    _check_several(surfaces)
     collects = _arrays.on_error(on_error)
     changes_of(fix, largest_repair, cut_handles)
     each: dict[str, Any] = {**settings, "max_degree": max_degree}
     each.update(fix=fix, largest_repair=largest_repair, cut_handles=cut_handles)
-    workers = _arrays.threads(each.pop("threads", None)) or len(os.sched_getaffinity(0))
+    workers = _arrays.threads(each.pop("threads", None)) or _processors()
     return _each(iter(surfaces), workers, collects, each)
+
+
+def _check_several(surfaces: Any) -> None:
+    if isinstance(surfaces, (str, os.PathLike)) or not hasattr(surfaces, "__iter__"):
+        raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; fit fits one")
+
+
+def _processors() -> int:
+    """Returns the number of processors that this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return (os.cpu_count() or 1) if affinity is None else len(affinity(0))
 
 
 class _Stopped(Exception):

@@ -156,13 +156,14 @@ class Model(Values):
     def _degree(self, degree: int | None) -> int:
         return self.max_degree if degree is None else _arrays.whole("degree", degree)
 
-    def evaluate(self, at: ArrayLike | None = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
+    def evaluate(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Evaluates the model at directions.
 
         Parameters
         ----------
-        at : array_like of float, (n, 3), optional
-            Vectors of any nonzero length; by default the directions at which the model was fitted.
+        at : array_like of float, (n, 3), int, Surface or what `as_surface` takes, optional
+            Vectors of any nonzero length; or subdivisions of an icosphere; or a sphere. By default the directions at
+            which the model was fitted.
         degree : int, optional
             Highest degree to evaluate; by default all degrees.
         threads : int, optional
@@ -179,8 +180,7 @@ class Model(Values):
         >>> model.evaluate([[0, 0, 1]]).shape
         (1, 3)
         """
-        directions = None if at is None else _arrays.positions("at", at)
-        return self._inner.evaluate(directions, self._degree(degree), threads=threads)
+        return self._inner.evaluate(directions_at(at), self._degree(degree), threads=threads)
 
     def at(self, points: ArrayLike, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Evaluates the model at directions, (n, 3), or at one direction, (3,): returns values, (n, c) or (c,)."""
@@ -190,13 +190,13 @@ class Model(Values):
         found = self.evaluate(values.reshape(-1, 3), degree=degree, threads=threads)
         return found[0] if values.ndim == 1 else found
 
-    def normals(self, at: ArrayLike | None = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
+    def normals(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Returns unit normals of the surface at directions, (n, 3), by default those of the fit; see `shape.geometry`."""
         from . import shape
 
         return shape.geometry(self, at, degree=degree, threads=threads).normals
 
-    def curvature(self, at: ArrayLike | None = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
+    def curvature(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Returns the mean curvature of the surface at directions, (n,), by default those of the fit; see `shape.geometry`."""
         from . import shape
 
@@ -258,8 +258,7 @@ class Model(Values):
         -------
         Surface
         """
-        sphere = icosphere(int(at)) if isinstance(at, (int, np.integer)) and not isinstance(at, bool) else named_icosphere(at)
-        vertices, faces, _ = sphere_arrays(sphere)
+        vertices, faces = sampling(at)
         return Surface(*self._inner.surface(vertices, faces, self._degree(degree), threads=threads))
 
     def truncate(self, degree: int) -> Model:
@@ -267,7 +266,11 @@ class Model(Values):
         return Model._of(self._inner.truncate(_arrays.whole("degree", degree)))
 
     def spectrum(self) -> Floats:
-        """Returns the power of each degree, (L + 1,): the sum of the squares of its coefficients, over all channels."""
+        """Returns the power of each degree, (L + 1,): the sum of the squares of its coefficients, over all channels.
+
+        In the square of the model's unit, as an integral over the sphere: 4 pi times the mean square that
+        `spharm_rs.spectra.spectrum` returns for each channel by default, which is pyshtools' power.
+        """
         return sums((self.coefficients**2).sum(axis=1))
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
@@ -360,6 +363,20 @@ def seam_of(sphere: Any) -> Seam:
     if isinstance(sphere, Parametrization):
         return sphere._seam
     return sphere._inner.seam if isinstance(sphere, Model) else None
+
+
+def sampling(sphere: Any) -> tuple[Any, Any]:
+    """Returns directions and triangles (None if absent) of an icosphere's level, a sphere, or directions."""
+    whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
+    return sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[:2]
+
+
+def directions_at(at: Any) -> Floats | None:
+    """Returns directions, (n, 3), given as such or as what `sampling` takes; None for None."""
+    if at is None or isinstance(at, (int, np.integer, str, os.PathLike, Surface, Parametrization, Model)):
+        found: Floats | None = sampling(at)[0]
+        return found
+    return _arrays.positions("at", at)
 
 
 def sphere_arrays(sphere: Any) -> tuple[Any, Any, bool]:

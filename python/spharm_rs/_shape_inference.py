@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ._model import Model, sphere_arrays
-from ._surface import as_surface, icosphere, named_icosphere
+from ._model import Model, sampling
+from ._surface import as_surface
 
 
 def levels_of(what: str, cells: Any) -> tuple[list[str], list[str]]:
@@ -93,12 +93,6 @@ class Cluster:
     peak: int
     statistic: float
     p: float
-
-
-def sampling(sphere: Any) -> tuple[Any, Any]:
-    """Returns directions and triangles (None if absent) of an icosphere's level, a sphere, or directions."""
-    whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
-    return sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[:2]
 
 
 def tested_surface(surface: Any, sphere: Any, mean: Model | None, signal: str) -> tuple[Any, Any] | None:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Sequence, Union
+from typing import Any, Literal, Mapping, Sequence, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model
+from ._model import Model, sampling
+from ._picture import Picture
+from ._picture import picture as draw
 from ._progress import Progress, callback
-from ._shape_inference import Cluster, column, inference_of, levels_of, sampling, tested_surface
+from ._shape_inference import Cluster, column, inference_of, levels_of, tested_surface
 from ._shape_poses import cores
+from ._surface import Surface
 from ._warnings import warn
 
 
@@ -255,6 +258,9 @@ class TestResult:
     warnings : tuple of str
     mean : Model or None
         Mean of the models, if models were given.
+    surface : Surface or None
+        The surface on which `picture` draws: that which was given, else the mean at the vertices of the sphere, or the
+        sphere for signals; None if it isn't known.
     """
 
     statistic: Floats
@@ -284,6 +290,7 @@ class TestResult:
     cluster_threshold: float | None
     warnings: tuple[str, ...]
     mean: Model | None
+    surface: Surface | None = field(repr=False)
 
     # Tells pytest not to collect this class as a test.
     __test__ = False
@@ -292,6 +299,42 @@ class TestResult:
         least = self.p if self.p_fwe is None else self.p_fwe
         name = "p" if self.p_fwe is None else "p_fwe"
         return f"TestResult({self.kind}, {self.meaning}, {len(self.p)} vertices, least {name} {least.min():.3g})"
+
+    def picture(
+        self,
+        values: str = "statistic",
+        *,
+        level: float | None = None,
+        limits: tuple[float, float] | None = None,
+        size: int = 480,
+        view: Literal["left", "right", "front", "back", "top", "bottom", "corner"] = "corner",
+    ) -> Picture:
+        """Draws a map of the result on `surface`.
+
+        Parameters
+        ----------
+        values : str
+            Attribute with a number for each vertex, such as ``"effect"``, ``"statistic"``, ``"p_fwe"`` or ``"size"``.
+        level : float, optional
+            Leave vertices grey whose `p_fwe` is above this level.
+        limits, size, view
+            As for `spharm_rs.picture`.
+
+        Returns
+        -------
+        Picture
+        """
+        if self.surface is None:
+            raise ValueError("surface: expected the surface of the values, which group_test takes as surface=, found None")
+        found = getattr(self, values, None) if values in self.__dataclass_fields__ else None
+        if not isinstance(found, np.ndarray) or found.shape != self.p.shape:
+            names = [name for name in self.__dataclass_fields__ if np.shape(getattr(self, name)) == self.p.shape]
+            raise ValueError(f"values: expected one of {', '.join(names)}; found {values!r}")
+        if level is not None:
+            if self.p_fwe is None:
+                raise ValueError("level: expected a result with p_fwe, found one without relabellings")
+            found = np.where(self.p_fwe <= level, found, np.nan)
+        return draw(self.surface, found, limits=limits, label=f"{values}, {self.meaning}", size=size, view=view)
 
 
 def group_test(
@@ -390,7 +433,7 @@ def group_test(
         Uncorrected p value below which vertices form clusters; 0.001 is usual. Their family-wise p values are those of
         their areas.
     surface : Surface or what `spharm_rs.as_surface` takes, optional
-        The surface at whose vertices values were measured, for ``tfce`` and ``cluster``. By default the mean of the
+        The surface at whose vertices values were measured, for ``tfce``, ``cluster`` and pictures. By default the mean of the
         models; for a signal, the sphere.
     permutations : int
         Number of random relabellings, at most 100,000,000; 0 for none.
@@ -459,9 +502,10 @@ def group_test(
     components = values.shape[2] if values.ndim == 3 else 1
     asked = _asked(len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, interactions, levels)
     asked["relative"] = average is not None and minus is None and signal != "value" and design is None
+    place = tested_surface(surface, sphere, average, signal)
     inference = inference_of(
         len(values), values.shape[1], bool(permutations), errors, blocks, whole_blocks, variance_groups, tfce, cluster,
-        tested_surface(surface, sphere, average, signal) if tfce or cluster is not None else None,
+        place if tfce or cluster is not None else None,
     )  # fmt: skip
     found = _core.shape_test(
         values.reshape(len(values), values.shape[1] * components),
@@ -500,6 +544,7 @@ def group_test(
         cluster_threshold=found.pop("cluster_threshold", None),
         warnings=noted + warnings,
         mean=average,
+        surface=None if place is None or place[0] is None or place[1] is None else Surface(*place),
         **found,
     )
 

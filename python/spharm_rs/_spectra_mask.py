@@ -69,7 +69,9 @@ class BandPowers(AsArray):
     degree : ndarray of float, (b,)
         Midpoints of the bins.
     power : ndarray of float, (b,) or (b, c)
-        Mean of C_l over the coefficients of a bin.
+        Mean of C_l over the coefficients of a bin: of the squared orthonormal coefficients of each degree, as
+        ``spectrum(c, unit="per_lm", convention="energy")`` and healpy's ``alm2cl`` have it; 4 pi times pyshtools'
+        ``per_lm`` power.
     error : ndarray of float, (b,) or (b, c)
         Standard errors, including cosmic variance: the roots of the covariance's diagonal.
     covariance : ndarray of float, (b, b) or (b, b, c)

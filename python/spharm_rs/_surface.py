@@ -165,8 +165,11 @@ def as_surface(mesh: Any) -> Surface:
         return mesh
     if isinstance(mesh, (str, os.PathLike)):
         return read_surface(mesh)
-    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
-        return Surface(*mesh)
+    if isinstance(mesh, (tuple, list)):
+        if any(isinstance(one, (Surface, str, os.PathLike)) or hasattr(one, "faces") for one in mesh):
+            raise ValueError(f"surface: expected one mesh, found {len(mesh)} in a {type(mesh).__name__}; fit_many fits several")
+        if len(mesh) == 2:
+            return Surface(*mesh)
     if hasattr(mesh, "agg_data"):
         arrays = mesh.agg_data(("pointset", "triangle"))
         if not all(isinstance(array, np.ndarray) for array in arrays):

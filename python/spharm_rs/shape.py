@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, sphere_arrays
+from ._model import Model, directions_at, sphere_arrays
 from ._model import core as _model
 from ._progress import Progress, callback
 from ._shape_correspond import Carried, Group, Member, correspond
@@ -207,7 +207,7 @@ def measure(
 
 def geometry(
     model: Model,
-    at: ArrayLike | None = None,
+    at: Any = None,
     *,
     degree: int | None = None,
     threads: int | None = None,
@@ -219,8 +219,9 @@ def geometry(
     ----------
     model : Model
         A model of a surface.
-    at : array_like of float, (n, 3), optional
-        Vectors of any nonzero length; by default the directions at which the model was fitted.
+    at : array_like of float, (n, 3), int, Surface or what `spharm_rs.as_surface` takes, optional
+        Vectors of any nonzero length; or subdivisions of an icosphere; or a sphere. By default the directions at which
+        the model was fitted.
     degree : int, optional
         Highest degree; by default all.
     threads : int, optional
@@ -233,7 +234,7 @@ def geometry(
     """
     positions, normals, columns = _core.shape_geometry(
         _model("model", model),
-        None if at is None else _arrays.positions("at", at),
+        directions_at(at),
         _degree(model, degree),
         threads=_arrays.threads(threads),
         progress=callback(progress),

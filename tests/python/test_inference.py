@@ -262,3 +262,24 @@ def test_contrasts_are_combinations_of_named_columns() -> None:
         sp.shape.test(values, interaction={"group": group})
     with pytest.raises(ValueError, match="no subject is both"):
         sp.shape.test(values, interaction={"group": group, "same": group})
+
+
+def test_a_result_draws_its_maps() -> None:
+    sphere = sp.icosphere(2)
+    values = np.random.default_rng(2).normal(size=(12, len(sphere.vertices)))
+    values[:6, sphere.vertices[:, 2] > 0] += 5
+    groups = ["a"] * 6 + ["b"] * 6
+    found = sp.shape.group_test(values, groups, surface=sphere, permutations=200)
+    whole, significant = found.picture("effect", size=120), found.picture("effect", level=0.05, size=120)
+    assert whole.png[:4] == significant.png[:4] == b"\x89PNG" and whole.png != significant.png
+    assert found.picture(size=120).png != whole.png and found.surface is not None
+    with pytest.raises(ValueError, match="values: expected one of statistic, p, "):
+        found.picture("mean")
+    with pytest.raises(ValueError, match="surface="):
+        sp.shape.group_test(values, groups, permutations=0).picture()
+    with pytest.raises(ValueError, match="level: expected a result with p_fwe"):
+        sp.shape.group_test(values, groups, surface=sphere, permutations=0).picture(level=0.05)
+    models = [sp.Model(sp.Model(np.eye(4)[:, [3, 1, 2]]).coefficients * (1 + 0.1 * k)) for k in range(4)]
+    result = sp.shape.group_test(models, ["a", "b"] * 2, sphere=2, permutations=0)
+    assert result.surface is not None and len(result.surface.vertices) == len(result.p)
+    assert result.picture("effect", size=120).png[:4] == b"\x89PNG"

@@ -201,3 +201,26 @@ def test_transforms_compose_and_have_a_matrix() -> None:
     np.testing.assert_allclose((a @ b).apply(shape).coefficients, a.apply(b.apply(shape)).coefficients, atol=1e-11)
     with pytest.raises(TypeError):
         a @ 2
+
+
+def test_directions_are_given_as_numbers_of_subdivisions_and_as_spheres() -> None:
+    surface, sphere = sp.example_surface(3)
+    model = sp.fit(surface, sphere, 4)
+    even = sp.icosphere(2)
+    for at in (2, "icosphere:2", even):
+        assert np.array_equal(model.evaluate(at), model.evaluate(even.vertices))
+        assert np.array_equal(model.curvature(at), model.curvature(even.vertices))
+        assert np.array_equal(model.normals(at), sp.shape.geometry(model, even.vertices).normals)
+
+
+def test_one_surface_and_several_are_told_apart() -> None:
+    surface, sphere = sp.example_surface(3)
+    for several in ([surface, surface], ["a.ply", "b.ply"], (surface, surface, surface)):
+        with pytest.raises(ValueError, match=f"expected one mesh, found {len(several)} in a .*fit_many fits several"):
+            sp.fit(several, max_degree=4)
+    one: Any
+    for one in (surface, "a.ply", 3):
+        with pytest.raises(ValueError, match="expected several surfaces or signals, found one .*fit fits one"):
+            sp.fit_many(one, sphere, 4)
+        with pytest.raises(ValueError, match="expected several surfaces or signals"):
+            sp.fit_each(one, 4)
