@@ -22,7 +22,7 @@ from ._shape_modes import Modes, pca
 from ._shape_poses import SimilarityTransform
 from ._shape_quality import GroupQuality, LandmarkErrors, quality
 from ._shape_register import Flags, given
-from ._surface import Path, Surface, icosphere
+from ._surface import Path, Surface, as_surface, icosphere, read_signal
 from ._warnings import warn
 
 
@@ -338,6 +338,61 @@ class Group:
         values = points.points if isinstance(points, Landmarks) else _arrays.positions("points", points)
         places, off, reached = self._inner.carry(values, self.index(source), self.index(target))
         return Carried(places, off, reached)
+
+    def carry_values(self, surfaces: Sequence[Any], values: Sequence[ArrayLike | Path]) -> Floats:
+        """Carries values at the vertices of each member's own mesh, such as its thickness, to the group's directions.
+
+        Parameters
+        ----------
+        surfaces : sequence of Surface or what `spharm_rs.as_surface` takes, N
+            The members' own meshes, in the coordinates in which they were brought into correspondence.
+        values : sequence of array_like of float, (vertices,) or (vertices, c), or of paths, N
+
+        Returns
+        -------
+        ndarray of float, (N, n) or (N, n, c)
+            The value at the nearest point of the member's mesh to each of its places, linear within triangles; NaN where
+            the member has no counterpart (`reached`). `group_test` takes them as ``subjects``.
+
+        Examples
+        --------
+        >>> import numpy as np, spharm_rs as sp
+        >>> surfaces = [sp.example_surface(3, seed=k)[0] for k in range(3)]
+        >>> group = sp.shape.correspond(surfaces, 6, subdivisions=3)
+        >>> heights = group.carry_values(surfaces, [surface.vertices[:, 2] for surface in surfaces])
+        >>> heights.shape
+        (3, 642)
+        """
+        meshes, own = list(surfaces), list(values)
+        for what, found in (("surfaces", meshes), ("values", own)):
+            if len(found) != len(self):
+                raise ValueError(f"{what}: expected one for each of {len(self)} members, found {len(found)}")
+        carried = [self._values_of(index, *pair) for index, pair in enumerate(zip(meshes, own))]
+        if len({found.shape for found in carried}) > 1:
+            raise ValueError(f"values: expected equally many channels, found {[found.shape[1:] or (1,) for found in carried]}")
+        return np.stack(carried)
+
+    def _values_of(self, index: int, surface: Any, values: ArrayLike | Path) -> Floats:
+        """Returns the values of a member, (n,) or (n, c)."""
+        mesh = as_surface(surface)
+        if isinstance(values, (str, os.PathLike)):
+            array = read_signal(values)
+            flat = array.shape[1] == 1
+        else:
+            array, flat = _arrays.channels(f"values[{index}]", values), np.ndim(values) == 1
+        if len(array) != len(mesh.vertices):
+            raise ValueError(f"values[{index}]: expected a row for each of {len(mesh.vertices)} vertices, found {len(array)}")
+        places = self.transforms[index].inverse().apply(self.places[index])
+        found, off = _core.values_at(mesh.vertices, mesh.faces, array, places)
+        reached = self.reached[index]
+        extent = float(np.linalg.norm(np.ptp(places, axis=0)))
+        if reached.any() and np.median(off[reached]) > 0.05 * extent:
+            raise ValueError(
+                f"surfaces[{index}]: expected the mesh of member {self.names[index]} as it was brought into correspondence, "
+                f"found one at {np.median(off[reached]):.4g} from its places"
+            )
+        found[~reached] = np.nan
+        return found[:, 0] if flat else found
 
     @overload
     def add(

@@ -72,6 +72,32 @@ def test_places_are_carried_to_where_truth_says(group: sp.shape.Group, marks: li
         group.carry([1.0, 2.0], 0, 1)
 
 
+def test_values_at_vertices_are_carried_to_the_places(group: sp.shape.Group, folder: Path, tmp_path: Path) -> None:
+    surfaces = [sp.read_surface(path) for path in paths(folder)]
+    own = [surface.vertices for surface in surfaces]
+    positions = group.carry_values(surfaces, own)
+    n = len(group.directions)
+    assert positions.shape == (5, n, 3)
+    # Positions as values are the places, in each member's frame.
+    for index, (found, transform) in enumerate(zip(positions, group.transforms)):
+        assert np.linalg.norm(transform.apply(found) - group.places[index], axis=1).max() < 0.3
+    # A signal has one value at each vertex, from an array or a file; surfaces may be files, too.
+    file = tmp_path / "height.shape.gii"
+    sp.write_signal(file, own[0][:, 2])
+    heights = group.carry_values(paths(folder), [file, *(vertices[:, 2] for vertices in own[1:])])
+    assert heights.shape == (5, n) and np.allclose(heights[1:], positions[1:, :, 2], atol=1e-9)
+    assert np.allclose(heights[0], positions[0, :, 2], atol=1e-4)
+    with pytest.raises(ValueError, match="surfaces: expected one for each of 5 members, found 4"):
+        group.carry_values(surfaces[:4], own)
+    with pytest.raises(ValueError, match=r"values\[1\]: expected a row for each of"):
+        group.carry_values(surfaces, [own[0], own[1][:-1], *own[2:]])
+    moved = sp.Surface(own[2] + 100.0, surfaces[2].faces)
+    with pytest.raises(ValueError, match=r"surfaces\[2\]: expected the mesh of member s03"):
+        group.carry_values([*surfaces[:2], moved, *surfaces[3:]], own)
+    with pytest.raises(ValueError, match="equally many channels"):
+        group.carry_values(surfaces, [own[0][:, 0], *own[1:]])
+
+
 def test_a_group_has_its_parts(group: sp.shape.Group, folder: Path) -> None:
     n = len(group.sphere.vertices)
     assert n == 642 and group.places.shape == (5, n, 3) and group.reached.shape == (5, n) and group.masked.shape == (n,)

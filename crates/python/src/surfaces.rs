@@ -15,9 +15,9 @@ use spharm::parametrize::{
     CaldParams, ConformalParams, DeformParams, EqualAreaParams, Input, Method, Parametrization, StretchParams,
     resample as resample_mesh,
 };
-use spharm::{Mesh, Monitor, Preparation, Seam, Signal, Sphere};
+use spharm::{Mesh, Monitor, Place, Preparation, Seam, Signal, Sphere};
 
-use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, seam_out};
+use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, rows, seam_out};
 use crate::errors::Failure;
 use crate::memory::{check_distance, check_mapping, check_resampling};
 use crate::repairs::Changes;
@@ -27,6 +27,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(read_surface, module)?)?;
     module.add_function(wrap_pyfunction!(write_surface, module)?)?;
     module.add_function(wrap_pyfunction!(read_values, module)?)?;
+    module.add_function(wrap_pyfunction!(values_at, module)?)?;
     module.add_function(wrap_pyfunction!(write_values, module)?)?;
     module.add_function(wrap_pyfunction!(icosphere, module)?)?;
     module.add_function(wrap_pyfunction!(example_surface, module)?)?;
@@ -66,6 +67,37 @@ fn read_values(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray2<f64
         Array2::from_shape_vec((vertices, channels), values).map_err(|_| Failure::Panic)
     })?;
     Ok(values.into_pyarray(py))
+}
+
+/// Values and distances of points.
+type ValuesOut<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// Returns the values at the points of a surface that are nearest to the given ones, linear within triangles, and the
+/// distances of these points from the surface.
+#[pyfunction]
+fn values_at<'py>(
+    py: Python<'py>,
+    vertices: Positions<'py>,
+    faces: Faces<'py>,
+    values: PyReadonlyArray2<'py, f64>,
+    points: Positions<'py>,
+) -> PyResult<ValuesOut<'py>> {
+    let (mesh, points) = (mesh("surface", &vertices, &faces)?, rows("points", points.as_array())?);
+    let values = values.as_array().as_standard_layout().into_owned();
+    let (found, off) = run(py, Some(1), None, |_| {
+        let places = Place::nearest(&mesh, &points)
+            .ok_or_else(|| Failure::Argument("surface: expected triangles and finite points, found others".into()))?;
+        let width = values.ncols();
+        let (rows, _) = values.into_raw_vec_and_offset();
+        let found = places.iter().flat_map(|place| place.row(&rows, width)).collect();
+        let off = places.iter().zip(points.iter()).map(|(place, point)| distance(place.of(&mesh.vertices), *point));
+        Ok((Array2::from_shape_vec((places.len(), width), found).map_err(|_| Failure::Panic)?, off.collect::<Vec<_>>()))
+    })?;
+    Ok((found.into_pyarray(py), off.into_pyarray(py)))
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
 #[pyfunction]

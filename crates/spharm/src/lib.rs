@@ -151,7 +151,7 @@ pub use spharm_shape::ShapeError;
 pub use spharm_solver::SolverError;
 pub use spharm_store::{Scalar, StoreError};
 pub use spharm_surface::{
-    Kind, Mesh, Seam, Signal, Sphere, SurfaceError, Target, generate, io, metrics, pose, read_sphere, read_target,
-    read_target_with_gaps,
+    Kind, Mesh, Place, Seam, Signal, Sphere, SurfaceError, Target, generate, io, metrics, pose, read_sphere,
+    read_target, read_target_with_gaps,
 };
 pub use spharm_transform::TransformError;
