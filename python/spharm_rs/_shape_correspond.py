@@ -255,6 +255,12 @@ class Group:
             return None
         return quality(self.models, modes=1, samples=1, surfaces=False, landmarks=placed).landmarks
 
+    def _own_places(self, index: int) -> tuple[Floats, float]:
+        """Returns a member's places in its own coordinates, (n, 3), and the distance that counts as far from them: a
+        twentieth of their extent."""
+        places = self.transforms[index].inverse().apply(self.places[index])
+        return places, 0.05 * float(np.linalg.norm(np.ptp(places, axis=0)))
+
     def _far(self) -> list[str]:
         """Returns a warning for each member with a landmark farther from its surface than a twentieth of the surface's
         extent."""
@@ -262,10 +268,8 @@ class Group:
             return []
         found = []
         for index, (name, points) in enumerate(zip(self.names, self._landmarks[1])):
-            places = self.transforms[index].inverse().apply(self.places[index])
-            extent = float(np.linalg.norm(np.ptp(places, axis=0)))
             off = self.carried(points, index, index).off_surface
-            if far := int((off > 0.05 * extent).sum()):
+            if far := int((off > self._own_places(index)[1]).sum()):
                 found.append(f"{name}: {far} of {len(points)} landmarks are far from its surface, by up to {off.max():.4g}")
         return found
 
@@ -382,11 +386,10 @@ class Group:
             array, flat = _arrays.channels(f"values[{index}]", values), np.ndim(values) == 1
         if len(array) != len(mesh.vertices):
             raise ValueError(f"values[{index}]: expected a row for each of {len(mesh.vertices)} vertices, found {len(array)}")
-        places = self.transforms[index].inverse().apply(self.places[index])
+        places, far = self._own_places(index)
         found, off = _core.values_at(mesh.vertices, mesh.faces, array, places)
         reached = self.reached[index]
-        extent = float(np.linalg.norm(np.ptp(places, axis=0)))
-        if reached.any() and np.median(off[reached]) > 0.05 * extent:
+        if reached.any() and np.median(off[reached]) > far:
             raise ValueError(
                 f"surfaces[{index}]: expected the mesh of member {self.names[index]} as it was brought into correspondence, "
                 f"found one at {np.median(off[reached]):.4g} from its places"

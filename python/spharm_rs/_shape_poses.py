@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Sequence, cast, overload
 
 import numpy as np
@@ -101,21 +101,16 @@ class SimilarityTransform:
             return Landmarks(what.names, self._moved(what.points))
         if not isinstance(what, Model):
             return self._moved(what)
-        if not what.is_surface:
-            turn = SimilarityTransform(self.parameters, self.antipodal, np.eye(3), 1.0, np.zeros(3))
-            return turn._of_model(what, threads, progress)
-        return self._of_model(what, threads, progress)
-
-    def _of_model(self, model: Model, threads: int | None, progress: Progress) -> Model:
+        own = self if what.is_surface else replace(self, object=np.eye(3), scale=1.0, translation=np.zeros(3))
         asked = {
-            "parameters": rotation("parameters", self.parameters),
-            "antipodal": bool(self.antipodal),
-            "object": rotation("object", self.object),
-            "mirrored": bool(np.linalg.det(self.object) < 0),
-            "scale": float(self.scale),
-            "translation": vector("translation", self.translation),
+            "parameters": rotation("parameters", own.parameters),
+            "antipodal": bool(own.antipodal),
+            "object": rotation("object", own.object),
+            "mirrored": bool(np.linalg.det(own.object) < 0),
+            "scale": float(own.scale),
+            "translation": vector("translation", own.translation),
         }
-        return _rotated(model, asked, threads, progress)
+        return _rotated(what, asked, threads, progress)
 
     @property
     def matrix(self) -> Floats:

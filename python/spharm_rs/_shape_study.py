@@ -544,7 +544,7 @@ def group_test(
         cluster_threshold=found.pop("cluster_threshold", None),
         warnings=noted + warnings,
         mean=average,
-        surface=None if place is None or place[0] is None or place[1] is None else Surface(*place),
+        surface=None if place is None or place[1] is None else Surface(*place),
         **found,
     )
 
