@@ -4,11 +4,17 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place as factor, cholesky_in_place_scratch};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch, recommended_block_size};
-use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::linalg::solvers::{DenseSolveCore, Llt, SelfAdjointEigen, Solve, Svd};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 
 use crate::NotPositiveDefinite;
+
+impl From<LltError> for NotPositiveDefinite {
+    fn from(LltError::NonPositivePivot { index }: LltError) -> Self {
+        Self { column: index }
+    }
+}
 
 /// Computes `out = scale a b`, or `out += scale a b` with [`Accum::Add`]: a (m, k), b (k, n), out (m, n).
 ///
@@ -38,10 +44,8 @@ pub fn add_gram(out: MatMut<'_, f64>, a: MatRef<'_, f64>, scale: f64) {
 pub fn cholesky_in_place(matrix: MatMut<'_, f64>) -> Result<(), NotPositiveDefinite> {
     let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(matrix.nrows(), Par::Seq, Default::default()));
     let stack = MemStack::new(&mut scratch);
-    match factor(matrix, Default::default(), Par::Seq, stack, Default::default()) {
-        Ok(_) => Ok(()),
-        Err(LltError::NonPositivePivot { index }) => Err(NotPositiveDefinite { column: index }),
-    }
+    factor(matrix, Default::default(), Par::Seq, stack, Default::default())?;
+    Ok(())
 }
 
 /// Computes `x = a^-1 x` with the lower triangle of a: a (k, k), x (k, c).
@@ -84,11 +88,7 @@ impl Cholesky {
     ///
     /// [`NotPositiveDefinite`].
     pub fn new(matrix: MatRef<'_, f64>) -> Result<Self, NotPositiveDefinite> {
-        let LltError::NonPositivePivot { index } = match Llt::new(matrix, Side::Lower) {
-            Ok(factor) => return Ok(Self(factor)),
-            Err(error) => error,
-        };
-        Err(NotPositiveDefinite { column: index })
+        Ok(Self(Llt::new(matrix, Side::Lower)?))
     }
 
     /// Returns the natural logarithm of the matrix's determinant.
@@ -122,14 +122,7 @@ impl std::error::Error for NoConvergence {}
 
 /// The thin singular value decomposition `a = u diag(s) v^T`: a (m, n), with `k = min(m, n)`.
 #[derive(Debug)]
-pub struct ThinSvd {
-    /// Left singular vectors, (m, k).
-    pub u: Mat<f64>,
-    /// Singular values in decreasing order, k.
-    pub singular: Vec<f64>,
-    /// Right singular vectors, (n, k).
-    pub v: Mat<f64>,
-}
+pub struct ThinSvd(Svd<f64>);
 
 impl ThinSvd {
     /// Decomposes a matrix.
@@ -138,20 +131,28 @@ impl ThinSvd {
     ///
     /// [`NoConvergence`].
     pub fn new(matrix: MatRef<'_, f64>) -> Result<Self, NoConvergence> {
-        let found = matrix.thin_svd().map_err(|_| NoConvergence)?;
-        let singular = found.S().column_vector().iter().copied().collect();
-        Ok(Self { u: found.U().to_owned(), singular, v: found.V().to_owned() })
+        matrix.thin_svd().map(Self).map_err(|_| NoConvergence)
+    }
+
+    /// Returns the left singular vectors, (m, k).
+    pub fn u(&self) -> MatRef<'_, f64> {
+        self.0.U()
+    }
+
+    /// Returns the singular values in decreasing order, k.
+    pub fn singular(&self) -> Vec<f64> {
+        self.0.S().column_vector().iter().copied().collect()
+    }
+
+    /// Returns the right singular vectors, (n, k).
+    pub fn v(&self) -> MatRef<'_, f64> {
+        self.0.V()
     }
 }
 
 /// The eigenvalues and eigenvectors of a symmetric matrix.
 #[derive(Debug)]
-pub struct SymmetricEigen {
-    /// Eigenvalues in ascending order, k.
-    pub values: Vec<f64>,
-    /// Eigenvectors as columns, in the same order, (k, k).
-    pub vectors: Mat<f64>,
-}
+pub struct SymmetricEigen(SelfAdjointEigen<f64>);
 
 impl SymmetricEigen {
     /// Decomposes a symmetric matrix, (k, k), given by its lower triangle.
@@ -160,8 +161,16 @@ impl SymmetricEigen {
     ///
     /// [`NoConvergence`].
     pub fn new(matrix: MatRef<'_, f64>) -> Result<Self, NoConvergence> {
-        let found = matrix.self_adjoint_eigen(Side::Lower).map_err(|_| NoConvergence)?;
-        let values = found.S().column_vector().iter().copied().collect();
-        Ok(Self { values, vectors: found.U().to_owned() })
+        matrix.self_adjoint_eigen(Side::Lower).map(Self).map_err(|_| NoConvergence)
+    }
+
+    /// Returns the eigenvalues in ascending order, k.
+    pub fn values(&self) -> Vec<f64> {
+        self.0.S().column_vector().iter().copied().collect()
+    }
+
+    /// Returns the eigenvectors as columns, in the order of the eigenvalues, (k, k).
+    pub fn vectors(&self) -> MatRef<'_, f64> {
+        self.0.U()
     }
 }

@@ -1,8 +1,8 @@
 //! Decompositions and factors reproduce the matrix that they are of.
 
 use spharm_linalg::{
-    Accum, Cholesky, Mat, MatMut, NotPositiveDefinite, SparsePattern, SparseSum, SymmetricEigen, ThinSvd, add_gram,
-    cholesky_in_place, matmul, solve_lower, solve_upper, triangularise,
+    Accum, Cholesky, Mat, MatMut, MatRef, NotPositiveDefinite, SparsePattern, SparseSum, SymmetricEigen, ThinSvd,
+    add_gram, cholesky_in_place, matmul, solve_lower, solve_upper, triangularise,
 };
 
 /// Returns deterministic values in [-1, 1] that belong to a matrix of full rank.
@@ -15,14 +15,14 @@ fn product(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
     Mat::from_fn(a.nrows(), b.ncols(), |i, j| (0..a.ncols()).map(|k| a[(i, k)] * b[(k, j)]).sum())
 }
 
-fn transposed(a: &Mat<f64>) -> Mat<f64> {
+fn transposed(a: MatRef<'_, f64>) -> Mat<f64> {
     a.transpose().to_owned()
 }
 
 /// Returns a symmetric positive definite matrix.
 fn definite(order: usize) -> Mat<f64> {
     let a = filled(order + 3, order);
-    let gram = product(&transposed(&a), &a);
+    let gram = product(&transposed(a.as_ref()), &a);
     Mat::from_fn(order, order, |i, j| gram[(i, j)] + if i == j { 1.0 } else { 0.0 })
 }
 
@@ -49,7 +49,7 @@ fn products_are_sums_of_products() {
 #[test]
 fn a_gram_matrix_leaves_what_is_above_its_diagonal() {
     let a = filled(6, 40);
-    let expected = product(&a, &transposed(&a));
+    let expected = product(&a, &transposed(a.as_ref()));
     let mut out = Mat::from_fn(6, 6, |_, _| 7.0);
     add_gram(out.as_mut(), a.as_ref(), 1.0);
     let expected = Mat::from_fn(6, 6, |i, j| 7.0 + if i >= j { expected[(i, j)] } else { 0.0 });
@@ -65,7 +65,7 @@ fn a_cholesky_factor_solves_and_inverts() {
         assert_close(&product(&matrix, &factor.solve(right.as_ref())), &right);
         let identity = Mat::from_fn(order, order, |i, j| f64::from(u8::from(i == j)));
         assert_close(&product(&matrix, &factor.inverse()), &identity);
-        let values = SymmetricEigen::new(matrix.as_ref()).expect("finite").values;
+        let values = SymmetricEigen::new(matrix.as_ref()).expect("finite").values();
         let logarithms: f64 = values.iter().map(|value| value.ln()).sum();
         assert!((factor.log_determinant() - logarithms).abs() < 1e-9);
 
@@ -98,20 +98,22 @@ fn the_first_column_that_isnt_definite_is_stated() {
 fn decompositions_reproduce_the_matrix() {
     for (rows, columns) in [(1, 1), (12, 5), (5, 12), (80, 80)] {
         let matrix = filled(rows, columns);
-        let ThinSvd { u, singular, v } = ThinSvd::new(matrix.as_ref()).expect("finite");
+        let found = ThinSvd::new(matrix.as_ref()).expect("finite");
+        let (u, singular, v) = (found.u(), found.singular(), found.v());
         let scaled = Mat::from_fn(rows, singular.len(), |i, k| u[(i, k)] * singular[k]);
-        assert_close(&product(&scaled, &transposed(&v)), &matrix);
+        assert_close(&product(&scaled, &transposed(v)), &matrix);
         assert!(singular.is_sorted_by(|a, b| a >= b), "in decreasing order");
 
         let mut r = matrix.clone();
         triangularise(r.as_mut());
         let r = Mat::from_fn(rows.min(columns), columns, |i, j| if i <= j { r[(i, j)] } else { 0.0 });
-        assert_close(&product(&transposed(&r), &r), &product(&transposed(&matrix), &matrix));
+        assert_close(&product(&transposed(r.as_ref()), &r), &product(&transposed(matrix.as_ref()), &matrix));
     }
     let matrix = definite(40);
-    let SymmetricEigen { values, vectors } = SymmetricEigen::new(matrix.as_ref()).expect("finite");
+    let found = SymmetricEigen::new(matrix.as_ref()).expect("finite");
+    let (values, vectors) = (found.values(), found.vectors());
     let scaled = Mat::from_fn(40, 40, |i, k| vectors[(i, k)] * values[k]);
-    assert_close(&product(&scaled, &transposed(&vectors)), &matrix);
+    assert_close(&product(&scaled, &transposed(vectors)), &matrix);
     assert!(values.is_sorted(), "in ascending order");
 }
 

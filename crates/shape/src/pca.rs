@@ -78,18 +78,18 @@ impl Modes {
         let dimension = (rows - 1) * columns;
         let decomposed = ThinSvd::new(MatRef::from_column_major_slice(&centred, dimension, n));
         let decomposed = decomposed.map_err(|_| ShapeError::NoDecomposition)?;
-        let singular: Vec<f64> = decomposed.singular.iter().map(|value| value * unit / SPHERE.sqrt()).collect();
+        let singular: Vec<f64> = decomposed.singular().into_iter().map(|value| value * unit / SPHERE.sqrt()).collect();
         let of = |value: f64| value * value / (n - 1) as f64;
         let total_variance = singular.iter().map(|value| of(*value)).sum();
         let count = most.min(n - 1).min(dimension);
         let (mut modes, mut scores) = (Array2::zeros((count, dimension)), Array2::zeros((n, count)));
         for (k, &size) in singular.iter().enumerate().take(count) {
-            let column = decomposed.u.col(k);
+            let column = decomposed.u().col(k);
             let peak =
                 column.iter().copied().fold(0.0_f64, |most, value| if value.abs() > most.abs() { value } else { most });
             let sign = if peak < 0.0 { -1.0 } else { 1.0 };
             modes.row_mut(k).iter_mut().zip(column.iter()).for_each(|(mode, u)| *mode = sign * u * SPHERE.sqrt());
-            let right = decomposed.v.col(k);
+            let right = decomposed.v().col(k);
             scores.column_mut(k).iter_mut().zip(right.iter()).for_each(|(score, v)| *score = sign * v * size);
         }
         let variances = singular[..count].iter().map(|value| of(*value)).collect();

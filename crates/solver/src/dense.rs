@@ -114,7 +114,8 @@ pub(crate) fn minimum_norm(r: &[f64], z: &[f64], m: usize, tolerance: f64) -> Re
     }
     let r = MatRef::from_column_major_slice(r, m, k);
     let z = MatRef::from_column_major_slice(z, m, c);
-    let ThinSvd { u, singular, v } = ThinSvd::new(r)?;
+    let found = ThinSvd::new(r)?;
+    let (u, singular, v) = (found.u(), found.singular(), found.v());
     let largest = singular.first().copied().unwrap_or(0.0);
     let smallest = singular.last().copied().unwrap_or(0.0);
     let rank = singular.iter().filter(|&&s| s > tolerance * largest).count();

@@ -48,13 +48,13 @@ impl Reference {
         let (members, delta) = (covariance.gram.nrows(), covariance.delta(share));
         let gram = Mat::from_fn(members, members, |i, j| covariance.gram[[i, j]]);
         let found = SymmetricEigen::new(gram.as_ref()).map_err(|_| ShapeError::NoDecomposition)?;
-        let variances = found.values;
+        let (variances, vectors) = (found.values(), found.vectors());
         let enough = |k: &usize| variances[*k] > LEAST * delta && variances[*k] > 0.0;
         // The variances are in ascending order, so the last ones are kept.
         let kept: Vec<usize> = (0..members).rev().filter(enough).take(MODES).collect();
         // The modes are e_k = sum_i u_ik y_i / sqrt(N lambda_k).
         let shares = Array2::from_shape_fn((kept.len(), members), |(row, i)| {
-            found.vectors[(i, kept[row])] / (members as f64 * variances[kept[row]]).sqrt()
+            vectors[(i, kept[row])] / (members as f64 * variances[kept[row]]).sqrt()
         });
         let modes = product(shares.view(), covariance.centred.view());
         let gains = kept.iter().map(|k| 1.0 / delta - 1.0 / (variances[*k] + delta)).collect();

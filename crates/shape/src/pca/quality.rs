@@ -90,7 +90,7 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
         ThinSvd::new(MatRef::from_column_major_slice(slice, m, n - 1)).map_err(|_| ShapeError::NoDecomposition)?;
     let rest = &scores.row(member) - &mean;
     let mut square = rest.iter().map(|value| value * value).sum::<f64>();
-    let (u, available) = (decomposed.u, (n - 2).min(m));
+    let (u, available) = (decomposed.u(), (n - 2).min(m));
     let left = (0..m).map(|k| {
         if k < available {
             let along: f64 = u.col(k).iter().zip(&rest).map(|(u, value)| u * value).sum();

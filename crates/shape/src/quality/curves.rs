@@ -81,8 +81,8 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
     let found =
         ThinSvd::new(MatRef::from_row_major_slice(slice, rows, columns)).map_err(|_| ShapeError::NoDecomposition)?;
     let count = (rows - 1).min(columns);
-    let singular = found.singular[..count].to_vec();
-    Ok((Array2::from_shape_fn((rows, count), |(i, k)| found.u[(i, k)]), singular))
+    let (u, singular) = (found.u(), found.singular()[..count].to_vec());
+    Ok((Array2::from_shape_fn((rows, count), |(i, k)| u[(i, k)]), singular))
 }
 
 /// An excluded member, compared with the modes of the other members.

@@ -144,8 +144,8 @@ impl Points {
         let decomposed = SymmetricEigen::new(MatRef::from_column_major_slice(&gram, n, n))
             .map_err(|_| ShapeError::NoDecomposition)?;
         // Eigenvalues are in ascending order. The smallest one belongs to the mean and is omitted.
-        let values: Vec<f64> = decomposed.values.iter().map(|value| value.max(0.0)).collect();
-        let vectors = decomposed.vectors;
+        let values: Vec<f64> = decomposed.values().into_iter().map(|value| value.max(0.0)).collect();
+        let vectors = decomposed.vectors();
         Ok(Array2::from_shape_fn((n, n - 1), |(i, k)| vectors[(i, n - 1 - k)] * values[n - 1 - k].sqrt()))
     }
 
