@@ -27,7 +27,6 @@ use super::problem::{Problem, Sampled};
 use super::signs::sign;
 use crate::SolverError;
 use crate::gram::smoothness_penalty;
-use crate::operator::Operator;
 
 /// Number of probes z for the trace. The noise of GCV, some percent of `tr(P N^-1)`, decreases with the square root of
 /// this number.
@@ -49,23 +48,6 @@ pub struct Gcv {
     pub at_the_end: bool,
 }
 
-/// Chooses the smoothness lambda for targets, (n, c).
-///
-/// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
-///
-/// # Errors
-///
-/// Errors of the operator, and [`SolverError::Interrupted`].
-pub fn choose_smoothness(
-    operator: &dyn Operator,
-    weights: Option<&[f64]>,
-    targets: &Array2<f64>,
-    monitor: &dyn Monitor,
-) -> Result<Gcv, SolverError> {
-    let adjoint = NormalEquations { operator, weights, penalty: None }.adjoint(targets)?;
-    search(&Samples { operator, weights, targets }, adjoint, monitor)
-}
-
 /// Chooses the smoothness lambda for a problem given by its moments; all columns share it. Trying some 25 values costs
 /// about as much as a few hundred products of [`MomentProblem::operator`].
 ///
@@ -80,50 +62,50 @@ pub fn choose_smoothness_by_moments(problem: &MomentProblem, monitor: &dyn Monit
 }
 
 /// The operations on a problem that cross-validation requires.
-trait Validated {
+pub(super) trait Validated {
     fn max_degree(&self) -> usize;
     /// Returns the number of rows with nonzero weight.
     fn rows(&self) -> usize;
     /// Returns the sum of the weights.
     fn weight(&self) -> f64;
-    /// Runs conjugate gradients with the penalty's diagonal `penalty`, (K).
-    fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError>;
+    /// Solves the normal equations with the penalty's diagonal `penalty`, (K), for right-hand sides, (K, c).
+    fn solve(&self, right: Array2<f64>, penalty: &[f64], monitor: &dyn Monitor) -> Result<Array2<f64>, SolverError>;
     /// Returns `|W^(1/2) (f - A x)|^2`, summed over all columns.
     fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError>;
 }
 
 const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
 
-struct Samples<'a> {
-    operator: &'a dyn Operator,
-    weights: Option<&'a [f64]>,
-    targets: &'a Array2<f64>,
-}
+/// Targets at samples, without a penalty.
+pub(super) struct Samples<'a>(pub(super) Sampled<'a>);
 
 impl Validated for Samples<'_> {
     fn max_degree(&self) -> usize {
-        self.operator.max_degree()
+        self.0.equations.operator.max_degree()
     }
 
     fn rows(&self) -> usize {
-        self.weights.map_or(self.operator.rows(), |w| w.iter().filter(|w| **w > 0.0).count())
+        let NormalEquations { operator, weights, .. } = self.0.equations;
+        weights.map_or(operator.rows(), |w| w.iter().filter(|w| **w > 0.0).count())
     }
 
     fn weight(&self) -> f64 {
-        self.weights.map_or(self.operator.rows() as f64, |w| w.iter().sum())
+        let NormalEquations { operator, weights, .. } = self.0.equations;
+        weights.map_or(operator.rows() as f64, |w| w.iter().sum())
     }
 
-    fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError> {
-        let equations = NormalEquations { operator: self.operator, weights: self.weights, penalty: Some(penalty) };
-        let problem = Sampled { equations, targets: self.targets, moments: None };
-        cg.run(&problem, &equations.diagonal(), &CG, monitor)?;
-        Ok(())
+    fn solve(&self, right: Array2<f64>, penalty: &[f64], monitor: &dyn Monitor) -> Result<Array2<f64>, SolverError> {
+        let equations = NormalEquations { penalty: Some(penalty), ..self.0.equations };
+        let mut cg = Cg::from_right_sides(right);
+        cg.run(&Sampled { equations, ..self.0 }, &equations.diagonal(), &CG, monitor)?;
+        Ok(cg.x)
     }
 
     fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError> {
-        let residual = self.targets - &self.operator.apply(x)?;
+        let NormalEquations { operator, weights, .. } = self.0.equations;
+        let residual = self.0.targets - &operator.apply(x)?;
         let rows = residual.rows().into_iter().enumerate();
-        Ok(rows.map(|(i, row)| self.weights.map_or(1.0, |w| w[i]) * row.dot(&row)).sum())
+        Ok(rows.map(|(i, row)| weights.map_or(1.0, |w| w[i]) * row.dot(&row)).sum())
     }
 }
 
@@ -140,10 +122,11 @@ impl Validated for MomentProblem {
         MomentProblem::weight(self)
     }
 
-    fn run(&self, cg: &mut Cg, penalty: &[f64], monitor: &dyn Monitor) -> Result<(), SolverError> {
+    fn solve(&self, right: Array2<f64>, penalty: &[f64], monitor: &dyn Monitor) -> Result<Array2<f64>, SolverError> {
         let preconditioner = Diagonal::new(self.max_degree(), self.weight(), Some(penalty));
+        let mut cg = Cg::from_right_sides(right);
         cg.run(&Summed { problem: self, penalty: Some(penalty) }, &preconditioner, &CG, monitor)?;
-        Ok(())
+        Ok(cg.x)
     }
 
     fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError> {
@@ -151,7 +134,8 @@ impl Validated for MomentProblem {
     }
 }
 
-fn search(problem: &dyn Validated, adjoint: Array2<f64>, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
+/// Chooses the smoothness lambda for a problem with the right-hand sides `adjoint`, (K, c).
+pub(super) fn search(problem: &dyn Validated, adjoint: Array2<f64>, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
     let probes = probes(problem.max_degree());
     let terms = |smoothness: f64| terms(problem, &adjoint, &probes, smoothness, &OnlyCancel(monitor));
     choose_smoothness_by(problem.max_degree(), problem.weight(), terms, monitor)
@@ -251,10 +235,9 @@ fn terms(
     let mut right = Array2::zeros((adjoint.nrows(), c + PROBES));
     right.slice_mut(s![.., ..c]).assign(adjoint);
     right.slice_mut(s![.., c..]).assign(&probes);
-    let mut cg = Cg::from_right_sides(right);
-    problem.run(&mut cg, &penalty, monitor)?;
-    let square = problem.square(cg.x.slice(s![.., ..c]))?;
-    let lost = (&probes * &cg.x.slice(s![.., c..])).sum() / PROBES as f64;
+    let x = problem.solve(right, &penalty, monitor)?;
+    let square = problem.square(x.slice(s![.., ..c]))?;
+    let lost = (&probes * &x.slice(s![.., c..])).sum() / PROBES as f64;
     Ok(GcvTerms { square, trace: basis_size(max_degree) as f64 - lost, rows: problem.rows() as f64 })
 }
 

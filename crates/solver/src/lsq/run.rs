@@ -190,7 +190,7 @@ impl LsqSolver<'_> {
 
     /// Computes moments. Returns the right-hand sides, (K, c), of targets if they were computed together with the
     /// moments.
-    fn take_moments(
+    pub(super) fn take_moments(
         &mut self,
         targets: Option<&Array2<f64>>,
         monitor: &dyn Monitor,

@@ -1,15 +1,35 @@
 //! Tests of the choice of the smoothness by generalised cross-validation.
 
+use std::sync::Arc;
+
 use ndarray::{Array2, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::gram::smoothness_penalty;
-use spharm_solver::lsq::choose_smoothness;
-use spharm_solver::{LsqParams, Strategy};
+use spharm_solver::lsq::Gcv;
+use spharm_solver::{LsqParams, LsqSolver, MatrixFreeOperator, Strategy, moment_normal};
 
 use crate::problems::{
-    Random, clustered, dense, diagonal, even, inverse, irregular, matrix, norms, params, solve, transforms,
+    Random, Sampling, clustered, dense, diagonal, even, inverse, irregular, matrix, norms, params, solve, transforms,
 };
+
+/// Chooses the smoothness by products by samples, and by moments.
+fn by_samples_and_moments(
+    sampling: &Sampling,
+    operator: &MatrixFreeOperator,
+    max_degree: usize,
+    weights: Option<Vec<f64>>,
+    targets: &Array2<f64>,
+) -> [Gcv; 2] {
+    let make_moments = |accuracy: f64, _: Option<&Array2<f64>>| {
+        let normal = moment_normal(&sampling.directions, weights.as_deref(), max_degree, accuracy)?;
+        Ok((Arc::new(normal), None))
+    };
+    let params = LsqParams { weights: weights.clone(), ..LsqParams::default() };
+    let mut by_samples = LsqSolver::new(operator, None, params.clone()).unwrap();
+    let mut by_moments = LsqSolver::new(operator, None, params).unwrap().with_moments(&make_moments);
+    [&mut by_samples, &mut by_moments].map(|solver| solver.choose_smoothness(targets, &Silent).unwrap())
+}
 
 #[test]
 fn cross_validation_finds_a_smoothness_that_is_near_the_best() {
@@ -24,7 +44,11 @@ fn cross_validation_finds_a_smoothness_that_is_near_the_best() {
         let targets = &truth + &(random.normals(n, 3) * noise);
         let operator = transforms(&sampling.directions, DEGREE);
         let weights = (sampling.name == "even").then(|| vec![2.0; n]);
-        let found = choose_smoothness(&operator, weights.as_deref(), &targets, &Silent).unwrap();
+        let [found, by_moments] = by_samples_and_moments(&sampling, &operator, DEGREE, weights.clone(), &targets);
+        // Iterations end at an optimality of 1e-7.
+        for (found, expected) in by_moments.tried.iter().zip(&found.tried) {
+            assert!((found[1] / expected[1] - 1.0).abs() < 1e-6, "{}: {found:?} {expected:?}", sampling.name);
+        }
         let error = |lambda: f64| {
             let x = dense(&a, &targets, weights.as_deref(), lambda).x;
             (a.dot(&x) - &truth).iter().map(|d| d * d).sum::<f64>() / n as f64
@@ -61,7 +85,7 @@ fn cross_validation_asks_for_next_to_nothing_where_there_is_no_noise() {
     let mut known = Array2::zeros((basis_size(12), 3));
     known.slice_mut(s![..16, ..]).assign(&Random(1).normals(16, 3));
     let targets = matrix(&sampling.directions, 12).dot(&known);
-    let found = choose_smoothness(&operator, None, &targets, &Silent).unwrap();
+    let [found, _] = by_samples_and_moments(&sampling, &operator, 12, None, &targets);
     let params = LsqParams { smoothness: found.smoothness, ..params(Strategy::Auto) };
     let fit = solve(&sampling, 12, &targets, params);
     let off = norms(&(fit.coefficients.values() - &known));

@@ -7,8 +7,7 @@ use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::lsq::{
-    LsqWarning, MomentProblem, Stop, choose_smoothness, choose_smoothness_by_moments, solve_moments,
-    solve_moments_of_groups,
+    LsqWarning, MomentProblem, Stop, choose_smoothness_by_moments, solve_moments, solve_moments_of_groups,
 };
 use spharm_solver::{
     GramMatrix, LsqFit, LsqParams, LsqSolver, MatrixFreeOperator, Operator, SolverError, Strategy, moment_gram,
@@ -87,7 +86,9 @@ fn cross_validation_finds_the_smoothness_that_the_samples_give() {
         let known = Array2::from_shape_fn((basis_size(10), 2), |(k, _)| random.normal() / (1.0 + k as f64));
         let targets = a.dot(&known) + &(random.normals(500, 2) * 0.05);
         let operator = transforms(&sampling.directions, 10);
-        let expected = choose_smoothness(&operator, weights.as_deref(), &targets, &Silent).unwrap();
+        let params = LsqParams { weights: weights.clone(), ..LsqParams::default() };
+        let mut solver = LsqSolver::new(&operator, None, params).unwrap();
+        let expected = solver.choose_smoothness(&targets, &Silent).unwrap();
         let problem = MomentProblem::new(&sums(&sampling, weights.as_deref(), &targets, 10), 10).unwrap();
         let found = choose_smoothness_by_moments(&problem, &Silent).unwrap();
         assert!((found.smoothness / expected.smoothness - 1.0).abs() < 1e-6, "{found:?} {expected:?}");

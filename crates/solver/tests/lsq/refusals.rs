@@ -4,7 +4,6 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ndarray::Array2;
 use spharm_monitor::{Monitor, Silent};
-use spharm_solver::lsq::choose_smoothness;
 use spharm_solver::{LsqParams, LsqSolver, SolverError, Strategy};
 
 use crate::problems::{Random, STRATEGIES, even, irregular, params, transforms, try_solve};
@@ -56,7 +55,9 @@ fn a_fit_that_is_told_to_stop_stops() {
         let found = try_solve(&sampling, 12, &targets, params(strategy), &AtomicBool::new(true)).unwrap_err();
         assert!(matches!(found, SolverError::Interrupted(_)), "{strategy:?}: {found}");
     }
-    let found = choose_smoothness(&transforms(&sampling.directions, 12), None, &targets, &AtomicBool::new(true));
+    let operator = transforms(&sampling.directions, 12);
+    let mut solver = LsqSolver::new(&operator, None, LsqParams::default()).unwrap();
+    let found = solver.choose_smoothness(&targets, &AtomicBool::new(true));
     assert!(matches!(found, Err(SolverError::Interrupted(_))));
     // Interrupt a fit in the middle.
     let operator = transforms(&sampling.directions, 12);

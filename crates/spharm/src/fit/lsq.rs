@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use ndarray::{Array2, s};
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, choose_smoothness, moments_pay};
+use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, moments_pay};
 use spharm_solver::{
     DeferredOperator, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, Operator, ResidualNorms, StoredFactor,
     moment_gram, moment_gram_bytes, moment_normal,
@@ -150,8 +150,8 @@ impl<'a> Equations<'a> {
 
     /// Fits a target with the smoothness that cross-validation chooses for it.
     fn choose_and_solve(&self, batch: &Batch) -> Result<Solved, Error> {
-        let (targets, weights) = (batch.side_by_side(), self.solver.weights.as_deref());
-        let chosen = choose_smoothness(self.operator, weights, &targets, &NestedMonitor(self.monitor))?;
+        let targets = batch.side_by_side();
+        let chosen = self.unfactored(self.solver.clone())?.choose_smoothness(&targets, &NestedMonitor(self.monitor))?;
         let mut solver = self.solver(LsqParams { smoothness: chosen.smoothness, ..self.solver.clone() })?;
         self.solve(&mut solver, batch, None, Some(chosen))
     }
