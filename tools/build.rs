@@ -6,7 +6,8 @@ fn main() {
     spharm_link::leave_out_kernels();
     // Cargo strips symbols as the profile says, but not in a package that has its own opt-level.
     let is = |name: &str, value: &str| env::var(name).is_ok_and(|found| found == value);
-    if is("PROFILE", "release") && is("DEBUG", "false") && is("CARGO_CFG_TARGET_OS", "linux") {
+    let gnu_linker = is("CARGO_CFG_TARGET_OS", "linux") || is("CARGO_CFG_TARGET_ENV", "gnu");
+    if is("PROFILE", "release") && is("DEBUG", "false") && gnu_linker {
         println!("cargo::rustc-link-arg-bins=-Wl,--strip-all");
     }
 }

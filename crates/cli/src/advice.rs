@@ -139,9 +139,8 @@ fn of_io(source: &io::Error) -> Option<&'static str> {
             Some("choose a --store that you have permission to use, or change its permissions")
         }
         io::ErrorKind::NotFound => Some("check the path, or build the store with spharm basis-build"),
-        _ if source.raw_os_error() == Some(rustix::io::Errno::MFILE.raw_os_error()) => {
-            Some("raise the limit on open files (ulimit -n)")
-        }
+        #[cfg(unix)]
+        _ if source.raw_os_error() == Some(libc::EMFILE) => Some("raise the limit on open files (ulimit -n)"),
         _ => None,
     }
 }

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use clap::Command;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 use spharm_cohort::run::{RunError, chained};
 use spharm_monitor::Interrupted;
@@ -25,6 +25,14 @@ const FAILURE: u8 = 1;
 /// Exit code of wrong usage; clap uses the same.
 const USAGE: u8 = 2;
 
+/// The signals that ask a process to stop. On Windows SIGINT is Ctrl+C.
+const STOPS: &[i32] = &[
+    SIGINT,
+    SIGTERM,
+    #[cfg(unix)]
+    signal_hook::consts::SIGHUP,
+];
+
 static CANCEL: LazyLock<Arc<AtomicBool>> = LazyLock::new(listen);
 
 /// Returns the flag that is set when the process has been asked to stop (SIGINT, SIGTERM, SIGHUP). Signals are handled
@@ -35,7 +43,7 @@ pub fn cancel() -> &'static AtomicBool {
 
 fn listen() -> Arc<AtomicBool> {
     let cancel = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
+    for &signal in STOPS {
         if !is_ignored(signal) {
             // Register in this order, because handlers run in order: at the first signal the conditional shutdown
             // finds the flag unset. Registration fails only for signals that can't be caught.
@@ -45,6 +53,7 @@ fn listen() -> Arc<AtomicBool> {
     }
     // With a handler, a write beyond the limit on file sizes (`ulimit -f`) fails with EFBIG instead of ending the
     // process.
+    #[cfg(unix)]
     let _ = flag::register(libc::SIGXFSZ, Arc::default());
     cancel
 }

@@ -1,6 +1,5 @@
 //! Memory and limits of this process.
 
-use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
 
 pub use spharm::Versions;
@@ -22,8 +21,13 @@ pub fn memory() -> Memory {
 }
 
 /// Raises the limit on open files to the system's maximum: a store has one file per degree.
+/// Windows has no such limit.
 pub fn raise_file_limit() {
-    let limit = getrlimit(Resource::Nofile);
-    // If this fails, the lower limit stays, and opening too many files reports an error.
-    let _ = rustix::process::setrlimit(Resource::Nofile, rustix::process::Rlimit { current: limit.maximum, ..limit });
+    #[cfg(unix)]
+    {
+        use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+        let limit = getrlimit(Resource::Nofile);
+        // If this fails, the lower limit stays, and opening too many files reports an error.
+        let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit });
+    }
 }

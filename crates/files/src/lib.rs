@@ -44,12 +44,11 @@ pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<Fi
         Err(error) if error.kind() == io::ErrorKind::NotFound => {}
         Err(error) => return Err(error),
     }
-    let mut options = options.clone();
     #[cfg(unix)]
-    {
+    let options = {
         use std::os::unix::fs::OpenOptionsExt;
-        options.custom_flags(libc::O_NONBLOCK);
-    }
+        options.clone().custom_flags(libc::O_NONBLOCK).clone()
+    };
     let file = options.open(path)?;
     check(file.metadata()?.file_type())?;
     Ok(file)

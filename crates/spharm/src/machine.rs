@@ -3,30 +3,65 @@
 use std::fs::read_to_string;
 use std::path::Path;
 
-use rustix::process::{Resource, getrlimit};
-
 use crate::Error;
 
 /// Number of bytes of free memory that is assumed if the system doesn't report it.
 const UNKNOWN: u64 = 2 << 30;
 
-/// Limits on a process: each limit, the field of `/proc/self/status` that is limited by it, and its name in messages.
-const LIMITS: [(Resource, &str, &str); 2] =
-    [(Resource::Data, "VmData:", "data (ulimit -d)"), (Resource::As, "VmSize:", "address space (ulimit -v)")];
+/// A limit on a process, which Unix has.
+#[derive(Clone, Copy)]
+enum Limit {
+    Data,
+    AddressSpace,
+}
+
+impl Limit {
+    /// Returns the limit in bytes; `None` if there is none.
+    fn current(self) -> Option<u64> {
+        #[cfg(unix)]
+        {
+            use rustix::process::{Resource, getrlimit};
+            getrlimit(match self {
+                Self::Data => Resource::Data,
+                Self::AddressSpace => Resource::As,
+            })
+            .current
+        }
+        #[cfg(not(unix))]
+        None
+    }
+}
+
+/// The limits, each with the field of `/proc/self/status` that is limited by it, and its name in messages.
+const LIMITS: [(Limit, &str, &str); 2] =
+    [(Limit::Data, "VmData:", "data (ulimit -d)"), (Limit::AddressSpace, "VmSize:", "address space (ulimit -v)")];
 
 /// Returns the free memory in bytes: the minimum of the system's free memory, the unused part of the limits of this
 /// process's control groups, and the unused part of the limits on its data and address space. Returns 2 GiB if none of
 /// these is known.
 pub fn available_memory() -> usize {
-    let meminfo = read_to_string("/proc/meminfo").unwrap_or_default();
-    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"));
-    let free = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()).map(|kib| kib << 10);
+    let free = free_of_system();
     let groups = read_to_string("/proc/self/cgroup").unwrap_or_default();
     let groups = free_in_groups(&groups, Path::new("/sys/fs/cgroup"));
-    let limits = LIMITS
-        .iter()
-        .filter_map(|&(resource, used, _)| Some(getrlimit(resource).current?.saturating_sub(process_status(used)?)));
+    let limits =
+        LIMITS.iter().filter_map(|&(limit, used, _)| Some(limit.current()?.saturating_sub(process_status(used)?)));
     free.into_iter().chain(groups).chain(limits).min().unwrap_or(UNKNOWN) as usize
+}
+
+/// Returns the free memory of the system; `None` if it doesn't report it.
+#[cfg(target_os = "linux")]
+fn free_of_system() -> Option<u64> {
+    let meminfo = read_to_string("/proc/meminfo").ok()?;
+    let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? << 10)
+}
+
+/// Returns the free memory of the system; `None` if it doesn't report it.
+#[cfg(not(target_os = "linux"))]
+fn free_of_system() -> Option<u64> {
+    let mut system = sysinfo::System::new();
+    system.refresh_memory();
+    Some(system.available_memory()).filter(|free| *free > 0)
 }
 
 /// Returns the minimum of the free memory of the control groups in `/proc/self/cgroup` and of their ancestors. The
@@ -93,8 +128,8 @@ pub(crate) struct Exceeded {
 /// Returns the limit that a further `data` bytes of anonymous memory and `mapped` bytes of mapped files would exceed,
 /// if there is one.
 pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
-    LIMITS.iter().zip([data, data.saturating_add(mapped)]).find_map(|(&(resource, used, what), more)| {
-        let (limit, used) = (getrlimit(resource).current?, process_status(used)?);
+    LIMITS.iter().zip([data, data.saturating_add(mapped)]).find_map(|(&(limit, used, what), more)| {
+        let (limit, used) = (limit.current()?, process_status(used)?);
         let needed = used.saturating_add(more as u64);
         (limit < needed).then_some(Exceeded { what, limit, needed })
     })

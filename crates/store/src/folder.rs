@@ -2,13 +2,13 @@
 
 use std::fs::{File, TryLockError};
 use std::io;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use spharm_monitor::{Level, Monitor};
 
 use crate::error::StoreError;
+use crate::platform;
 use crate::scheme::SchemeKey;
 
 /// Returns the path of a scheme's folder in a store.
@@ -48,12 +48,7 @@ pub(crate) fn create(store: &Path, folder: &Path) -> Result<(), StoreError> {
 
 /// Syncs a folder to disk, so that created and removed files in it survive a power failure.
 pub(crate) fn sync(folder: &Path) -> Result<(), StoreError> {
-    let failed = |error| StoreError::io(folder, "cannot write to disk")(error);
-    match File::open(folder).map_err(failed)?.sync_all() {
-        // Some network file systems can't sync a folder (EINVAL). Their servers make changes durable on their own.
-        Err(error) if error.kind() == io::ErrorKind::InvalidInput => Ok(()),
-        result => result.map_err(failed),
-    }
+    platform::sync_folder(folder).map_err(StoreError::io(folder, "cannot write to disk"))
 }
 
 /// Removes a damaged file, so that it can be written again.
@@ -70,14 +65,12 @@ pub(crate) fn remove_damaged(path: &Path) -> Result<(), StoreError> {
 /// lock file can't be created.
 pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>, StoreError> {
     let path = folder.join(".lock");
-    let open = |write: bool| {
-        let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
-        std::fs::OpenOptions::new().read(true).write(write).create(write).custom_flags(flags).open(&path)
-    };
     // If another user created the lock file, this process may only open it for reading; that is enough for locking. If
     // the lock file can't be created, the build continues without a lock: if the folder isn't writable, creating the
     // first basis file will report it.
-    let Ok(file) = open(true).or_else(|_| open(false)) else { return Ok(None) };
+    let Ok(file) = platform::open_lock(&path, true).or_else(|_| platform::open_lock(&path, false)) else {
+        return Ok(None);
+    };
     let mut noted = false;
     loop {
         match file.try_lock() {
@@ -115,9 +108,7 @@ fn free_space(store: &Path) -> Result<u64, StoreError> {
     // If the store's folder doesn't exist, use its nearest existing ancestor.
     let existing = store.ancestors().find(|path| path.exists()).unwrap_or(Path::new("."));
     let existing = if existing.as_os_str().is_empty() { Path::new(".") } else { existing };
-    let statistics = rustix::fs::statvfs(existing)
-        .map_err(|e| StoreError::io(existing, "cannot determine the free disk space")(e.into()))?;
-    Ok(statistics.f_bavail.saturating_mul(statistics.f_frsize))
+    platform::free_space(existing).map_err(StoreError::io(existing, "cannot determine the free disk space"))
 }
 
 #[cfg(test)]
@@ -135,8 +126,7 @@ mod tests {
                 assert_eq!(path, folder.path().join("not/yet"));
                 // Other processes may write to the disk between the two measurements: allow a deviation of 10 % plus 1
                 // GB.
-                let here = rustix::fs::statvfs(folder.path()).unwrap();
-                let bytes = (here.f_bavail * here.f_frsize) as f64;
+                let bytes = platform::free_space(folder.path()).unwrap() as f64;
                 assert!((free as f64 - bytes).abs() <= 0.1 * bytes + 1e9, "{free} of {bytes}");
             }
             other => panic!("{other:?}"),

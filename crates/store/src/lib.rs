@@ -29,6 +29,7 @@
 //! | `container` | the parts shared by basis files and factors: header frame, table, footer, checks, publishing |
 //! | `folder`, `temporary` | folders of schemes, locks, disk space; temporary files |
 //! | `source`, `map` | open files, and memory windows on them that survive a shrinking file |
+//! | `platform` | system calls of Unix and Windows |
 //!
 //! Building a basis and reading the harmonic of degree 0:
 //!
@@ -60,6 +61,7 @@ pub mod factor;
 mod folder;
 pub mod format;
 mod map;
+mod platform;
 pub mod scheme;
 mod source;
 mod temporary;

@@ -1,11 +1,12 @@
 //! Opens regular files for reading and mapping, and checks that they haven't changed since they were opened.
 
-use std::fs::{File, Metadata, OpenOptions};
+use std::fs::{File, Metadata};
 use std::io;
-use std::os::unix::fs::{FileExt, FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use crate::error::StoreError;
+use crate::platform;
 
 /// An open regular file, and its size and modification time when it was opened.
 #[derive(Debug)]
@@ -20,37 +21,23 @@ pub(crate) struct Source {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stamp {
     len: u64,
-    seconds: i64,
-    nanoseconds: i64,
+    /// `None` if the file system doesn't have it.
+    modified: Option<SystemTime>,
 }
 
 impl Stamp {
     fn of(metadata: &Metadata) -> Self {
-        Self { len: metadata.len(), seconds: metadata.mtime(), nanoseconds: metadata.mtime_nsec() }
+        Self { len: metadata.len(), modified: metadata.modified().ok() }
     }
 }
 
 impl Source {
     /// Opens a regular file. Never blocks on a FIFO, and rejects symbolic links.
     pub(crate) fn open(path: &Path) -> Result<Self, StoreError> {
-        let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC;
-        let not_a_file = |found| StoreError::NotAFile { path: path.to_path_buf(), found };
-        let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
-            Err(error) if error.raw_os_error() == Some(libc::ELOOP) => return Err(not_a_file("a symbolic link")),
-            Err(error) if error.raw_os_error() == Some(libc::ENXIO) => return Err(not_a_file("a socket or device")),
-            opened => opened.map_err(StoreError::io(path, "cannot open"))?,
-        };
-        let metadata = file.metadata().map_err(StoreError::io(path, "cannot open"))?;
-        let kind = metadata.file_type();
-        if !kind.is_file() {
-            return Err(not_a_file(match kind {
-                k if k.is_dir() => "a folder",
-                k if k.is_fifo() => "a FIFO",
-                k if k.is_socket() => "a socket",
-                _ => "a device",
-            }));
-        }
-        Ok(Self { path: path.to_path_buf(), file, stamp: Stamp::of(&metadata) })
+        let opened = platform::open_regular(path).map_err(StoreError::io(path, "cannot open"))?;
+        let file = opened.map_err(|found| StoreError::NotAFile { path: path.to_path_buf(), found })?;
+        let stamp = Stamp::of(&file.metadata().map_err(StoreError::io(path, "cannot open"))?);
+        Ok(Self { path: path.to_path_buf(), file, stamp })
     }
 
     pub(crate) fn path(&self) -> &Path {
@@ -68,7 +55,7 @@ impl Source {
 
     /// Fills `buffer` with the bytes that begin at `offset`.
     pub(crate) fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), StoreError> {
-        self.file.read_exact_at(buffer, offset).map_err(|error| match error.kind() {
+        platform::read_exact_at(&self.file, buffer, offset).map_err(|error| match error.kind() {
             io::ErrorKind::UnexpectedEof => StoreError::ChangedWhileRead { path: self.path.clone() },
             _ => StoreError::io(&self.path, "cannot read")(error),
         })

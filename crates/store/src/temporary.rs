@@ -2,15 +2,15 @@
 //!
 //! A builder holds a lock on every temporary file that it writes. A temporary file that isn't locked is abandoned.
 
-use std::fs::{File, Permissions, TryLockError};
+use std::fs::{File, TryLockError};
 use std::io;
-use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tempfile::NamedTempFile;
 
 use crate::error::StoreError;
+use crate::platform;
 
 /// Prefixes of the names of temporary files: `.A_` for basis files, `.factor_` for factors.
 const PREFIXES: [&str; 2] = [".A_", ".factor_"];
@@ -21,15 +21,14 @@ const SUFFIX: &str = ".tmp";
 pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
     debug_assert!(PREFIXES.iter().any(|known| prefix.starts_with(known)), "{prefix}");
     loop {
-        let temporary = tempfile::Builder::new()
-            .prefix(prefix)
-            .suffix(SUFFIX)
-            .permissions(Permissions::from_mode(0o666)) // minus the umask: other users may read a store
-            .tempfile_in(folder)?;
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(prefix).suffix(SUFFIX);
+        platform::with_usual_rights(&mut builder);
+        let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
             // Between the file's creation and its lock, another process mistook it for a leftover: it has removed the
             // file, or holds the lock in order to remove it. Try again with a new file.
-            Ok(()) if temporary.as_file().metadata()?.nlink() == 0 => {}
+            Ok(()) if !temporary.path().exists() => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
         }

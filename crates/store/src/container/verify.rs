@@ -4,7 +4,6 @@
 use std::fs::File;
 use std::io;
 use std::ops::Range;
-use std::os::unix::fs::FileExt;
 
 use spharm_monitor::Monitor;
 
@@ -12,6 +11,7 @@ use crate::container::codec::{Codec, check_frame};
 use crate::container::frame::Contents;
 use crate::container::reader::Container;
 use crate::error::StoreError;
+use crate::platform;
 use crate::source::Source;
 
 /// Maximum number of bytes read at a time.
@@ -85,7 +85,7 @@ struct FileRange<'f> {
 impl io::Read for FileRange<'_> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let len = (self.range.end - self.range.start).min(buffer.len() as u64) as usize;
-        let read = self.file.read_at(&mut buffer[..len], self.range.start)?;
+        let read = platform::read_at(self.file, &mut buffer[..len], self.range.start)?;
         self.range.start += read as u64;
         Ok(read)
     }

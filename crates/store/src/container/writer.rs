@@ -6,7 +6,6 @@
 
 use std::fs::File;
 use std::io;
-use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -17,7 +16,7 @@ use crate::container::frame::{Contents, HEADER_LEN, encode};
 use crate::container::reader::Container;
 use crate::container::table::{Entry, FOOTER_LEN, Footer, encode_table, root};
 use crate::error::StoreError;
-use crate::temporary;
+use crate::{platform, temporary};
 
 /// A file being written. Threads may write different parts at the same time.
 #[derive(Debug)]
@@ -55,7 +54,7 @@ impl ContainerWriter {
         raw_len: usize,
         codec: Codec,
     ) -> Result<(), StoreError> {
-        self.file().write_all_at(stored, offset).map_err(StoreError::io(&self.path, "cannot write"))?;
+        platform::write_all_at(self.file(), stored, offset).map_err(StoreError::io(&self.path, "cannot write"))?;
         let entry = Entry::of(offset, stored, raw_len, codec);
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)[part] = Some(entry);
         Ok(())
@@ -79,9 +78,9 @@ impl ContainerWriter {
         let footer = Footer { table_offset, entries: entries.len() as u64, file_len, root };
         let failed = |action| StoreError::io(&path, action);
         let file = temporary.as_file();
-        file.write_all_at(&header[..], 0).map_err(failed("cannot write"))?;
-        file.write_all_at(&table, table_offset).map_err(failed("cannot write"))?;
-        file.write_all_at(&footer.encode(), footer_offset).map_err(failed("cannot write"))?;
+        platform::write_all_at(file, &header[..], 0).map_err(failed("cannot write"))?;
+        platform::write_all_at(file, &table, table_offset).map_err(failed("cannot write"))?;
+        platform::write_all_at(file, &footer.encode(), footer_offset).map_err(failed("cannot write"))?;
         file.sync_all().map_err(failed("cannot write to disk"))?;
         match temporary.persist_noclobber(&path) {
             Ok(_) => Ok(Some(file_len)),

@@ -5,7 +5,6 @@
 
 use std::fs::File;
 use std::num::NonZeroU64;
-use std::os::unix::fs::FileExt;
 use std::path::Path;
 
 use crate::container::codec::Codec;
@@ -16,6 +15,7 @@ use crate::factor::grid::TileGrid;
 use crate::factor::header::{Condition, FactorHeader};
 use crate::factor::spec::FactorSpec;
 use crate::folder;
+use crate::platform;
 use crate::scheme::Scalar;
 
 /// A factor being written. Threads may write different tiles at the same time.
@@ -85,7 +85,7 @@ impl FactorWriter {
         };
         if let Some(scratch) = &self.scratch {
             let failed = StoreError::io(self.file.path(), "cannot write");
-            scratch.write_all_at(bytemuck::cast_slice(values), self.scratch_offset(at)).map_err(failed)?;
+            platform::write_all_at(scratch, bytemuck::cast_slice(values), self.scratch_offset(at)).map_err(failed)?;
         }
         self.file.write_part(at, self.offsets[at], bytes, bytes.len(), Codec::Raw)
     }
@@ -114,7 +114,7 @@ impl FactorWriter {
             (None, Scalar::F32) => panic!("started without read_back"),
         };
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(values);
-        file.read_exact_at(bytes, offset).map_err(StoreError::io(self.file.path(), "cannot read back"))
+        platform::read_exact_at(file, bytes, offset).map_err(StoreError::io(self.file.path(), "cannot read back"))
     }
 
     /// Asks the system to start reading the tiles of tile column `column`, from tile row `row` downwards, from disk. A
@@ -130,9 +130,8 @@ impl FactorWriter {
             Some(scratch) => (scratch, self.scratch_offset(first), self.scratch_offset(last)),
             None => (self.file.file(), self.offsets[first], self.offsets[last]),
         };
-        let len = NonZeroU64::new(end - start);
-        if len.is_some() {
-            let _ = rustix::fs::fadvise(file, start, len, rustix::fs::Advice::WillNeed);
+        if let Some(len) = NonZeroU64::new(end - start) {
+            platform::file_will_need(file, start, len);
         }
     }
 

@@ -1,0 +1,21 @@
+//! Calls of the operating system that the standard library doesn't have for all platforms. Unix and Windows implement
+//! the same functions.
+//!
+//! | | Unix | Windows |
+//! |---|---|---|
+//! | a file that is read changes | found afterwards, by its size and time | refused by the system |
+//! | a page of a mapped file is missing | found afterwards (`FaultGuard`) | ends the process |
+//! | flushing a folder to disk | `fsync` | left to the file system's journal |
+//! | rights of new files | those of the umask | inherited from the folder |
+
+#[cfg(unix)]
+mod faults;
+#[cfg(unix)]
+mod unix;
+#[cfg(windows)]
+mod windows;
+
+#[cfg(unix)]
+pub(crate) use unix::*;
+#[cfg(windows)]
+pub(crate) use windows::*;
