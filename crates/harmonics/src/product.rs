@@ -115,7 +115,7 @@ macro_rules! adjoint_for {
             let mut j = 0;
             while j + 4 <= block.columns {
                 let columns: [&[f64]; 4] = std::array::from_fn(|k| block.column(j + k));
-                let sums = if target_cfg_f!(target_feature = "fma") {
+                let sums = if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                     dots::<4, C, true>(columns, residual)
                 } else {
                     dots::<4, C, false>(columns, residual)
@@ -189,7 +189,7 @@ macro_rules! synthesis_for {
             while j + 4 <= block.columns {
                 let columns: [&[f64]; 4] = std::array::from_fn(|k| block.column(j + k));
                 let factors = std::array::from_fn(|k| std::array::from_fn(|c| sign * x[(j + k) * total + first + c]));
-                if target_cfg_f!(target_feature = "fma") {
+                if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                     axpys::<4, C, true>(columns, factors, &mut out);
                 } else {
                     axpys::<4, C, false>(columns, factors, &mut out);

@@ -89,7 +89,11 @@ pub fn gauss_legendre(n: usize) -> GaussLegendre {
 /// Returns (cosine, sine, weight) of the nodes from `first` on. Those south of the equator are meaningless.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn nodes(n: usize, first: usize) -> [[f64; 3]; LANES] {
-    if target_cfg_f!(target_feature = "fma") { nodes_of::<true>(n, first) } else { nodes_of::<false>(n, first) }
+    if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
+        nodes_of::<true>(n, first)
+    } else {
+        nodes_of::<false>(n, first)
+    }
 }
 
 #[inline(always)]

@@ -105,7 +105,7 @@ impl<'r> Sweep<'r> {
 /// is one rounding for any m.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn azimuth_factors(directions: &[[f64; 3]], z: &mut [f64], cos: &mut [f64], sin: &mut [f64]) {
-    if target_cfg_f!(target_feature = "fma") {
+    if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
         azimuth_factors_of::<true>(directions, z, cos, sin);
     } else {
         azimuth_factors_of::<false>(directions, z, cos, sin);
@@ -149,7 +149,7 @@ fn recur(newest: &mut [f64], previous: &[f64], z: &[f64], a: &[f64], b: &[f64]) 
     let columns = newest.chunks_exact_mut(rows).zip(previous.chunks_exact(rows));
     for ((new, old), (&a, &b)) in columns.zip(a.iter().zip(b)) {
         for ((new, old), z) in new.iter_mut().zip(old).zip(z) {
-            *new = if target_cfg_f!(target_feature = "fma") {
+            *new = if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                 a.mul_add(z * old, -(b * *new))
             } else {
                 a * (z * old) - b * *new

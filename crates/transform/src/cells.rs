@@ -40,7 +40,7 @@ const ATAN: [f64; 11] = [
 pub(crate) fn place(directions: &[[f64; 3]], grid: usize, places: &mut [Place]) {
     for (directions, places) in directions.chunks(LANES).zip(places.chunks_mut(LANES)) {
         let ([x, y, z], sine) = lanes(directions);
-        let (rows, columns) = if target_cfg_f!(target_feature = "fma") {
+        let (rows, columns) = if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
             (cells::<true>(&z, &sine, grid), cells::<true>(&x, &y, grid))
         } else {
             (cells::<false>(&z, &sine, grid), cells::<false>(&x, &y, grid))
@@ -56,7 +56,7 @@ pub(crate) fn place(directions: &[[f64; 3]], grid: usize, places: &mut [Place]) 
 pub(crate) fn rows(directions: &[[f64; 3]], grid: usize, rows: &mut [u32]) {
     for (directions, rows) in directions.chunks(LANES).zip(rows.chunks_mut(LANES)) {
         let ([_, _, z], sine) = lanes(directions);
-        let (found, _) = if target_cfg_f!(target_feature = "fma") {
+        let (found, _) = if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
             cells::<true>(&z, &sine, grid)
         } else {
             cells::<false>(&z, &sine, grid)

@@ -80,7 +80,7 @@ macro_rules! kernels_for {
             channel: usize,
         ) {
             for (point, values) in values.chunks_exact_mut(layout.channels).enumerate() {
-                let sums = if target_cfg_f!(target_feature = "fma") {
+                let sums = if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                     gather::<$lanes, $channels, true>(layout, grid, first_row, width, batch, point, channel)
                 } else {
                     gather::<$lanes, $channels, false>(layout, grid, first_row, width, batch, point, channel)
@@ -102,7 +102,7 @@ macro_rules! kernels_for {
             for (point, values) in values.chunks_exact(layout.channels).enumerate() {
                 let mut value = [0.0; $channels];
                 value.copy_from_slice(&values[channel..channel + $channels]);
-                if target_cfg_f!(target_feature = "fma") {
+                if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                     scatter::<$lanes, $channels, true>(layout, grid, first_row, width, batch, point, channel, value);
                 } else {
                     scatter::<$lanes, $channels, false>(layout, grid, first_row, width, batch, point, channel, value);

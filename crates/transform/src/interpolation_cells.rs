@@ -66,7 +66,7 @@ macro_rules! kernels_for {
                 let grid = &grid[start(layout, first_row, batch, point)..];
                 let values = &mut values[point * layout.channels..];
                 let four = end_of_cell(batch, point, count.min(point + TOGETHER)) == point + TOGETHER;
-                match (target_cfg_f!(target_feature = "fma"), four) {
+                match (target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")), four) {
                     (true, true) => gather::<$lanes, TOGETHER, true>(layout, grid, width, batch, point, values),
                     (true, false) => gather::<$lanes, 1, true>(layout, grid, width, batch, point, values),
                     (false, true) => gather::<$lanes, TOGETHER, false>(layout, grid, width, batch, point, values),
@@ -85,7 +85,7 @@ macro_rules! kernels_for {
                 let grid = &mut grid[start(layout, first_row, batch, point)..];
                 if target_cfg_f!(target_feature = "avx512f") {
                     scatter::<$lanes, $rows, $across, true>(layout, grid, width, batch, point..end, values);
-                } else if target_cfg_f!(target_feature = "fma") {
+                } else if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                     scatter::<$lanes, 4, 4, true>(layout, grid, width, batch, point..end, values);
                 } else {
                     scatter::<$lanes, 4, 4, false>(layout, grid, width, batch, point..end, values);

@@ -114,7 +114,7 @@ macro_rules! horner_for {
                 let (mut a, mut b) = ([0.0; $lanes], [0.0; $lanes]);
                 for c in coefficients {
                     for lane in 0..$lanes {
-                        if target_cfg_f!(target_feature = "fma") {
+                        if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                             a[lane] = t0.mul_add(a[lane], c[lane]);
                             b[lane] = t1.mul_add(b[lane], c[lane]);
                         } else {

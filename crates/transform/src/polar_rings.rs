@@ -79,7 +79,7 @@ impl PolarRings {
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn recur(z: [&[f64]; 2], alpha: &[[f64; 2]], state: &mut PolarState, table: &mut [f64], block: usize) {
     for at in (0..z[0].len()).step_by(LANES) {
-        if target_cfg_f!(target_feature = "fma") {
+        if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
             recur_lanes::<true>(z, alpha, state, table, block, at);
         } else {
             recur_lanes::<false>(z, alpha, state, table, block, at);

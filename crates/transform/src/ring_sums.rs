@@ -42,7 +42,7 @@ macro_rules! sums_for {
         ) {
             for (first, out) in [&mut *even, &mut *odd].into_iter().enumerate() {
                 let rows = Rows { table, first, step: 2, end: degrees };
-                if target_cfg_f!(target_feature = "fma") {
+                if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                     sums_of_rings::<$columns, true, _>(rows, rings, x, [out], leading);
                 } else {
                     sums_of_rings::<$columns, false, _>(rows, rings, x, [out], leading);
@@ -67,7 +67,7 @@ pub(crate) fn pair_sums(
     leading: usize,
 ) {
     let rows = Rows { table, first: 0, step: 1, end: pairs };
-    if target_cfg_f!(target_feature = "fma") {
+    if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
         sums_of_rings::<4, true, _>(rows, rings, x, [even, odd], leading);
     } else {
         sums_of_rings::<4, false, _>(rows, rings, x, [even, odd], leading);
@@ -143,7 +143,7 @@ macro_rules! projections_for {
             for (first, h) in [even, odd].into_iter().enumerate() {
                 let h: [&[f64]; $columns] = std::array::from_fn(|c| &h[c * leading..][..rings]);
                 let rows = Rows { table, first, step: 2, end: degrees };
-                if target_cfg_f!(target_feature = "fma") {
+                if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                     projections_to::<$columns, true>(rows, rings, x, stride, h);
                 } else {
                     projections_to::<$columns, false>(rows, rings, x, stride, h);
@@ -171,7 +171,7 @@ pub(crate) fn pair_projections(
 ) {
     let h: [&[f64]; 4] = std::array::from_fn(|c| &[even, odd][c / 2][(c % 2) * leading..][..rings]);
     let rows = Rows { table, first: 0, step: 1, end: pairs };
-    if target_cfg_f!(target_feature = "fma") {
+    if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
         projections_to::<4, true>(rows, rings, x, stride, h);
     } else {
         projections_to::<4, false>(rows, rings, x, stride, h);

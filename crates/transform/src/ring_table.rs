@@ -81,7 +81,7 @@ macro_rules! fill_with {
                     16.. => 16,
                     _ => 8,
                 };
-                match (step, target_cfg_f!(target_feature = "fma")) {
+                match (step, target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64"))) {
                     (32, true) => fill_lanes::<32, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (16, true) => fill_lanes::<16, true, _>(of_ring, steps, table, at, $factor::<true>),
                     (_, true) => fill_lanes::<8, true, _>(of_ring, steps, table, at, $factor::<true>),

@@ -119,7 +119,7 @@ macro_rules! kernels {
     (@ $scalar:ty, $c:literal, $subtract:ident, $solve:ident, $solve_transposed:ident) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(super) fn $subtract(tile: &[$scalar], rows: usize, y: &[f64], out: &mut [f64], ahead: isize) {
-            if target_cfg_f!(target_feature = "fma") {
+            if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                 subtract::<$scalar, $c, true>(tile, rows, y, out, ahead);
             } else {
                 subtract::<$scalar, $c, false>(tile, rows, y, out, ahead);
@@ -128,7 +128,7 @@ macro_rules! kernels {
 
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(super) fn $solve(tile: &[$scalar], k: usize, x: &mut [f64]) {
-            if target_cfg_f!(target_feature = "fma") {
+            if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                 solve::<$scalar, $c, true>(tile, k, x);
             } else {
                 solve::<$scalar, $c, false>(tile, k, x);
@@ -137,7 +137,7 @@ macro_rules! kernels {
 
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(super) fn $solve_transposed(tile: &[$scalar], k: usize, x: &mut [f64]) {
-            if target_cfg_f!(target_feature = "fma") {
+            if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                 solve_transposed::<$scalar, $c, true>(tile, k, x);
             } else {
                 solve_transposed::<$scalar, $c, false>(tile, k, x);
@@ -147,7 +147,7 @@ macro_rules! kernels {
     (@ $scalar:ty, $c:literal, $transposed:ident) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         pub(super) fn $transposed(tile: &[$scalar], rows: usize, x: &[f64], out: &mut [f64], ahead: isize) {
-            if target_cfg_f!(target_feature = "fma") {
+            if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
                 transposed::<$scalar, $c, true>(tile, rows, x, out, ahead);
             } else {
                 transposed::<$scalar, $c, false>(tile, rows, x, out, ahead);

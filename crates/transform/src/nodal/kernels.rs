@@ -54,7 +54,7 @@ pub(super) fn add_kernels(
     let mut done = 0;
     while done < places.len() {
         let (row, places) = (first_row + done, &places[done..]);
-        let fma = target_cfg_f!(target_feature = "fma");
+        let fma = target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64"));
         // The number of rows processed together is limited by the registers for their sums.
         done += match (target_cfg_f!(target_feature = "avx512f"), fma, places.len()) {
             (true, _, 8..) => add_to_rows::<8, true>(kernels, count, row, places, values),

@@ -22,7 +22,7 @@ pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, v
                 let left = layout.channels - channel;
                 let grid = &mut grid[channel * layout.stride + tile.column..];
                 let values = &values[channel..];
-                let fma = target_cfg_f!(target_feature = "fma");
+                let fma = target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64"));
                 // The number of channels processed together is limited by the registers for their sums. Each channel
                 // has its own factor.
                 channel += match (target_cfg_f!(target_feature = "avx512f"), fma, left) {
