@@ -1,0 +1,118 @@
+#!/usr/bin/env bash
+# Builds the program for other platforms, and runs the README's commands there: the musl program as it is, the ARM program
+# by qemu's user emulation, the Windows program by Wine. `./run platforms [musl] [arm64] [windows]` calls it.
+#
+# Checks that models equal those of the musl program, and that stores built there and here are read on both.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+out=$PWD/target/platforms
+
+say() { printf '\n== %s (%d s)\n' "$*" "$SECONDS" >&2; }
+
+need() {
+  local command=$1; shift
+  command -v "$command" >/dev/null && return
+  say "installing $*"
+  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+}
+
+# The name of the program for a platform.
+binary() {
+  case $1 in
+    musl) echo target/x86_64-unknown-linux-musl/release/spharm ;;
+    arm64) echo target/aarch64-unknown-linux-gnu/release/spharm ;;
+    windows) echo target/x86_64-pc-windows-gnu/release/spharm.exe ;;
+  esac
+}
+
+build() {
+  local target
+  case $1 in
+    musl) target=x86_64-unknown-linux-musl; need musl-gcc musl-tools ;;
+    arm64)
+      target=aarch64-unknown-linux-gnu
+      need aarch64-linux-gnu-gcc gcc-aarch64-linux-gnu libc6-dev-arm64-cross
+      need qemu-aarch64 qemu-user
+      export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc ;;
+    windows) target=x86_64-pc-windows-gnu; need x86_64-w64-mingw32-gcc gcc-mingw-w64-x86-64; need wine64 wine64 ;;
+    *) echo "error: $1: expected musl, arm64 or windows" >&2; exit 2 ;;
+  esac
+  rustup target add -q "$target" 2>/dev/null || rustup target add "$target"
+  say "$1: building"
+  cargo build --release --target "$target" --bin spharm --no-default-features --features tables
+}
+
+# Runs the program of a platform. Wine starts with the folder that it is called from.
+on() {
+  local platform=$1 program; shift
+  program=$PWD_OF_REPOSITORY/$(binary "$platform")
+  case $platform in
+    musl) "$program" "$@" ;;
+    arm64) qemu-aarch64 -L /usr/aarch64-linux-gnu "$program" "$@" ;;
+    windows) WINEDEBUG=-all WINEPREFIX=$out/wine wine64 "$program" "$@" ;;
+  esac
+}
+PWD_OF_REPOSITORY=$PWD
+
+# The README's commands, in a folder of the platform.
+commands() {
+  local platform=$1 folder=$out/$1
+  rm -rf "$folder"; mkdir -p "$folder/Größe µ"; cd "$folder"
+  say "$platform: the README's commands"
+  on "$platform" --version
+  on "$platform" generate --subdivisions 4 --surface cortex.surf.gii --sphere sphere.surf.gii -q
+  on "$platform" basis-build --sphere sphere.surf.gii --max-degree 20 --store store -q
+  on "$platform" fit --store store --sphere sphere.surf.gii --max-degree 20 --passes 2 --granularity 1 \
+    --surface cortex.surf.gii -o irf.spharm.npz -q
+  on "$platform" fit --sphere sphere.surf.gii --max-degree 20 --surface cortex.surf.gii -o lsq.spharm.npz -q
+  on "$platform" fit --surface cortex.surf.gii --max-degree 20 -o "Größe µ/bare.spharm.npz" -q
+  on "$platform" reconstruct --model "Größe µ/bare.spharm.npz" -o bare.ply --double -q
+  on "$platform" compare cortex.surf.gii bare.ply -o error.ply
+  on "$platform" picture cortex.surf.gii bare.ply -o picture.png -q
+  on "$platform" store verify --store store
+  cd "$PWD_OF_REPOSITORY"
+}
+
+# Reads the store and the model of one platform on another.
+across() {
+  local writer=$1 reader=$2
+  say "the store and the models of $writer on $reader"
+  cd "$out/$writer"
+  on "$reader" store verify --store store -q
+  on "$reader" reconstruct --model irf.spharm.npz -o "read-by-$reader.ply" -q --force
+  on "$reader" fit --store store --sphere sphere.surf.gii --max-degree 20 --passes 2 --granularity 1 \
+    --surface cortex.surf.gii -o "fit-by-$reader.spharm.npz" -q --force
+  cd "$PWD_OF_REPOSITORY"
+}
+
+# Prints the largest difference of the models' coefficients, relative to the largest coefficient. Fails above 1e-12, but
+# for the bare mesh: its map to the sphere is found by iterations that end at other roundings.
+differences() {
+  "$PWD_OF_REPOSITORY/target/venv/bin/python" - "$out" "$@" <<'END'
+import sys, pathlib, numpy as np
+out, failed = pathlib.Path(sys.argv[1]), False
+print(f"{'platform':<10}{'model':<24}{'difference from musl':>22}  same bytes")
+for platform in sys.argv[2:]:
+    for name, most in [("irf", 1e-12), ("lsq", 1e-12), ("Größe µ/bare", 1e-6)]:
+        files = [out / p / f"{name}.spharm.npz" for p in ("musl", platform)]
+        here, there = (np.load(f)["coefficients"] for f in files)
+        off = abs(here - there).max() / abs(here).max()
+        failed |= not off <= most
+        print(f"{platform:<10}{name:<24}{off:>22.1e}  {'yes' if np.array_equal(here, there) else 'no'}")
+sys.exit(failed)
+END
+}
+
+platforms=("$@")
+[ ${#platforms[@]} = 0 ] && platforms=(musl arm64 windows)
+[[ " ${platforms[*]} " == *" musl "* ]] || platforms=(musl "${platforms[@]}")
+mkdir -p "$out"
+for platform in "${platforms[@]}"; do build "$platform"; done
+for platform in "${platforms[@]}"; do commands "$platform"; done
+for platform in "${platforms[@]}"; do
+  [ "$platform" = musl ] || { across musl "$platform"; across "$platform" musl; }
+done
+say "models"
+differences "${platforms[@]}"
+say "programs"
+for platform in "${platforms[@]}"; do stat -c '%s %n' "$(binary "$platform")" | awk -v p="$platform" '{ printf "%-10s%6.1f MB\n", p, $1 / 1e6 }'; done
