@@ -34,12 +34,34 @@ build() {
       need aarch64-linux-gnu-gcc gcc-aarch64-linux-gnu libc6-dev-arm64-cross
       need qemu-aarch64 qemu-user
       export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc ;;
-    windows) target=x86_64-pc-windows-gnu; need x86_64-w64-mingw32-gcc gcc-mingw-w64-x86-64; need wine64 wine64 ;;
+    windows)
+      target=x86_64-pc-windows-gnu
+      need x86_64-w64-mingw32-gcc gcc-mingw-w64-x86-64
+      need wine wine wine64
+      random_numbers_for_wine ;;
     *) echo "error: $1: expected musl, arm64 or windows" >&2; exit 2 ;;
   esac
   rustup target add -q "$target" 2>/dev/null || rustup target add "$target"
   say "$1: building"
   cargo build --release --target "$target" --bin spharm --no-default-features --features tables
+}
+
+# Rust's standard library takes random numbers from bcryptprimitives.dll, which Windows has had since version 7 and Wine
+# only since 8.10: makes one for older versions of Wine, which calls the function that they have.
+random_numbers_for_wine() {
+  mkdir -p "$out/wine-libraries"
+  x86_64-w64-mingw32-gcc -shared -O2 -o "$out/wine-libraries/bcryptprimitives.dll" -x c - -ladvapi32 <<'END'
+__declspec(dllimport) unsigned char __stdcall SystemFunction036(void *bytes, unsigned long count);
+__declspec(dllexport) int __stdcall ProcessPrng(unsigned char *bytes, unsigned long long count) {
+    while (count > 0) {
+        unsigned long some = count < 65536 ? (unsigned long)count : 65536;
+        if (!SystemFunction036(bytes, some)) return 0;
+        bytes += some;
+        count -= some;
+    }
+    return 1;
+}
+END
 }
 
 # Runs the program of a platform. Wine starts with the folder that it is called from.
@@ -49,7 +71,7 @@ on() {
   case $platform in
     musl) "$program" "$@" ;;
     arm64) qemu-aarch64 -L /usr/aarch64-linux-gnu "$program" "$@" ;;
-    windows) WINEDEBUG=-all WINEPREFIX=$out/wine wine64 "$program" "$@" ;;
+    windows) wine "$program" "$@" ;;
   esac
 }
 PWD_OF_REPOSITORY=$PWD
@@ -69,7 +91,7 @@ commands() {
   on "$platform" reconstruct --model "Größe µ/bare.spharm.npz" -o bare.ply --double -q
   on "$platform" compare cortex.surf.gii bare.ply -o error.ply
   on "$platform" picture cortex.surf.gii bare.ply -o picture.png -q
-  on "$platform" store verify --store store
+  on "$platform" store verify store
   cd "$PWD_OF_REPOSITORY"
 }
 
@@ -78,11 +100,24 @@ across() {
   local writer=$1 reader=$2
   say "the store and the models of $writer on $reader"
   cd "$out/$writer"
-  on "$reader" store verify --store store -q
+  on "$reader" store verify store -q
   on "$reader" reconstruct --model irf.spharm.npz -o "read-by-$reader.ply" -q --force
   on "$reader" fit --store store --sphere sphere.surf.gii --max-degree 20 --passes 2 --granularity 1 \
     --surface cortex.surf.gii -o "fit-by-$reader.spharm.npz" -q --force
   cd "$PWD_OF_REPOSITORY"
+}
+
+# Unit tests of the crates that call the system or choose kernels by the processor.
+unit_tests() {
+  local crates=(-p spharm-files -p spharm-store -p spharm-harmonics -p spharm-transform)
+  case $1 in
+    musl) return ;;
+    # Properties are tested on fewer cases, as the emulator takes twenty times as long.
+    arm64) export PROPTEST_CASES=8 CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L /usr/aarch64-linux-gnu" ;;
+    windows) export CARGO_TARGET_X86_64_PC_WINDOWS_GNU_RUNNER=wine ;;
+  esac
+  say "$1: unit tests"
+  cargo test -q --lib "${crates[@]}" --target "$(basename "$(dirname "$(dirname "$(binary "$1")")")")"
 }
 
 # Prints the largest difference of the models' coefficients, relative to the largest coefficient. Fails above 1e-12, but
@@ -107,8 +142,12 @@ platforms=("$@")
 [ ${#platforms[@]} = 0 ] && platforms=(musl arm64 windows)
 [[ " ${platforms[*]} " == *" musl "* ]] || platforms=(musl "${platforms[@]}")
 mkdir -p "$out"
+export WINEDEBUG=-all WINEPREFIX=$out/wine
+libraries=$out/wine-libraries
+export WINEPATH="Z:${libraries//\//\\}"
 for platform in "${platforms[@]}"; do build "$platform"; done
 for platform in "${platforms[@]}"; do commands "$platform"; done
+for platform in "${platforms[@]}"; do unit_tests "$platform"; done
 for platform in "${platforms[@]}"; do
   [ "$platform" = musl ] || { across musl "$platform"; across "$platform" musl; }
 done

@@ -188,6 +188,8 @@ mod tests {
         check::<false>();
     }
 
+    /// Without an instruction for it, `f64::mul_add` is a function of the C library, which MinGW's rounds twice.
+    #[cfg(not(all(windows, target_env = "gnu")))]
     #[test]
     fn both_products_give_the_same_bits() {
         let mut x = 0.123_456_789_f64;

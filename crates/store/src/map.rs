@@ -88,11 +88,10 @@ pub fn prefetch<T>(values: &[T], ahead: isize) {
     let _ = (values, ahead);
 }
 
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
     use super::*;
 
-    #[cfg(unix)]
     #[test]
     fn a_file_truncated_under_a_window_reads_as_zeros_and_is_reported() {
         let file = tempfile::NamedTempFile::new().unwrap();
@@ -109,7 +108,6 @@ mod tests {
         assert!(matches!(window.check(&source), Err(StoreError::ChangedWhileRead { .. })));
     }
 
-    #[cfg(unix)]
     #[test]
     fn a_file_written_to_is_reported() {
         let file = tempfile::NamedTempFile::new().unwrap();

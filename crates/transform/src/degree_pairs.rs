@@ -25,6 +25,7 @@
 //! theta` next to the poles. Rings there are therefore computed one degree at a time.
 
 use rayon::prelude::*;
+use spharm_harmonics::double_double::DoubleDouble;
 
 /// Lowest degree at which pairs of degrees pay off. Mixing coefficients takes as long as about ten rings, and so does
 /// an additional zone.
@@ -147,13 +148,14 @@ fn order(m: usize, alpha: &[f64]) -> Order {
 #[inline(always)]
 fn quotient(a: f64, b: f64) -> [f64; 2] {
     let q = a / b;
-    [q, (-q).mul_add(b, a) / b]
+    let back = DoubleDouble::<false>::product(q, b);
+    [q, ((a - back.hi) - back.lo) / b]
 }
 
 #[inline(always)]
 fn product([a, rest_of_a]: [f64; 2], [b, rest_of_b]: [f64; 2]) -> f64 {
-    let p = a * b;
-    p + (a.mul_add(b, -p) + (a * rest_of_b + b * rest_of_a))
+    let exact = DoubleDouble::<false>::product(a, b);
+    exact.hi + (exact.lo + (a * rest_of_b + b * rest_of_a))
 }
 
 #[cfg(test)]
@@ -188,7 +190,7 @@ mod tests {
     fn exact(max_degree: usize, m: usize, theta: f64, scale: &[f64]) -> Vec<f64> {
         let alpha = MonicRecurrence::new(max_degree).unwrap().exact_order::<false>(m);
         let z = unit::<false>([theta.sin(), 0.0, theta.cos()])[2];
-        let (mut older, mut newest) = (spharm_harmonics::double_double::DoubleDouble::new(-1.0), alpha[0]);
+        let (mut older, mut newest) = (DoubleDouble::new(-1.0), alpha[0]);
         let step = |alpha: &_| {
             let r = *alpha * z * newest - older;
             (older, newest) = (newest, r);

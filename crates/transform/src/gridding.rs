@@ -130,8 +130,7 @@ mod tests {
     #[test]
     fn every_degree_and_accuracy_has_a_gridding_that_reaches_it() {
         for max_degree in [0, 1, 2, 10, 63, 100, 1000, 2000] {
-            for exponent in 3..=13 {
-                let accuracy = 10f64.powi(-exponent);
+            for accuracy in [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13] {
                 let gridding = Gridding::choose(max_degree, 40_962, accuracy).unwrap();
                 assert!(
                     error(gridding.width, max_degree, gridding.grid) <= accuracy,
