@@ -47,7 +47,9 @@ pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> io::Result<Fi
     #[cfg(unix)]
     let options = {
         use std::os::unix::fs::OpenOptionsExt;
-        options.clone().custom_flags(libc::O_NONBLOCK).clone()
+        let mut options = options.clone();
+        options.custom_flags(libc::O_NONBLOCK);
+        options
     };
     let file = options.open(path)?;
     check(file.metadata()?.file_type())?;

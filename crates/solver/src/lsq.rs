@@ -102,7 +102,7 @@ pub use cg::Stop;
 #[cfg(feature = "dense")]
 pub use cost::moments_pay;
 pub use denoise::{Denoise, NoisePower};
-pub use gcv::{Gcv, GcvTerms, choose_smoothness_by, choose_smoothness_by_moments};
+pub use gcv::{Gcv, GcvTerms, PROBES, choose_smoothness_by, choose_smoothness_by_moments};
 #[cfg(feature = "dense")]
 pub use moment_solver::{GroupFit, MomentFit, solve_moments, solve_moments_of_groups};
 pub use moments::MomentProblem;

@@ -1,9 +1,9 @@
 //! Read-only memory windows on files.
 //!
 //! A memory map has two risks that reading with system calls doesn't have. First, the file may change while it is
-//! mapped. Second, the file may lack a page that is accessed, because it was truncated or the disk failed. On Unix a
-//! `FaultGuard` (`platform`) survives the second. On Windows a file can't be written or truncated while the store has it
-//! open; a disk that fails while a file is mapped ends the process there.
+//! mapped. Second, the file may lack a page that is accessed, because it was truncated or the disk failed. On Unix the
+//! process survives the second by a `FaultGuard` (`platform`). On Windows a file can't be written to or truncated while
+//! the store has it open; a disk that fails while a file is mapped ends the process there.
 //!
 //! [`Window::check`] fails after use if a page was missing or the file's size or modification time has changed. Results
 //! computed from a window are valid only once this check has passed.

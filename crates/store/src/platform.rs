@@ -3,7 +3,7 @@
 //!
 //! | | Unix | Windows |
 //! |---|---|---|
-//! | a file that is read changes | found afterwards, by its size and time | refused by the system |
+//! | a file changes while it is read | found afterwards, by its size and time | refused by the system |
 //! | a page of a mapped file is missing | found afterwards (`FaultGuard`) | ends the process |
 //! | flushing a folder to disk | `fsync` | left to the file system's journal |
 //! | rights of new files | those of the umask | inherited from the folder |

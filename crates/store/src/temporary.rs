@@ -28,7 +28,7 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
         match temporary.as_file().try_lock() {
             // Between the file's creation and its lock, another process mistook it for a leftover: it has removed the
             // file, or holds the lock in order to remove it. Try again with a new file.
-            Ok(()) if !temporary.path().exists() => {}
+            Ok(()) if !temporary.path().try_exists()? => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
         }

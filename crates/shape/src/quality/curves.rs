@@ -81,7 +81,8 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
     let found =
         ThinSvd::new(MatRef::from_row_major_slice(slice, rows, columns)).map_err(|_| ShapeError::NoDecomposition)?;
     let count = (rows - 1).min(columns);
-    let (u, singular) = (found.u(), found.singular()[..count].to_vec());
+    let (u, mut singular) = (found.u(), found.singular());
+    singular.truncate(count);
     Ok((Array2::from_shape_fn((rows, count), |(i, k)| u[(i, k)]), singular))
 }
 

@@ -21,16 +21,15 @@ use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use super::cg::{Cg, CgParams};
 use super::columns::scale_rows;
 use super::moments::{MomentProblem, Summed};
-use super::normal_equations::NormalEquations;
 use super::preconditioner::Diagonal;
-use super::problem::{Problem, Sampled};
+use super::problem::Problem;
 use super::signs::sign;
 use crate::SolverError;
 use crate::gram::smoothness_penalty;
 
 /// Number of probes z for the trace. The noise of GCV, some percent of `tr(P N^-1)`, decreases with the square root of
 /// this number.
-const PROBES: usize = 3;
+pub const PROBES: usize = 3;
 /// Number of values of lambda on the coarse grid.
 const COARSE: usize = 13;
 /// Number of steps of the golden-section search that follows the coarse grid. It reduces the ratio of neighbouring
@@ -74,40 +73,7 @@ pub(super) trait Validated {
     fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError>;
 }
 
-const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
-
-/// Targets at samples, without a penalty.
-pub(super) struct Samples<'a>(pub(super) Sampled<'a>);
-
-impl Validated for Samples<'_> {
-    fn max_degree(&self) -> usize {
-        self.0.equations.operator.max_degree()
-    }
-
-    fn rows(&self) -> usize {
-        let NormalEquations { operator, weights, .. } = self.0.equations;
-        weights.map_or(operator.rows(), |w| w.iter().filter(|w| **w > 0.0).count())
-    }
-
-    fn weight(&self) -> f64 {
-        let NormalEquations { operator, weights, .. } = self.0.equations;
-        weights.map_or(operator.rows() as f64, |w| w.iter().sum())
-    }
-
-    fn solve(&self, right: Array2<f64>, penalty: &[f64], monitor: &dyn Monitor) -> Result<Array2<f64>, SolverError> {
-        let equations = NormalEquations { penalty: Some(penalty), ..self.0.equations };
-        let mut cg = Cg::from_right_sides(right);
-        cg.run(&Sampled { equations, ..self.0 }, &equations.diagonal(), &CG, monitor)?;
-        Ok(cg.x)
-    }
-
-    fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError> {
-        let NormalEquations { operator, weights, .. } = self.0.equations;
-        let residual = self.0.targets - &operator.apply(x)?;
-        let rows = residual.rows().into_iter().enumerate();
-        Ok(rows.map(|(i, row)| weights.map_or(1.0, |w| w[i]) * row.dot(&row)).sum())
-    }
-}
+pub(super) const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 300, patience: 100 };
 
 impl Validated for MomentProblem {
     fn max_degree(&self) -> usize {

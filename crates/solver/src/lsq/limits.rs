@@ -31,6 +31,11 @@ pub(super) const PAYING_PER_EXPECTED_ITERATIONS: f64 = 0.6;
 /// gradient due to moments is then small compared with the tolerance. The gradient needn't be recomputed from the
 /// samples, which saves a fifth to a third of the passes over the samples.
 pub(super) const MOMENT_ACCURACY_PER_TOLERANCE: f64 = 0.02;
+/// Least number of iterations of a search for the smoothness: four for each of its 23 values.
+pub(super) const LEAST_ITERATIONS_OF_SEARCH: f64 = 92.0;
+/// Accuracy of moments for a search for the smoothness. The weakest penalties, which alone determine coefficients in
+/// gaps, are 1e-9 of the normal matrix's diagonal at a quarter of the degree.
+pub(super) const MOMENT_ACCURACY_OF_SEARCH: f64 = 1e-11;
 /// Coarsest useful accuracy of moments: moments of lower accuracy aren't cheaper.
 pub(super) const COARSEST_MOMENT_ACCURACY: f64 = 1e-8;
 /// Number of samples per degree squared from which a common grid for operator and moments saves time: 10 to 25 % for

@@ -61,7 +61,7 @@ impl LsqSolver<'_> {
         let (mut cg, steps) = match (&plan.steps[..], given) {
             // Right-hand sides may be computed together with the moments.
             ([Step::MakeMoments, steps @ ..], Given::Targets(_, targets)) => {
-                let right_sides = self.take_moments(Some(targets), monitor)?;
+                let right_sides = self.take_moments_of_fit(Some(targets), monitor)?;
                 let cg = right_sides.map_or_else(|| Cg::new(&*self.problem(given)), |b| Ok(Cg::from_right_sides(b)))?;
                 taken.add("moments", "none", &cg, None);
                 (cg, steps)
@@ -73,7 +73,7 @@ impl LsqSolver<'_> {
         for step in steps {
             match step {
                 Step::MakeMoments => {
-                    self.take_moments(None, monitor)?;
+                    self.take_moments_of_fit(None, monitor)?;
                     taken.add("moments", "none", &cg, None);
                 }
                 &Step::Cg { precondition, at_most, leave_for_factor, .. } => {
@@ -188,23 +188,34 @@ impl LsqSolver<'_> {
         CgParams { tolerance, max_iterations, patience: ITERATIONS_WITHOUT_GAIN }
     }
 
-    /// Computes moments. Returns the right-hand sides, (K, c), of targets if they were computed together with the
-    /// moments.
+    /// Computes the moments of a fit, and the inverse of the density if the fit needs it. Returns the right-hand sides,
+    /// (K, c), of targets if they were computed together with the moments.
+    fn take_moments_of_fit(
+        &mut self,
+        targets: Option<&Array2<f64>>,
+        monitor: &dyn Monitor,
+    ) -> Result<Option<Array2<f64>>, SolverError> {
+        let accuracy = MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance;
+        let started = Instant::now();
+        let right_sides = self.take_moments(accuracy.clamp(FINEST, COARSEST_MOMENT_ACCURACY), targets, monitor)?;
+        // Compute the inverse of the density now, if it is needed, so that its time is counted.
+        let _ = self.inverse_density();
+        self.moment_seconds = started.elapsed().as_secs_f64();
+        Ok(right_sides)
+    }
+
+    /// Computes moments of at least the given accuracy. Returns the right-hand sides, (K, c), of targets if they were
+    /// computed together with the moments.
     pub(super) fn take_moments(
         &mut self,
+        accuracy: f64,
         targets: Option<&Array2<f64>>,
         monitor: &dyn Monitor,
     ) -> Result<Option<Array2<f64>>, SolverError> {
         let Some(make) = self.make_moments else { return Ok(None) };
         monitor.note(Level::Status, format_args!("moments"));
-        let accuracy = MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance;
-        let accuracy = accuracy.clamp(FINEST, COARSEST_MOMENT_ACCURACY);
-        let started = Instant::now();
         let (normal, right_sides) = make(accuracy, targets)?;
         self.moments = Some(Moments { normal, accuracy });
-        // Compute the inverse of the density now, if it is needed, so that its time is counted.
-        let _ = self.inverse_density();
-        self.moment_seconds = started.elapsed().as_secs_f64();
         Ok(right_sides)
     }
 }

@@ -1,11 +1,13 @@
 //! Chooses the smoothness for targets at samples.
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView2};
 use spharm_monitor::Monitor;
+use spharm_transform::FINEST;
 
+use super::cg::Cg;
 use super::cost::Cost;
-use super::gcv::{Gcv, Samples, search};
-use super::limits::ITERATIONS_BEFORE_FACTOR;
+use super::gcv::{CG, Gcv, PROBES, Validated, search};
+use super::limits::{LEAST_ITERATIONS_OF_SEARCH, MOMENT_ACCURACY_OF_SEARCH, MOMENT_ACCURACY_PER_TOLERANCE};
 use super::normal_equations::NormalEquations;
 use super::plan::Moments;
 use super::problem::{Problem, Sampled};
@@ -14,7 +16,7 @@ use crate::{SolverError, check};
 
 impl LsqSolver<'_> {
     /// Chooses the smoothness lambda for targets, (n, c), by generalised cross-validation. The solver's own smoothness
-    /// and penalty are ignored.
+    /// and penalty are ignored. Moments that are computed for the search are kept for the fit that follows.
     ///
     /// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
     ///
@@ -25,14 +27,48 @@ impl LsqSolver<'_> {
     pub fn choose_smoothness(&mut self, targets: &Array2<f64>, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
         let Source::Samples(operator) = self.source else { return Err(SolverError::NoGram) };
         check::targets(targets, operator.rows())?;
-        // The search takes hundreds of products: some 25 values of lambda, and several iterations for each.
-        let cost = Cost { rows: operator.rows(), max_degree: operator.max_degree(), channels: targets.ncols() };
+        let channels = targets.ncols() + PROBES;
+        let cost = Cost { rows: operator.rows(), max_degree: operator.max_degree(), channels };
         let makeable = self.available(Given::Targets(operator, targets)).moments == Moments::Makeable;
-        if makeable && cost.paid_after() <= ITERATIONS_BEFORE_FACTOR as f64 {
-            self.take_moments(None, monitor)?;
+        if makeable && cost.paid_after() <= LEAST_ITERATIONS_OF_SEARCH {
+            let accuracy = MOMENT_ACCURACY_OF_SEARCH.min(MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance);
+            self.take_moments(accuracy.max(FINEST), None, monitor)?;
         }
         let equations = NormalEquations { operator, weights: self.params.weights.as_deref(), penalty: None };
         let sampled = Sampled { equations, targets, moments: self.moments.as_ref() };
         search(&Samples(sampled), sampled.right_sides()?, monitor)
+    }
+}
+
+/// Targets at samples, without a penalty.
+struct Samples<'a>(Sampled<'a>);
+
+impl Validated for Samples<'_> {
+    fn max_degree(&self) -> usize {
+        self.0.equations.operator.max_degree()
+    }
+
+    fn rows(&self) -> usize {
+        let NormalEquations { operator, weights, .. } = self.0.equations;
+        weights.map_or(operator.rows(), |w| w.iter().filter(|w| **w > 0.0).count())
+    }
+
+    fn weight(&self) -> f64 {
+        let NormalEquations { operator, weights, .. } = self.0.equations;
+        weights.map_or(operator.rows() as f64, |w| w.iter().sum())
+    }
+
+    fn solve(&self, right: Array2<f64>, penalty: &[f64], monitor: &dyn Monitor) -> Result<Array2<f64>, SolverError> {
+        let equations = NormalEquations { penalty: Some(penalty), ..self.0.equations };
+        let mut cg = Cg::from_right_sides(right);
+        cg.run(&Sampled { equations, ..self.0 }, &equations.diagonal(), &CG, monitor)?;
+        Ok(cg.x)
+    }
+
+    fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError> {
+        let NormalEquations { operator, weights, .. } = self.0.equations;
+        let residual = self.0.targets - &operator.apply(x)?;
+        let rows = residual.rows().into_iter().enumerate();
+        Ok(rows.map(|(i, row)| weights.map_or(1.0, |w| w[i]) * row.dot(&row)).sum())
     }
 }

@@ -137,9 +137,6 @@ impl<'a> LsqSolver<'a> {
         make_gram: Option<&'a MakeGram<'a>>,
         params: LsqParams,
     ) -> Result<Self, SolverError> {
-        if !(params.smoothness >= 0.0 && params.smoothness.is_finite()) {
-            return Err(SolverError::Smoothness { found: params.smoothness });
-        }
         let penalty = penalty(source.max_degree(), &params)?;
         Ok(Self {
             source,
@@ -180,6 +177,18 @@ impl<'a> LsqSolver<'a> {
     pub fn with_limits(mut self, check: &'a CheckLimits<'a>) -> Self {
         self.check_limits = Some(check);
         self
+    }
+
+    /// Changes the smoothness for the fits that follow. Keeps moments, and drops a computed factor.
+    ///
+    /// # Errors
+    ///
+    /// [`SolverError::Smoothness`].
+    pub fn set_smoothness(&mut self, smoothness: f64) -> Result<(), SolverError> {
+        let params = LsqParams { smoothness, ..self.params.clone() };
+        self.penalty = penalty(self.source.max_degree(), &params)?;
+        (self.params, self.made) = (params, None);
+        Ok(())
     }
 
     /// Solves for targets, (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
@@ -314,6 +323,9 @@ impl<'a> LsqSolver<'a> {
 /// Returns the diagonal of the penalty P, (K): the sum of the smoothness penalty and the penalties by degree. Returns
 /// `None` without a penalty.
 fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, SolverError> {
+    if !(params.smoothness >= 0.0 && params.smoothness.is_finite()) {
+        return Err(SolverError::Smoothness { found: params.smoothness });
+    }
     let smoothness = (params.smoothness > 0.0).then(|| smoothness_penalty(max_degree, params.smoothness));
     let Some(by_degree) = &params.penalty else { return Ok(smoothness) };
     let found = by_degree.len();

@@ -7,7 +7,7 @@ use spharm_harmonics::basis_size;
 use spharm_monitor::Silent;
 use spharm_solver::gram::smoothness_penalty;
 use spharm_solver::lsq::Gcv;
-use spharm_solver::{LsqParams, LsqSolver, MatrixFreeOperator, Strategy, moment_normal};
+use spharm_solver::{LsqParams, LsqSolver, MatrixFreeOperator, SolverError, Strategy, moment_normal};
 
 use crate::problems::{
     Random, Sampling, clustered, dense, diagonal, even, inverse, irregular, matrix, norms, params, solve, transforms,
@@ -49,6 +49,13 @@ fn cross_validation_finds_a_smoothness_that_is_near_the_best() {
         for (found, expected) in by_moments.tried.iter().zip(&found.tried) {
             assert!((found[1] / expected[1] - 1.0).abs() < 1e-6, "{}: {found:?} {expected:?}", sampling.name);
         }
+        let params = LsqParams { weights: weights.clone(), ..LsqParams::default() };
+        let mut solver = LsqSolver::new(&operator, None, params).unwrap();
+        assert!(matches!(solver.set_smoothness(-1.0), Err(SolverError::Smoothness { .. })));
+        solver.set_smoothness(found.smoothness).unwrap();
+        let fit = solver.fit(&targets, std::slice::from_ref(&(0..3)), &Silent).unwrap();
+        let expected = dense(&a, &targets, weights.as_deref(), found.smoothness);
+        expected.meets(&fit, fit.report.optimality, "the chosen smoothness");
         let error = |lambda: f64| {
             let x = dense(&a, &targets, weights.as_deref(), lambda).x;
             (a.dot(&x) - &truth).iter().map(|d| d * d).sum::<f64>() / n as f64

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use ndarray::{Array2, s};
 use spharm_monitor::{Level, Monitor};
-use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, moments_pay};
+use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, PROBES, moments_pay};
 use spharm_solver::{
     DeferredOperator, GramMatrix, LsqParams, LsqSolver, MatrixFreeOperator, Operator, ResidualNorms, StoredFactor,
     moment_gram, moment_gram_bytes, moment_normal,
@@ -40,7 +40,9 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
     // If the size of the moments can't be computed, the moments can't be either.
-    let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, together * channels, job.threads);
+    // The search for a smoothness has further columns.
+    let columns = together * channels + if automatic { PROBES } else { 0 };
+    let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, columns, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
     let shared = moments_pay(n, params.max_degree, together * channels, params.tolerance)
         && moment_bytes <= plan.spare(together);
@@ -151,8 +153,9 @@ impl<'a> Equations<'a> {
     /// Fits a target with the smoothness that cross-validation chooses for it.
     fn choose_and_solve(&self, batch: &Batch) -> Result<Solved, Error> {
         let targets = batch.side_by_side();
-        let chosen = self.unfactored(self.solver.clone())?.choose_smoothness(&targets, &NestedMonitor(self.monitor))?;
-        let mut solver = self.solver(LsqParams { smoothness: chosen.smoothness, ..self.solver.clone() })?;
+        let mut solver = self.unfactored(self.solver.clone())?;
+        let chosen = solver.choose_smoothness(&targets, &NestedMonitor(self.monitor))?;
+        solver.set_smoothness(chosen.smoothness)?;
         self.solve(&mut solver, batch, None, Some(chosen))
     }
 

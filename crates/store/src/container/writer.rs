@@ -82,13 +82,13 @@ impl ContainerWriter {
         platform::write_all_at(file, &table, table_offset).map_err(failed("cannot write"))?;
         platform::write_all_at(file, &footer.encode(), footer_offset).map_err(failed("cannot write"))?;
         file.sync_all().map_err(failed("cannot write to disk"))?;
-        match temporary.persist_noclobber(&path) {
-            Ok(_) => Ok(Some(file_len)),
-            Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => {
+        match platform::publish(temporary, &path) {
+            Ok(()) => Ok(Some(file_len)),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 Container::<C>::open(&path)?;
                 Ok(None)
             }
-            Err(error) => Err(failed("cannot give the file its name")(error.error)),
+            Err(error) => Err(failed("cannot give the file its name")(error)),
         }
     }
 }

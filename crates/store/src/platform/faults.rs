@@ -1,11 +1,11 @@
-//! Survives missing pages of mapped files: access to a page that a file no longer has raises SIGBUS, which would kill the
-//! process.
+//! Survives missing pages of mapped files: access to a page that a file no longer has raises SIGBUS, which would kill
+//! the process.
 //!
-//! Every guarded range is entered into a table of address ranges. A SIGBUS handler, installed with the first range, looks
-//! up the faulting address. If it lies in a range, the handler maps a page of zeros at the address and marks the range.
-//! The reader continues, and [`FaultGuard::faulted`] reports the fault afterwards. If the address lies outside all ranges,
-//! the handler restores the previous SIGBUS handler and returns, so that the access faults again under the previous
-//! handler.
+//! Every guarded range is entered into a table of address ranges. A SIGBUS handler, installed with the first range,
+//! looks up the faulting address. If it lies in a range, the handler maps a page of zeros at the address and marks the
+//! range. The reader continues, and [`FaultGuard::faulted`] reports the fault afterwards. If the address lies outside
+//! all ranges, the handler restores the previous SIGBUS handler and returns, so that the access faults again under the
+//! previous handler.
 
 #![allow(unsafe_code)]
 

@@ -7,6 +7,7 @@ use std::os::unix::fs::{FileExt, FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
 use memmap2::{Advice, Mmap};
+use tempfile::NamedTempFile;
 
 pub(crate) use super::faults::FaultGuard;
 
@@ -52,7 +53,10 @@ pub(crate) fn write_all_at(file: &File, bytes: &[u8], offset: u64) -> io::Result
 
 /// Asks the system to start reading a range of a file. A hint: failure is ignored.
 pub(crate) fn file_will_need(file: &File, offset: u64, len: NonZeroU64) {
+    #[cfg(not(target_vendor = "apple"))]
     let _ = rustix::fs::fadvise(file, offset, Some(len), rustix::fs::Advice::WillNeed);
+    #[cfg(target_vendor = "apple")]
+    let _ = (file, offset, len);
 }
 
 /// Asks the system to start reading a range of a map. A hint: failure is ignored.
@@ -81,6 +85,11 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
 pub(crate) fn free_space(folder: &Path) -> io::Result<u64> {
     let statistics = rustix::fs::statvfs(folder)?;
     Ok(statistics.f_bavail.saturating_mul(statistics.f_frsize))
+}
+
+/// Gives a temporary file its final name, without replacing a file that has it.
+pub(crate) fn publish(temporary: NamedTempFile, path: &Path) -> io::Result<()> {
+    temporary.persist_noclobber(path).map(drop).map_err(|error| error.error)
 }
 
 /// Gives new temporary files the usual rights, minus the umask: other users may read a store.

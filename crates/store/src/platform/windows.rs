@@ -3,30 +3,61 @@
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::num::NonZeroU64;
-use std::os::windows::fs::{FileExt, OpenOptionsExt};
+use std::os::windows::fs::{FileExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use memmap2::Mmap;
+use tempfile::NamedTempFile;
 
 /// `FILE_FLAG_OPEN_REPARSE_POINT`: a symbolic link is opened itself.
 const NO_FOLLOW: u32 = 0x0020_0000;
+/// `FILE_ATTRIBUTE_REPARSE_POINT`.
+const REPARSE_POINT: u32 = 0x400;
 /// `FILE_SHARE_READ` and `FILE_SHARE_DELETE`: others may read, rename and delete the file, but not write to it.
 const SHARE_READ_AND_DELETE: u32 = 0x1 | 0x4;
-/// `ERROR_ACCESS_DENIED`, with which the system refuses to open a folder as a file.
+/// `ERROR_ACCESS_DENIED`: of a folder that is opened as a file, and of a rename while another program reads the file.
 const ACCESS_DENIED: i32 = 5;
+/// `ERROR_SHARING_VIOLATION`: another process has the file open for writing.
+const SHARING_VIOLATION: i32 = 32;
+/// `ERROR_LOCK_VIOLATION`: another process has locked the file, which excludes reading as well.
+const LOCK_VIOLATION: i32 = 33;
+
+/// Repeats a call for up to a second while it fails with one of the `passing` errors. A file is visible under its final
+/// name shortly before its writer closes it, and virus scanners open new files for a moment.
+fn with_patience<T>(passing: &[i32], mut call: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    let started = Instant::now();
+    loop {
+        match call() {
+            Err(error)
+                if error.raw_os_error().is_some_and(|code| passing.contains(&code))
+                    && started.elapsed() < Duration::from_secs(1) =>
+            {
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            result => return result,
+        }
+    }
+}
 
 /// Opens a regular file for reading, without following a symbolic link. While it is open, nobody can write to it. The
 /// inner error is the kind of a path that isn't a regular file.
 pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>> {
-    let mut options = OpenOptions::new();
-    let file = match options.read(true).share_mode(SHARE_READ_AND_DELETE).custom_flags(NO_FOLLOW).open(path) {
+    let open = |flags: u32| {
+        let mut options = OpenOptions::new();
+        options.read(true).share_mode(SHARE_READ_AND_DELETE).custom_flags(flags);
+        with_patience(&[SHARING_VIOLATION, LOCK_VIOLATION], || options.open(path))
+    };
+    let file = match open(NO_FOLLOW) {
         Err(error) if error.raw_os_error() == Some(ACCESS_DENIED) && path.is_dir() => return Ok(Err("a folder")),
         opened => opened?,
     };
-    let kind = file.metadata()?.file_type();
-    Ok(match kind {
-        k if k.is_file() => Ok(file),
+    let metadata = file.metadata()?;
+    Ok(match metadata.file_type() {
         k if k.is_symlink() => Err("a symbolic link"),
+        // A file whose bytes a filter supplies, such as one of a volume with deduplication.
+        k if k.is_file() && metadata.file_attributes() & REPARSE_POINT != 0 => Ok(open(0)?),
+        k if k.is_file() => Ok(file),
         _ => Err("a device"),
     })
 }
@@ -38,13 +69,13 @@ pub(crate) fn open_lock(path: &Path, write: bool) -> io::Result<File> {
 
 /// Reads bytes that begin at `offset`, and returns their number.
 pub(crate) fn read_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<usize> {
-    file.seek_read(buffer, offset)
+    with_patience(&[LOCK_VIOLATION], || file.seek_read(buffer, offset))
 }
 
 /// Fills `buffer` with the bytes that begin at `offset`.
 pub(crate) fn read_exact_at(file: &File, mut buffer: &mut [u8], mut offset: u64) -> io::Result<()> {
     while !buffer.is_empty() {
-        match file.seek_read(buffer, offset) {
+        match read_at(file, buffer, offset) {
             Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
             Ok(read) => {
                 buffer = &mut buffer[read..];
@@ -79,7 +110,7 @@ pub(crate) fn file_will_need(_file: &File, _offset: u64, _len: NonZeroU64) {}
 /// Does nothing: the system reads files ahead on its own.
 pub(crate) fn map_will_need(_map: &Mmap, _offset: usize, _len: usize) {}
 
-/// Does nothing: pages become resident as they are read.
+/// Does nothing: a page becomes resident when it is first read.
 pub(crate) fn populate_map(_map: &Mmap, _offset: usize, _len: usize) {}
 
 /// Checks that a folder exists. Its entries are made durable by the file system's journal.
@@ -90,6 +121,18 @@ pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
 /// Returns the free bytes on the disk of an existing folder.
 pub(crate) fn free_space(folder: &Path) -> io::Result<u64> {
     fs4::available_space(folder)
+}
+
+/// Gives a temporary file its final name, without replacing a file that has it.
+pub(crate) fn publish(temporary: NamedTempFile, path: &Path) -> io::Result<()> {
+    let mut unpublished = Some(temporary);
+    with_patience(&[ACCESS_DENIED, SHARING_VIOLATION], || match unpublished.take() {
+        Some(temporary) => temporary.persist_noclobber(path).map(drop).map_err(|failed| {
+            unpublished = Some(failed.file);
+            failed.error
+        }),
+        None => Ok(()),
+    })
 }
 
 /// Does nothing: new files inherit the rights of their folder.

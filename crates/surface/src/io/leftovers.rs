@@ -30,7 +30,7 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
         let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
             // Another process removed the file as a leftover between its creation and the lock; try again.
-            Ok(()) if !temporary.path().exists() => {}
+            Ok(()) if !temporary.path().try_exists()? => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
         }
