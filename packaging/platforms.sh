@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Builds the program for other platforms, and runs the README's commands there: the musl program as it is, the ARM program
-# by qemu's user emulation, the Windows program by Wine. `./run platforms [musl] [arm64] [windows]` calls it.
+# by qemu's user emulation, the Windows program by Wine. `./run platforms [musl] [arm64] [windows] [macos]` calls it. For macOS, whose
+# libraries can't be had here, it is only checked by the compiler.
 #
 # Checks that coefficients differ from those of the musl program by rounding only, and that stores and models of each are
 # read on the other. Also runs the unit tests of the crates that call the system or choose kernels by the processor.
@@ -26,6 +27,15 @@ binary() {
     arm64) echo target/aarch64-unknown-linux-gnu/release/spharm ;;
     windows) echo target/x86_64-pc-windows-gnu/release/spharm.exe ;;
   esac
+}
+
+# Compiles the program for macOS without linking it; zig compiles the parts in C.
+check_macos() {
+  say "macos: checking"
+  target/venv/bin/pip install -q ziglang cargo-zigbuild
+  rustup target add aarch64-apple-darwin
+  PATH="$PWD/target/venv/bin:$PATH" cargo-zigbuild check --target aarch64-apple-darwin --bin spharm --no-default-features \
+    --features tables
 }
 
 build() {
@@ -155,9 +165,16 @@ END
 }
 
 platforms=("$@")
-[ ${#platforms[@]} = 0 ] && platforms=(musl arm64 windows)
+[ ${#platforms[@]} = 0 ] && platforms=(musl arm64 windows macos)
+if [[ " ${platforms[*]} " == *" macos "* ]]; then
+  check_macos
+  others=()
+  for platform in "${platforms[@]}"; do [ "$platform" = macos ] || others+=("$platform"); done
+  [ ${#others[@]} = 0 ] && exit
+  platforms=("${others[@]}")
+fi
 for platform in "${platforms[@]}"; do
-  [ -n "$(binary "$platform")" ] || { echo "error: $platform: expected musl, arm64 or windows" >&2; exit 2; }
+  [ -n "$(binary "$platform")" ] || { echo "error: $platform: expected musl, arm64, windows or macos" >&2; exit 2; }
 done
 target/venv/bin/python -c 'import numpy' || { echo "error: target/venv has no NumPy; run it as ./run platforms" >&2; exit 1; }
 [[ " ${platforms[*]} " == *" musl "* ]] || platforms=(musl "${platforms[@]}")
