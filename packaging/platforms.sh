@@ -20,13 +20,20 @@ need() {
   DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
 }
 
-# The name of the program for a platform.
-binary() {
+# Rust's name of a platform; nothing for an unknown one.
+triple() {
   case $1 in
-    musl) echo target/x86_64-unknown-linux-musl/release/spharm ;;
-    arm64) echo target/aarch64-unknown-linux-gnu/release/spharm ;;
-    windows) echo target/x86_64-pc-windows-gnu/release/spharm.exe ;;
+    musl) echo x86_64-unknown-linux-musl ;;
+    arm64) echo aarch64-unknown-linux-gnu ;;
+    windows) echo x86_64-pc-windows-gnu ;;
   esac
+}
+
+# The program for a platform.
+binary() {
+  local suffix=
+  [ "$1" != windows ] || suffix=.exe
+  echo "target/$(triple "$1")/release/spharm$suffix"
 }
 
 # Compiles the program for macOS without linking it; zig compiles the parts in C.
@@ -39,23 +46,20 @@ check_macos() {
 }
 
 build() {
-  local target
   case $1 in
-    musl) target=x86_64-unknown-linux-musl; need musl-gcc musl-tools ;;
+    musl) need musl-gcc musl-tools ;;
     arm64)
-      target=aarch64-unknown-linux-gnu
       need aarch64-linux-gnu-gcc gcc-aarch64-linux-gnu libc6-dev-arm64-cross
       need qemu-aarch64 qemu-user
       export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc ;;
     windows)
-      target=x86_64-pc-windows-gnu
       need x86_64-w64-mingw32-gcc gcc-mingw-w64-x86-64
       need wine wine wine64
       random_numbers_for_wine ;;
   esac
-  rustup target add -q "$target" 2>/dev/null || rustup target add "$target"
+  rustup target add "$(triple "$1")"
   say "$1: building"
-  cargo build --release --target "$target" --bin spharm --no-default-features --features tables
+  cargo build --release --target "$(triple "$1")" --bin spharm --no-default-features --features tables
 }
 
 # Rust's standard library takes random numbers from bcryptprimitives.dll, which Windows has had since version 7 and Wine
@@ -140,7 +144,9 @@ unit_tests() {
   esac
   say "$1: unit tests"
   # Properties are tested on fewer cases under qemu, which takes twenty times as long.
-  PROPTEST_CASES=$([ "$1" = arm64 ] && echo 8 || echo 256) cargo test -q --lib "${crates[@]}" --target "$(basename "$(dirname "$(dirname "$(binary "$1")")")")"
+  local cases=256
+  [ "$1" != arm64 ] || cases=8
+  PROPTEST_CASES=$cases cargo test -q --lib "${crates[@]}" --target "$(triple "$1")"
 }
 
 # Prints the largest difference of the models' coefficients, relative to the largest coefficient. Fails above 1e-12, but
@@ -174,7 +180,7 @@ if [[ " ${platforms[*]} " == *" macos "* ]]; then
   platforms=("${others[@]}")
 fi
 for platform in "${platforms[@]}"; do
-  [ -n "$(binary "$platform")" ] || { echo "error: $platform: expected musl, arm64, windows or macos" >&2; exit 2; }
+  [ -n "$(triple "$platform")" ] || { echo "error: $platform: expected musl, arm64, windows or macos" >&2; exit 2; }
 done
 target/venv/bin/python -c 'import numpy' || { echo "error: target/venv has no NumPy; run it as ./run platforms" >&2; exit 1; }
 [[ " ${platforms[*]} " == *" musl "* ]] || platforms=(musl "${platforms[@]}")
