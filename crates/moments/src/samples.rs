@@ -2,6 +2,8 @@
 
 #[cfg(feature = "tables")]
 mod arrow;
+#[cfg(feature = "tables")]
+mod batches;
 mod csv;
 #[cfg(feature = "tables")]
 mod ipc;
@@ -12,6 +14,8 @@ mod npz;
 mod open;
 #[cfg(feature = "tables")]
 mod pages;
+#[cfg(feature = "tables")]
+mod parquet;
 mod ply;
 mod records;
 mod signal;

@@ -1,14 +1,17 @@
-//! Checks the sizes declared in the blocks of an Arrow file, before the crate `arrow-ipc` relies on them.
+//! Lists the blocks of an Arrow file, and checks the sizes declared there before the crate `arrow-ipc` relies on them.
 //!
 //! The footer lists the file's blocks with their lengths. Each buffer of a compressed block begins with its
 //! uncompressed size, and `arrow-ipc` allocates that many bytes. Source: Arrow columnar format, "IPC file format" and
 //! "Compression".
 
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::sync::Arc;
 
+use arrow_ipc::convert::try_fb_to_schema;
 use arrow_ipc::reader::read_footer_length;
-use arrow_ipc::{Block, root_as_footer, root_as_message};
+use arrow_ipc::{Block, MetadataVersion, root_as_footer, root_as_message};
+use arrow_schema::SchemaRef;
 use spharm_surface::io::{check_room, most_expanded};
 
 /// Size in bytes of the end of the file: the footer's length and the magic number.
@@ -23,14 +26,21 @@ const MOST_PER_BYTE: u64 = 1 << 15;
 /// Declared uncompressed size of a buffer that isn't compressed although its block is.
 const PLAIN: i64 = -1;
 
-/// Checks that all blocks lie within the file of `bytes` bytes, and that the free memory suffices for their
-/// uncompressed size.
+/// The columns of an Arrow file, and its blocks of rows.
+pub(super) struct Contents {
+    pub(super) schema: SchemaRef,
+    pub(super) version: MetadataVersion,
+    /// The blocks in the order of the file, with their numbers of rows.
+    pub(super) blocks: Vec<(Block, u64)>,
+}
+
+/// Reads the footer of a file of `bytes` bytes. Checks that all blocks lie within the file, and that the free memory
+/// suffices for their uncompressed size.
 ///
 /// # Errors
 ///
 /// Returns a description of the problem.
-pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
-    let failed = |error: io::Error| error.to_string();
+pub(super) fn contents(file: &File, bytes: u64) -> Result<Contents, String> {
     let mut input = BufReader::new(file);
     let tail_at = bytes.checked_sub(TAIL as u64).ok_or("the end of the file")?;
     let tail: [u8; TAIL] = read(&mut input, tail_at, TAIL)?.try_into().map_err(|_| "the end of the file")?;
@@ -38,13 +48,27 @@ pub(super) fn check(file: &File, bytes: u64) -> Result<(), String> {
     let at = tail_at.checked_sub(length as u64).ok_or_else(|| format!("a footer of {length} bytes"))?;
     let footer = read(&mut input, at, length)?;
     let footer = root_as_footer(&footer).map_err(|error| error.to_string())?;
-    for block in footer.dictionaries().into_iter().chain(footer.recordBatches()).flatten() {
+    let schema = footer.schema().ok_or("a footer without columns")?;
+    let schema = try_fb_to_schema(schema).map_err(|error| error.to_string())?;
+    let mut blocks = Vec::new();
+    for block in footer.recordBatches().into_iter().flatten() {
         let place =
             place(block, bytes).ok_or_else(|| format!("a block at byte {}, outside the file", block.offset()))?;
-        check_block(&mut input, &place)?;
+        blocks.push((*block, check_block(&mut input, &place)?));
     }
-    input.seek(SeekFrom::Start(0)).map_err(failed)?;
-    Ok(())
+    Ok(Contents { schema: Arc::new(schema), version: footer.version(), blocks })
+}
+
+/// Reads the metadata and buffers of a block.
+///
+/// # Errors
+///
+/// Returns a description of the problem.
+pub(super) fn read_block(file: &File, block: &Block) -> Result<Vec<u8>, String> {
+    let length = i64::from(block.metaDataLength()).checked_add(block.bodyLength());
+    let place = u64::try_from(block.offset()).ok().zip(length.and_then(|length| usize::try_from(length).ok()));
+    let (at, length) = place.ok_or("a block outside the file")?;
+    read(&mut BufReader::new(file), at, length)
 }
 
 /// Byte offsets of a block's metadata and buffers, checked to lie within the file.
@@ -62,12 +86,12 @@ fn place(block: &Block, bytes: u64) -> Option<Place> {
     (end <= bytes).then_some(Place { start, metadata: metadata as usize, body, end })
 }
 
-fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String> {
+/// Checks a block of rows, and returns their number.
+fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<u64, String> {
     let metadata = read(input, place.start, place.metadata)?;
     let message = metadata.strip_prefix(&MARK).unwrap_or(&metadata).get(4..).ok_or("a block without metadata")?;
     let message = root_as_message(message).map_err(|error| error.to_string())?;
-    let of_dictionary = message.header_as_dictionary_batch().and_then(|batch| batch.data());
-    let Some(batch) = message.header_as_record_batch().or(of_dictionary) else { return Ok(()) };
+    let batch = message.header_as_record_batch().ok_or("a block without rows")?;
     let compressed = batch.compression().is_some();
     let rows = u64::try_from(batch.length()).map_err(|_| "a block with a negative number of rows")?;
     let mut all = 0_u64;
@@ -93,7 +117,8 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<(), String
         }
         all = all.saturating_add(expanded);
     }
-    check_room(all).map_err(|room| format!("a block that needs {room}"))
+    check_room(all).map_err(|room| format!("a block that needs {room}"))?;
+    Ok(rows)
 }
 
 fn read(input: &mut BufReader<&File>, at: u64, length: usize) -> Result<Vec<u8>, String> {

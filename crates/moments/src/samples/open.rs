@@ -9,7 +9,7 @@ use spharm_surface::SurfaceError;
 
 use super::table::Table;
 #[cfg(feature = "tables")]
-use super::{arrow, las};
+use super::{arrow, las, parquet};
 use super::{csv, npy, npz, ply, signal};
 use crate::MomentsError;
 use crate::moments::Shard;
@@ -49,9 +49,9 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
         Some(".npy") => known(npy::open(path, file, bytes, shard)?),
         Some(".npz") => known(npz::open(path, file, shard)?),
         #[cfg(feature = "tables")]
-        Some(".parquet") => known(arrow::open_parquet(path, file, shard)?),
+        Some(".parquet") => known(parquet::open(path, file, shard)?),
         #[cfg(feature = "tables")]
-        Some(".arrow" | ".feather") => known(arrow::open_ipc(path, file, shard)?),
+        Some(".arrow" | ".feather") => known(arrow::open(path, file, shard)?),
         #[cfg(not(feature = "tables"))]
         Some(".parquet" | ".arrow" | ".feather" | ".las") => {
             return Err(MomentsError::LeftOut { path: path.to_owned() });

@@ -8,7 +8,7 @@
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
-use parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
+use ::parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 use spharm_surface::io::{check_room, most_expanded};
 
 /// Bytes that a page may have beyond 9 bytes per row. The 9 bytes are a number of at most 64 bits, and its repetition

@@ -1,0 +1,241 @@
+//! Reads Parquet files, through the typed column readers of the crate `parquet`. Its reader of Arrow batches isn't
+//! used: with the decoders of all Arrow types it would make the program a megabyte larger.
+
+use std::fs::File;
+use std::iter::StepBy;
+use std::ops::Range;
+use std::path::Path;
+use std::slice::IterMut;
+
+use ::parquet::basic::{ConvertedType, LogicalType, Type};
+use ::parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use ::parquet::data_type::DataType;
+use ::parquet::errors::ParquetError;
+use ::parquet::file::reader::{FileReader, RowGroupReader, SerializedFileReader};
+use ::parquet::schema::types::{ColumnDescriptor, SchemaDescriptor};
+
+use super::batches::{Batch, Batches, Rows, malformed};
+use super::pages;
+use crate::MomentsError;
+use crate::moments::Shard;
+
+/// Largest number of rows per batch.
+const BATCH: usize = 1 << 16;
+
+/// Opens a Parquet file. Returns the shard's rows as a table, and their number.
+pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Batches, u64), MomentsError> {
+    let format = "Parquet";
+    let again = file.try_clone().map_err(MomentsError::io(path, "open"))?;
+    let reader = SerializedFileReader::new(file).map_err(|error| malformed(path, format, &error.to_string()))?;
+    let metadata = reader.metadata().file_metadata();
+    let rows = shard.range(u64::try_from(metadata.num_rows()).unwrap_or(0));
+    let fields = metadata.schema_descr().root_schema().get_fields();
+    let names = fields.iter().map(|field| field.name().to_owned()).collect();
+    let first = rows.start;
+    let start = move |columns: Vec<usize>| {
+        pages::check(&again, reader.metadata(), &columns)?;
+        Ok(Box::new(Groups::new(reader, &columns, first)?) as Rows)
+    };
+    Ok(Batches::new(path, format, names, Box::new(start), 0, rows))
+}
+
+/// Batches of some columns, through all groups of rows.
+struct Groups {
+    reader: SerializedFileReader<File>,
+    /// The file's index of each column, among those that store values.
+    leaves: Vec<usize>,
+    columns: Vec<Column>,
+    /// Index of the next group.
+    next: usize,
+    /// Rows of the current group that haven't been read.
+    left: usize,
+    /// Rows to skip before the first batch.
+    skip: u64,
+}
+
+impl Groups {
+    fn new(reader: SerializedFileReader<File>, columns: &[usize], skip: u64) -> Result<Self, String> {
+        let schema = reader.metadata().file_metadata().schema_descr();
+        let leaves = columns.iter().map(|&column| leaf(schema, column)).collect::<Result<_, _>>()?;
+        Ok(Self { reader, leaves, columns: Vec::new(), next: 0, left: 0, skip })
+    }
+
+    /// Opens the next group that contains rows to be read. Returns false at the end of the file.
+    fn open(&mut self) -> Result<bool, String> {
+        while self.left == 0 {
+            let Some(group) = self.reader.metadata().row_groups().get(self.next) else { return Ok(false) };
+            let rows = u64::try_from(group.num_rows()).map_err(|_| "a group with a negative number of rows")?;
+            let skipped = rows.min(self.skip);
+            self.skip -= skipped;
+            self.left = usize::try_from(rows - skipped).map_err(|_| format!("a group of {rows} rows"))?;
+            if self.left > 0 {
+                let group = self.reader.get_row_group(self.next).map_err(text)?;
+                let open = |&leaf: &usize| Column::open(&*group, leaf, skipped as usize);
+                self.columns = self.leaves.iter().map(open).collect::<Result<_, _>>().map_err(text)?;
+            }
+            self.next += 1;
+        }
+        Ok(true)
+    }
+
+    fn batch(&mut self) -> Result<Option<Box<dyn Batch>>, String> {
+        if !self.open()? {
+            return Ok(None);
+        }
+        let count = self.left.min(BATCH);
+        self.left -= count;
+        let columns = self.columns.iter_mut().map(|column| column.read(count)).collect::<Result<_, _>>()?;
+        Ok(Some(Box::new(Values { rows: count, columns })))
+    }
+}
+
+impl Iterator for Groups {
+    type Item = Result<Box<dyn Batch>, String>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.batch().transpose()
+    }
+}
+
+/// Rows of a batch, by columns.
+struct Values {
+    rows: usize,
+    columns: Vec<Vec<f64>>,
+}
+
+impl Batch for Values {
+    fn rows(&self) -> usize {
+        self.rows
+    }
+
+    fn copy(&self, column: usize, rows: Range<usize>, out: StepBy<IterMut<'_, f64>>) -> Result<(), String> {
+        for (out, &value) in out.zip(&self.columns[column][rows]) {
+            *out = value;
+        }
+        Ok(())
+    }
+}
+
+/// Returns the index of a column among those that store values.
+fn leaf(schema: &SchemaDescriptor, column: usize) -> Result<usize, String> {
+    let found = (0..schema.num_columns()).find(|&leaf| schema.get_column_root_idx(leaf) == column);
+    let leaf = found.ok_or("a column without values")?;
+    let descriptor = schema.column(leaf);
+    // A list or a structure lies deeper, and has more than one value or kind of value per row.
+    let flat = schema.get_column_root(leaf).is_primitive() && descriptor.max_rep_level() == 0;
+    if flat && is_number(&descriptor) { Ok(leaf) } else { Err(format!("a column of type {}", kind(schema, leaf))) }
+}
+
+/// Returns whether a column stores numbers. Dates, times and decimals aren't numbers, although integers store them.
+fn is_number(column: &ColumnDescriptor) -> bool {
+    match column.physical_type() {
+        Type::FLOAT | Type::DOUBLE => true,
+        Type::INT32 | Type::INT64 => match column.logical_type_ref() {
+            Some(logical) => matches!(logical, LogicalType::Integer(_)),
+            None => column.converted_type() == ConvertedType::NONE || integer(column.converted_type()).is_some(),
+        },
+        _ => false,
+    }
+}
+
+/// Returns whether a column of integers stores unsigned ones.
+fn is_unsigned(column: &ColumnDescriptor) -> bool {
+    match column.logical_type_ref() {
+        Some(LogicalType::Integer(integer)) => !integer.is_signed,
+        _ => integer(column.converted_type()) == Some(Sign::Unsigned),
+    }
+}
+
+#[derive(PartialEq)]
+enum Sign {
+    Signed,
+    Unsigned,
+}
+
+/// Returns the kind of integers that a column's older description of its type states, if it does.
+fn integer(kind: ConvertedType) -> Option<Sign> {
+    use ConvertedType::{INT_8, INT_16, INT_32, INT_64, UINT_8, UINT_16, UINT_32, UINT_64};
+    match kind {
+        INT_8 | INT_16 | INT_32 | INT_64 => Some(Sign::Signed),
+        UINT_8 | UINT_16 | UINT_32 | UINT_64 => Some(Sign::Unsigned),
+        _ => None,
+    }
+}
+
+/// Names the type of a column as the format's specification does, such as `BYTE_ARRAY (String)`.
+fn kind(schema: &SchemaDescriptor, leaf: usize) -> String {
+    let column = schema.column(leaf);
+    if !schema.get_column_root(leaf).is_primitive() {
+        return "group".to_owned();
+    }
+    match column.logical_type_ref() {
+        Some(logical) => format!("{} ({logical:?})", column.physical_type()),
+        None if column.converted_type() == ConvertedType::NONE => column.physical_type().to_string(),
+        None => format!("{} ({})", column.physical_type(), column.converted_type()),
+    }
+}
+
+/// A column of numbers within a group of rows.
+struct Column {
+    reader: ColumnReader,
+    unsigned: bool,
+    /// Whether values may be missing.
+    optional: bool,
+}
+
+impl Column {
+    /// Opens a column behind the first `skip` rows of its group.
+    fn open(group: &dyn RowGroupReader, leaf: usize, skip: usize) -> Result<Self, ParquetError> {
+        let descriptor = group.metadata().schema_descr().column(leaf);
+        let mut reader = group.get_column_reader(leaf)?;
+        match &mut reader {
+            ColumnReader::Int32ColumnReader(reader) => reader.skip_records(skip)?,
+            ColumnReader::Int64ColumnReader(reader) => reader.skip_records(skip)?,
+            ColumnReader::FloatColumnReader(reader) => reader.skip_records(skip)?,
+            ColumnReader::DoubleColumnReader(reader) => reader.skip_records(skip)?,
+            _ => 0,
+        };
+        let (unsigned, optional) = (is_unsigned(&descriptor), descriptor.max_def_level() > 0);
+        Ok(Self { reader, unsigned, optional })
+    }
+
+    /// Reads the next `count` rows. Missing values become NaN.
+    fn read(&mut self, count: usize) -> Result<Vec<f64>, String> {
+        let (optional, unsigned) = (self.optional, self.unsigned);
+        match &mut self.reader {
+            ColumnReader::Int32ColumnReader(reader) if unsigned => {
+                values(reader, count, optional, |x| f64::from(x as u32))
+            }
+            ColumnReader::Int32ColumnReader(reader) => values(reader, count, optional, f64::from),
+            ColumnReader::Int64ColumnReader(reader) if unsigned => values(reader, count, optional, |x| x as u64 as f64),
+            ColumnReader::Int64ColumnReader(reader) => values(reader, count, optional, |x| x as f64),
+            ColumnReader::FloatColumnReader(reader) => values(reader, count, optional, f64::from),
+            ColumnReader::DoubleColumnReader(reader) => values(reader, count, optional, |x| x),
+            _ => Err("a column that isn't numeric".to_owned()),
+        }
+    }
+}
+
+/// Reads the next `count` rows of a column.
+fn values<T: DataType>(
+    reader: &mut ColumnReaderImpl<T>,
+    count: usize,
+    optional: bool,
+    of: impl Fn(T::T) -> f64,
+) -> Result<Vec<f64>, String> {
+    let (mut found, mut levels) = (Vec::new(), Vec::new());
+    let definition = optional.then_some(&mut levels);
+    let (rows, _, _) = reader.read_records(count, definition, None, &mut found).map_err(text)?;
+    if rows != count {
+        return Err(format!("the end of a column, {} rows early", count - rows));
+    }
+    let mut found = found.into_iter().map(of);
+    // The level of a value is 1; that of a missing value, which isn't stored, is 0.
+    let next = |level| if level == 0 { Some(f64::NAN) } else { found.next() };
+    let all: Vec<f64> = if optional { levels.into_iter().map_while(next).collect() } else { found.collect() };
+    if all.len() == count { Ok(all) } else { Err(format!("{} values in {count} rows of a column", all.len())) }
+}
+
+fn text(error: ParquetError) -> String {
+    error.to_string()
+}
