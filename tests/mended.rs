@@ -119,11 +119,53 @@ fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
     for (name, said) in [
         ("bad_suzanne.obj", "at most 5 % is allowed: 2 smaller pieces dropped (5.6 % of the area), 2 holes filled"),
         ("wild/teapot.obj", "3 smaller pieces dropped (2"),
-        ("wild/woody.obj", "% of the area); --largest-repair 68 allows it"),
+        ("wild/woody.obj", "--largest-repair 68 allows it, and --wrap 128 fits the closed surface around it"),
     ] {
         let Some(output) = run(name, &[]) else { return };
         let error = error_line(&output);
         assert!(!output.status.success() && error.contains(name) && error.contains(said), "{name}: {error}");
+    }
+}
+
+/// `--wrap` closes models of several parts that `--fix` would spoil, and refuses sheets, which enclose nothing.
+#[test]
+fn the_surface_around_several_parts_is_fitted() {
+    let site = Site::new();
+    let ball = icosphere(4);
+    let count = ball.vertices.len() as u32;
+    let beside = ball.vertices.iter().map(|&[x, y, z]| [0.7 * x + 0.9, 0.7 * y, 0.7 * z]);
+    let faces = ball.faces.iter().map(|face| face.map(|v| v + count));
+    let vertices = ball.vertices.iter().copied().chain(beside).collect();
+    let parts = Mesh::new(vertices, ball.faces.iter().copied().chain(faces).collect());
+    write_mesh(site.path("parts.ply"), &parts, &WriteOptions::default()).expect("written");
+    let fit = ["--surface", "parts.ply", "--max-degree", "8", "-o", "m.spharm.npz"];
+    let error = fail(&mut site.run("fit", &[&fit[..], &["--fix"]].concat()));
+    assert!(error.contains("--wrap 128 fits the closed surface around it"), "{error}");
+    let output = finish(&mut site.run("fit", &[&fit[..], &["--wrap", "48"]].concat()));
+    assert!(output.status.success(), "{}", text(&output));
+    assert!(
+        text(&output).contains("warning: parts.ply: the mesh was repaired: wrapped at 48 voxels"),
+        "{}",
+        text(&output)
+    );
+    let surface = read_mesh(site.path("m.fixed.surf.gii")).expect("a mesh");
+    assert!(Topology::of(&surface).is_sphere());
+    let model = Model::read(site.path("m.spharm.npz")).expect("a model").provenance;
+    assert_eq!(model.wrap, Some(48));
+    assert_eq!(model.repair.expect("recorded")["wrap"]["voxels"], 48);
+    // The same request is up to date; another number of voxels isn't.
+    let again =
+        |voxels: &str| text(&finish(&mut site.run("fit", &[&fit[..], &["--update", "--wrap", voxels]].concat())));
+    assert!(again("48").contains("up to date") || again("48").contains("skipped"), "{}", again("48"));
+    assert!(again("50").contains("wrapped at 50 voxels"));
+    let output = finish(&mut site.run("fit", &[&fit[..], &["--wrap", "5"]].concat()));
+    assert!(text(&output).contains("expected a number of voxels from 16 to 512"), "{}", text(&output));
+    for (name, said) in [("wild/teapot.obj", ""), ("wild/beetle.obj", ""), ("wild/woody.obj", "encloses no voxel")] {
+        let Some(path) = shared(name) else { return };
+        let options = ["--wrap", "32", "--max-degree", "6", "-o", "w.spharm.npz", "--force", "--surface"];
+        let output = finish(site.run("fit", &options).arg(path));
+        assert_eq!(output.status.success(), said.is_empty(), "{name}: {}", text(&output));
+        assert!(text(&output).contains(said), "{name}: {}", text(&output));
     }
 }
 

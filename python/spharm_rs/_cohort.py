@@ -117,6 +117,7 @@ def fit_cohort(
     status: Path | None = None,
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     voxel_size: Iterable[float] | None = None,
     channel: int | None = None,
@@ -183,6 +184,8 @@ def fit_cohort(
         Repair meshes, as `repair` does, and labels of volumes.
     largest_repair : float, optional
         With ``fix``: share of a mesh's area, from 0 to 1, that a repair may drop or add, as for `repair`.
+    wrap : int, optional
+        Replace meshes by the closed surface around them, as `repair` does, instead of repairing them.
     cut_handles : bool
         Cut handles.
     voxel_size : three floats, optional
@@ -251,7 +254,7 @@ def fit_cohort(
         status=_path(status),
         exists=str(exists),
         keep_going=collects,
-        changes=changes_of(fix, largest_repair, cut_handles),
+        changes=changes_of(fix, largest_repair, wrap, cut_handles),
         voxel_size=sizes,
         image=_image(channel, time),
         **_volume_settings(threshold, probability, label_surface, smooth_radius),

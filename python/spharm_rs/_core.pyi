@@ -198,7 +198,7 @@ class CohortRun:
         status: str | None,
         exists: str,
         keep_going: bool,
-        changes: tuple[bool, float | None, bool],
+        changes: tuple[bool, float | None, int | None, bool],
         voxel_size: Sequence[float] | None,
         image: tuple[int | None, int | None],
         threshold: float | None,
@@ -266,7 +266,7 @@ def fit(
     surface: bool,
     parametrized: bool,
     seam: _Seam | None,
-    changes: tuple[bool, float | None, bool],
+    changes: tuple[bool, float | None, int | None, bool],
     settings: dict[str, Any],
     progress: _Progress | None = None,
 ) -> _Fitted: ...
@@ -308,7 +308,7 @@ def parametrize(
     vertices: _Floats,
     faces: _Triangles,
     *,
-    changes: tuple[bool, float | None, bool],
+    changes: tuple[bool, float | None, int | None, bool],
     method: str,
     degree: int | None,
     area: float,
@@ -329,7 +329,7 @@ def picture(
     view: str,
 ) -> bytes: ...
 def repair(
-    vertices: _Floats, faces: _Triangles, *, largest_repair: float | None
+    vertices: _Floats, faces: _Triangles, *, largest_repair: float | None, wrap: int | None
 ) -> tuple[_Floats, _Triangles, str, str]: ...
 def parametrize_volume(
     volume: str | tuple[NDArray[np.int32] | _Floats, _Floats],

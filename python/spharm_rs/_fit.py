@@ -14,7 +14,7 @@ from ._arrays import Floats
 from ._model import Model, seam_of, sphere_arrays
 from ._parametrize import Parametrization
 from ._progress import Progress, callback
-from ._repair import changes_of
+from ._repair import changes_of, named_change
 from ._store import Store
 from ._surface import Path, as_surface, named_icosphere
 from ._transform import Transform
@@ -106,6 +106,7 @@ def fit(
     *,
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     objective: str | None = None,
     weights: str | ArrayLike = "uniform",
@@ -145,6 +146,8 @@ def fit(
         Without a sphere: repair the surface before it is mapped, as `repair` does; a warning states the changes.
     largest_repair : float, optional
         With ``fix``: share of the area, from 0 to 1, that the repair may drop or add, as for `repair`.
+    wrap : int, optional
+        Without a sphere: replace the surface by the closed surface around it, as `repair` does, instead of repairing it.
     cut_handles : bool
         Without a sphere: cut the handles of a surface, as `parametrize` does.
     objective : {"surface", "vertices"}, optional
@@ -246,13 +249,12 @@ def fit(
     if isinstance(sphere, (int, float, np.number)):
         raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")
     directions, faces, parametrized = _sphere_of(len(values), triangles, sphere)
-    changes = changes_of(fix, largest_repair, cut_handles)
-    if directions is not None and (fix or cut_handles):
-        name = "fix" if fix else "cut_handles"
+    changes = changes_of(fix, largest_repair, wrap, cut_handles)
+    if directions is not None and (name := named_change(fix, wrap, cut_handles)) is not None:
         raise ValueError(f"{name}: expected no sphere, because it changes the surface; map the surface with parametrize first")
-    if fix and (mask is not None or not isinstance(weights, str)):
-        name = "weights" if mask is None else "mask"
-        raise ValueError(f"{name}: expected none with fix=True, which renumbers the vertices; repair the surface first")
+    if (fix or wrap is not None) and (mask is not None or not isinstance(weights, str)):
+        name, change = "weights" if mask is None else "mask", "fix=True" if fix else f"wrap={wrap}"
+        raise ValueError(f"{name}: expected none with {change}, which renumbers the vertices; repair the surface first")
     settings = _settings(
         max_degree,
         len(values),

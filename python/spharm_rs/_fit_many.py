@@ -16,7 +16,7 @@ from ._arrays import Floats
 from ._fit import _model, _settings, fit
 from ._model import Model, seam_of, sphere_arrays
 from ._progress import Progress, callback
-from ._repair import changes_of
+from ._repair import changes_of, named_change
 from ._store import Store
 from ._surface import Path, as_surface
 from .errors import SpharmError
@@ -60,6 +60,7 @@ def fit_many(
     on_error: Literal["raise"] = "raise",
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     progress: Progress = None,
     **settings: Unpack[FitSettings],
@@ -75,6 +76,7 @@ def fit_many(
     on_error: Literal["collect"],
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     progress: Progress = None,
     **settings: Unpack[FitSettings],
@@ -89,6 +91,7 @@ def fit_many(
     on_error: Literal["raise", "collect"] = "raise",
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     progress: Progress = None,
     **settings: Unpack[FitSettings],
@@ -106,7 +109,7 @@ def fit_many(
     on_error : {"raise", "collect"}
         Raise the error of a surface that can't be fitted; or put the exception in its place in the list, which needs
         surfaces without a common sphere.
-    fix, largest_repair, cut_handles
+    fix, largest_repair, wrap, cut_handles
         As for `fit`, without a sphere.
     progress : bool or callable, optional
     **settings
@@ -128,7 +131,7 @@ def fit_many(
     _check_several(surfaces)
     if sphere is None:
         given = list(surfaces)  # type: ignore[arg-type]
-        changes: Any = {"fix": fix, "largest_repair": largest_repair, "cut_handles": cut_handles}
+        changes: Any = {"fix": fix, "largest_repair": largest_repair, "wrap": wrap, "cut_handles": cut_handles}
         found = fit_each(given, max_degree, on_error=on_error, **changes, **settings)
         shown = callback(progress)
         models = []
@@ -139,9 +142,9 @@ def fit_many(
         return models
     if on_error != "raise":
         raise ValueError("on_error: expected 'raise' with a sphere, over which all surfaces are fitted together")
-    changes_of(fix, largest_repair, cut_handles)
-    if fix or cut_handles:
-        raise ValueError(f"{'fix' if fix else 'cut_handles'}: expected no sphere, because it changes the surfaces")
+    changes_of(fix, largest_repair, wrap, cut_handles)
+    if (name := named_change(fix, wrap, cut_handles)) is not None:
+        raise ValueError(f"{name}: expected no sphere, because it changes the surfaces")
     kinds = set()
     arrays: list[Floats] = []
     triangles = None
@@ -183,6 +186,7 @@ def fit_each(
     on_error: Literal["raise"] = "raise",
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     **settings: Unpack[FitSettings],
 ) -> Iterator[Model]: ...
@@ -196,6 +200,7 @@ def fit_each(
     on_error: Literal["collect"],
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     **settings: Unpack[FitSettings],
 ) -> Iterator[Model | Exception]: ...
@@ -208,6 +213,7 @@ def fit_each(
     on_error: Literal["raise", "collect"] = "raise",
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     **settings: Unpack[FitSettings],
 ) -> Any:
@@ -224,7 +230,7 @@ def fit_each(
         Highest degree L, inclusive.
     on_error : {"raise", "collect"}
         Raise the error of a surface that can't be fitted; or yield the exception and go on.
-    fix, largest_repair, cut_handles
+    fix, largest_repair, wrap, cut_handles
         As for `fit`.
     **settings
         The other arguments of `fit`; ``threads`` is the number of surfaces that are fitted at a time, by default the number
@@ -244,9 +250,9 @@ def fit_each(
     """
     _check_several(surfaces)
     collects = _arrays.on_error(on_error)
-    changes_of(fix, largest_repair, cut_handles)
+    changes_of(fix, largest_repair, wrap, cut_handles)
     each: dict[str, Any] = {**settings, "max_degree": max_degree}
-    each.update(fix=fix, largest_repair=largest_repair, cut_handles=cut_handles)
+    each.update(fix=fix, largest_repair=largest_repair, wrap=wrap, cut_handles=cut_handles)
     workers = _arrays.threads(each.pop("threads", None)) or _processors()
     return _each(iter(surfaces), workers, collects, each)
 

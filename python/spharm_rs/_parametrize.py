@@ -74,6 +74,7 @@ def parametrize(
     *,
     fix: bool = False,
     largest_repair: float | None = None,
+    wrap: int | None = None,
     cut_handles: bool = False,
     method: str = "auto",
     degree: int | None = None,
@@ -93,6 +94,8 @@ def parametrize(
         changes.
     largest_repair : float, optional
         With ``fix``: share of the area, from 0 to 1, that the repair may drop or add, as for `repair`.
+    wrap : int, optional
+        Replace the surface by the closed surface around it, as `repair` does, instead of repairing it.
     cut_handles : bool
         Cut handles along short loops and fill both sides, instead of refusing the surface. The cut surface is mapped;
         `Model.surface` of a model fitted over its sphere restores the handles.
@@ -134,7 +137,7 @@ def parametrize(
     found = _core.parametrize(
         mesh.vertices,
         mesh.faces,
-        changes=changes_of(fix, largest_repair, cut_handles),
+        changes=changes_of(fix, largest_repair, wrap, cut_handles),
         **settings,
         progress=callback(progress),
     )

@@ -33,7 +33,7 @@ class Repair:
     report: RepairReport = field(repr=False)
 
 
-def repair(surface: Any, *, largest_repair: float | None = None) -> Repair:
+def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | None = None) -> Repair:
     """Repairs common defects of scanned or exported meshes, so that the surface can be mapped to the sphere.
 
     In this order: welds vertices at the same position, drops degenerate and repeated triangles, welds rims that nearly
@@ -41,12 +41,18 @@ def repair(surface: Any, *, largest_repair: float | None = None) -> Repair:
     of up to 500 edges (the larger ones by surfaces that bend least), separates parts that touch at a vertex or along an
     edge, and drops unused vertices. Handles and intersections of the surface with itself remain.
 
+    With ``wrap``, the mesh is replaced by the closed surface around it instead, whatever its defects: the surface of the
+    voxels of a grid whose generalized winding number is above 0.5, without handles and cavities, smoothed, and moved onto
+    the mesh where it is at most a voxel away. Walls and gaps thinner than a voxel are lost.
+
     Parameters
     ----------
     surface : Surface or what `as_surface` takes
     largest_repair : float, optional
         Share of the area, from 0 to 1, that the repair may drop with pieces or add by filling holes, if more than the
         usual 0.05 dropped and 0.25 added.
+    wrap : int, optional
+        Number of voxels along the longest side of the mesh, from 16 to 512; 128 suits most meshes.
 
     Returns
     -------
@@ -55,7 +61,7 @@ def repair(surface: Any, *, largest_repair: float | None = None) -> Repair:
     Raises
     ------
     MeshError
-        If the repair would drop or add a larger share of the area.
+        If the repair would drop or add a larger share of the area, or a wrap would enclose nothing.
 
     Examples
     --------
@@ -69,15 +75,37 @@ def repair(surface: Any, *, largest_repair: float | None = None) -> Repair:
     0
     """
     mesh = as_surface(surface)
-    vertices, faces, report, changes = _core.repair(mesh.vertices, mesh.faces, largest_repair=_share(largest_repair))
+    share, voxels = _share(largest_repair), _voxels(wrap)
+    if share is not None and voxels is not None:
+        raise ValueError(f"largest_repair: expected None with wrap={wrap}, found {largest_repair!r}")
+    vertices, faces, report, changes = _core.repair(mesh.vertices, mesh.faces, largest_repair=share, wrap=voxels)
     return Repair(Surface(vertices, faces), changes, json.loads(report))
 
 
-def changes_of(fix: bool, largest_repair: float | None, cut_handles: bool) -> tuple[bool, float | None, bool]:
+def changes_of(
+    fix: bool, largest_repair: float | None, wrap: int | None, cut_handles: bool
+) -> tuple[bool, float | None, int | None, bool]:
     """Returns the changes to make to a surface before it is mapped."""
+    if wrap is not None and (fix or cut_handles):
+        name = "fix=True" if fix else "cut_handles=True"
+        raise ValueError(f"wrap: expected None with {name}, found {wrap!r}")
     if largest_repair is not None and not fix:
         raise ValueError(f"largest_repair: expected None without fix=True, found {largest_repair!r}")
-    return bool(fix), _share(largest_repair), bool(cut_handles)
+    return bool(fix), _share(largest_repair), _voxels(wrap), bool(cut_handles)
+
+
+def named_change(fix: bool, wrap: int | None, cut_handles: bool) -> str | None:
+    """Returns the name of a keyword that asks for a change of the surface."""
+    return "fix" if fix else "wrap" if wrap is not None else "cut_handles" if cut_handles else None
+
+
+def _voxels(wrap: int | None) -> int | None:
+    if wrap is None:
+        return None
+    number = isinstance(wrap, (int, np.integer)) and not isinstance(wrap, bool)
+    if not number or not 16 <= wrap <= 512:
+        raise ValueError(f"wrap: expected a number of voxels from 16 to 512, found {wrap!r}")
+    return int(wrap)
 
 
 def _share(largest_repair: float | None) -> float | None:

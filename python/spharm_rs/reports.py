@@ -25,6 +25,7 @@ __all__ = [
     "SolverSeconds",
     "SolverStep",
     "SurfaceDistance",
+    "WrapReport",
 ]
 
 
@@ -207,6 +208,29 @@ class HandlesReport(TypedDict):
     loops: List[CutLoop]
 
 
+class WrapReport(TypedDict):
+    """A closed surface around a mesh, found on a grid of voxels."""
+
+    #: Voxels along the longest side of the mesh.
+    voxels: int
+    #: Length of a voxel's edges, in the coordinates' unit.
+    voxel: float
+    #: Share of the mesh's area farther than a voxel from the wrap: inner walls and parts thinner than a voxel.
+    hidden_area: float
+    #: Share of the wrap's area farther than a voxel from the mesh: the wrap spans holes there.
+    bridged_area: float
+    #: Root mean square distance of the wrap from the mesh, in the coordinates' unit.
+    rms_distance: float
+    #: Pieces of the body left out, which are all except the largest.
+    pieces: int
+    #: Cavities filled.
+    cavities: int
+    #: Handles removed.
+    handles: int
+    #: Whether handles were cut; else their holes were filled.
+    handles_cut: bool
+
+
 class RepairReport(TypedDict):
     """A repair of a mesh."""
 
@@ -228,6 +252,8 @@ class RepairReport(TypedDict):
     dropped_area: float
     #: Share of the area of the repaired surface in the filled holes.
     filled_area: float
+    #: The closed surface that took the mesh's place, if it was wrapped.
+    wrap: WrapReport
     #: `repair` alone: reasons why the repaired surface can't be mapped to the sphere; empty for a surface of genus zero.
     problems: List[str]
 

@@ -119,6 +119,46 @@ def test_fix_repairs_before_the_map(open_ball: sp.Surface, tmp_path: Path) -> No
     assert map_report is not None and 0.3 < map_report["mesh_repair"]["filled_area"] < 0.4
 
 
+def test_a_wrap_is_the_closed_surface_around_all_parts(tmp_path: Path) -> None:
+    ball = sp.icosphere(4)
+    beside = 0.7 * ball.vertices + [0.9, 0, 0]
+    parts = (np.concatenate([ball.vertices, beside]), np.concatenate([ball.faces, ball.faces + len(ball.vertices)]))
+    with pytest.raises(sp.MeshError, match="wrap=128 takes the closed surface around it"):
+        sp.repair(parts)
+    wrapped = sp.repair(parts, wrap=64)
+    assert characteristic(wrapped.surface) == 2 and wrapped.report["problems"] == []
+    # The volume of two balls at a distance d, less that of the lens they share.
+    r, s, d = 1.0, 0.7, 0.9
+    lens = np.pi * (r + s - d) ** 2 * (d * d + 2 * d * (r + s) - 3 * (r - s) ** 2) / (12 * d)
+    assert abs(wrapped.surface.volume / (4 / 3 * np.pi * (r**3 + s**3) - lens) - 1) < 0.01
+    report = wrapped.report["wrap"]
+    assert report["voxels"] == 64 and abs(report["voxel"] - 2.6 / 64) < 1e-12
+    # The walls inside are two caps, with 0.215 of the area; less than a voxel of them is near the outside.
+    assert 0.18 < report["hidden_area"] < 0.215
+    assert report["handles"] == report["cavities"] == report["pieces"] == 0
+    with pytest.warns(sp.SpharmWarning, match="wrapped at 32 voxels"):
+        model = sp.fit(parts, max_degree=8, wrap=32)
+    assert model.provenance["repair"]["wrap"]["voxels"] == 32
+    with pytest.warns(sp.SpharmWarning):
+        (one,) = sp.fit_many([parts], max_degree=8, wrap=32)
+    assert np.allclose(one.coefficients, model.coefficients, atol=1e-12)
+    path = tmp_path / "parts.ply"
+    sp.Surface(*parts).save(path)
+    with pytest.warns(sp.SpharmWarning):
+        (done,) = sp.fit_cohort([{"id": "parts", "surface": path}], tmp_path, 6, wrap=32)
+    assert done.state == "done" and sp.Model.load(tmp_path / "parts.spharm.npz").provenance["wrap"] == 32
+    for wrong in (5, True, 3.5, "128"):
+        with pytest.raises(ValueError, match="wrap: expected a number of voxels from 16 to 512, found"):
+            sp.repair(parts, wrap=wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="wrap: expected None with fix=True"):
+        sp.fit(parts, max_degree=8, fix=True, wrap=32)
+    with pytest.raises(ValueError, match="wrap: expected no sphere"):
+        sp.fit(ball, ball, 4, wrap=32)
+    sheet = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    with pytest.raises(sp.MeshError, match="encloses no voxel of a grid with 64 voxels"):
+        sp.repair(sheet, wrap=64)
+
+
 def test_settings_that_have_no_effect_are_refused(open_ball: sp.Surface) -> None:
     with pytest.raises(ValueError, match="largest_repair: expected None without fix=True"):
         sp.fit(open_ball, max_degree=4, largest_repair=0.5)

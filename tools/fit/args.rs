@@ -8,7 +8,7 @@ use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
-use spharm_cli::values::{self, Dtype, percent};
+use spharm_cli::values::{self, Dtype, percent, voxels};
 use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 use spharm_cli::{Common, help};
 
@@ -72,7 +72,7 @@ pub(super) struct Input {
     #[arg(
         long,
         value_name = "ALL.moments",
-        conflicts_with_all = ["files", "surface", "sphere", "label", "fix", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing", "update", "shard", "keep_going", "status", "dry_run", "log"]
+        conflicts_with_all = ["files", "surface", "sphere", "label", "fix", "wrap", "cut_handles", "method", "hold_out", "dtype", "verify", "skip_existing", "update", "shard", "keep_going", "status", "dry_run", "log"]
     )]
     pub(super) moments: Option<PathBuf>,
     /// Sphere of the surfaces [default: one for each surface]
@@ -99,6 +99,14 @@ pub(super) struct Input {
     /// usual 5 dropped and 25 added
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
+    /// Replace meshes by the closed surface around them, found on a grid of this many voxels along the longest side
+    ///
+    /// For meshes that --fix can't close: parts that overlap, stand inside each other or lack large pieces, double
+    /// walls, and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of
+    /// the mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 suits most meshes; 16 to 512. The
+    /// new mesh is written next to the model, NAME.fixed.surf.gii.
+    #[arg(long, value_name = "VOXELS", conflicts_with_all = ["sphere", "fix", "cut_handles"], value_parser = voxels, hide_short_help = true)]
+    pub(super) wrap: Option<usize>,
     #[command(flatten)]
     pub(super) label_surface: LabelSurfaceArgs,
     #[command(flatten)]

@@ -108,8 +108,8 @@ fn options(cli: &Cli, params: FitParams) -> Result<Options> {
 
 fn preparation(input: &Input) -> Result<Preparation> {
     let (reading, label_surface) = (input.volume.reading(), input.label_surface.surface(&input.volume)?);
-    let Input { fix, cut_handles, largest_repair, .. } = *input;
-    Ok(Preparation { reading, label_surface, fix, cut_handles, largest_repair })
+    let Input { fix, wrap, cut_handles, largest_repair, .. } = *input;
+    Ok(Preparation { reading, label_surface, fix, wrap, cut_handles, largest_repair })
 }
 
 /// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`.

@@ -9,7 +9,7 @@ use spharm_cli::memory::Memory;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
-use spharm_cli::values::percent;
+use spharm_cli::values::{percent, voxels};
 use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 use spharm_parametrize::Sampling;
 
@@ -51,6 +51,14 @@ pub(crate) struct Cli {
     /// usual 5 dropped and 25 added
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
     pub(super) largest_repair: Option<f64>,
+    /// Replace meshes by the closed surface around them, found on a grid of this many voxels along the longest side
+    ///
+    /// For meshes that --fix can't close: parts that overlap, stand inside each other or lack large pieces, double
+    /// walls, and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of
+    /// the mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 suits most meshes; 16 to 512. The
+    /// new mesh is written to --surface-output.
+    #[arg(long, value_name = "VOXELS", conflicts_with_all = ["fix", "cut_handles"], value_parser = voxels, hide_short_help = true, help_heading = INPUT)]
+    pub(super) wrap: Option<usize>,
     #[command(flatten, next_help_heading = INPUT)]
     pub(super) label_surface: LabelSurfaceArgs,
     #[command(flatten, next_help_heading = INPUT)]
@@ -99,8 +107,8 @@ pub(crate) struct Cli {
     pub(super) output: PathBuf,
     /// Surface to write, whose triangles are those of the sphere; for several a folder
     ///
-    /// Needed if the mapped surface differs from the input: for volumes, for deform, with --resample-to, --fix and
-    /// --cut-handles. The default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
+    /// Needed if the mapped surface differs from the input: for volumes, for deform, with --resample-to, --fix, --wrap
+    /// and --cut-handles. The default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
     #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
     pub(super) surface_output: Option<PathBuf>,
     /// Names of several outputs

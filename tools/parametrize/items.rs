@@ -98,6 +98,7 @@ fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
         _ if is_volume(input) => Some("a volume has"),
         _ if cli.cut_handles => Some("--cut-handles makes"),
         _ if cli.fix => Some("--fix makes"),
+        _ if cli.wrap.is_some() => Some("--wrap makes"),
         _ => None,
     }
 }

@@ -32,6 +32,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         label_surface: cli.label_surface.surface(&cli.volume)?,
         fix: cli.fix,
         largest_repair: cli.largest_repair,
+        wrap: cli.wrap,
         cut_handles: cli.cut_handles,
     });
     let budget = cli.memory.budget(cli.threads.count());

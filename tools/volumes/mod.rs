@@ -51,7 +51,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let earlier = earlier.filter(|text| table::has_models(text));
     let (reading, label_surface) = (cli.volume.reading(), cli.label_surface.surface(&cli.volume)?);
     let preparation =
-        Preparation { reading, label_surface, fix: cli.fix, cut_handles: cli.cut_handles, largest_repair: None };
+        Preparation { reading, label_surface, fix: cli.fix, cut_handles: cli.cut_handles, ..Preparation::default() };
     let reader = SurfaceReader::new(preparation);
     let max_degree = match (cli.max_degree, &earlier) {
         (Some(degree), _) => degree,

@@ -10,6 +10,7 @@ use std::io;
 use spharm::shape::even::NO_TRIANGLES;
 use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow};
 use spharm_cohort::run::RunError;
+use spharm_parametrize::wrap::USUAL_VOXELS;
 use spharm_parametrize::{Mending, ParametrizeError};
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
@@ -174,9 +175,11 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::BadSurface { handles: 1.., .. } => {
             Some("--cut-handles cuts the handles and fills the cuts; spharm reconstruct restores handles".to_owned())
         }
+        ParametrizeError::BadSurface { mending: None, .. } => Some(of_wrap()),
         ParametrizeError::LargeRepair { repair, succeeds: true, .. } => {
-            percent_to_allow(repair).map(|percent| format!("--largest-repair {percent} allows it"))
+            percent_to_allow(repair).map(|percent| format!("--largest-repair {percent} allows it, and {}", of_wrap()))
         }
+        ParametrizeError::LargeRepair { .. } => Some(of_wrap()),
         ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {
             Some("--fix repairs the label; to keep its handles, use --cut-handles".to_owned())
         }
@@ -201,6 +204,11 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::Solver(error) => of_solver(error),
         _ => None,
     }
+}
+
+/// Returns the advice for a mesh that a repair doesn't close.
+fn of_wrap() -> String {
+    format!("--wrap {USUAL_VOXELS} fits the closed surface around it")
 }
 
 /// Returns the flags with which a mesh is repaired.

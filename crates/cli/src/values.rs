@@ -1,6 +1,7 @@
 //! Parses and checks values of arguments.
 
 use clap::ValueEnum;
+use spharm_parametrize::wrap::VOXELS;
 use spharm_store::Scalar;
 
 /// The scalar type of a basis or factor.
@@ -52,6 +53,16 @@ pub fn fraction(text: &str) -> Result<f64, String> {
 pub fn percent(text: &str) -> Result<f64, String> {
     let percent = text.trim_end_matches('%').parse().ok().filter(|percent: &f64| (0.0..=100.0).contains(percent));
     percent.map(|percent| 0.01 * percent).ok_or_else(|| "expected a percentage from 0 to 100".to_owned())
+}
+
+/// Parses the number of voxels of a wrap along a mesh's longest side.
+///
+/// # Errors
+///
+/// Returns a message that states the expected value.
+pub fn voxels(text: &str) -> Result<usize, String> {
+    let voxels = text.parse().ok().filter(|voxels| VOXELS.contains(voxels));
+    voxels.ok_or_else(|| format!("expected a number of voxels from {} to {}", VOXELS.start(), VOXELS.end()))
 }
 
 #[cfg(test)]

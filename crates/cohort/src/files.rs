@@ -215,8 +215,9 @@ impl ModelFiles {
         provenance.id = made_of.id.map(str::to_owned);
         provenance.input = made_of.input.cloned();
         provenance.region = made_of.region.cloned();
-        let Preparation { reading, fix, cut_handles, .. } = made_of.preparation;
+        let Preparation { reading, fix, wrap, cut_handles, .. } = made_of.preparation;
         (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (reading.voxel_size, fix, cut_handles);
+        provenance.wrap = wrap;
         match reading.values {
             VoxelValues::Labels => {}
             VoxelValues::Level(level) => provenance.threshold = Some(level),

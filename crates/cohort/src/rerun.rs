@@ -1,13 +1,15 @@
 //! Decides what happens to existing outputs when a fit is run again.
 
-use std::fmt;
+mod changes;
+
 use std::path::{Path, PathBuf};
 
-use spharm::model::{Provenance, Settings};
-use spharm::parametrize::volume::VoxelValues;
+use spharm::model::Settings;
 use spharm::store::{Scalar, SchemeKey};
 use spharm::{FileRecord, FitParams, Method, Model, Objective, Preparation, Smoothness, Sphere};
 
+pub use self::changes::Difference;
+use self::changes::unprepared;
 use crate::files::{ModelFiles, Replace};
 
 /// Treatment of existing outputs.
@@ -123,23 +125,6 @@ pub enum Refusal {
     },
 }
 
-/// A setting that differs between a model and a request.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Difference {
-    /// Name of the setting: a field of [`FitParams`], [`Method`] or [`Preparation`], or `sphere` or `id`.
-    pub setting: &'static str,
-    /// Value recorded in the model.
-    pub found: String,
-    /// Requested value.
-    pub wanted: String,
-}
-
-impl fmt::Display for Difference {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}, not {}", self.setting.replace('_', "-"), self.found, self.wanted)
-    }
-}
-
 /// Returns whether two regions have the same contents, regardless of the names of their files.
 fn same_region(found: Option<&FileRecord>, wanted: Option<&FileRecord>) -> bool {
     match (found, wanted) {
@@ -222,7 +207,12 @@ impl Request<'_> {
             }
             (_, Some((model, _))) => {
                 let mut differences = self.differences(model);
-                differences.extend(self.unprepared(&model.provenance, is_sound));
+                differences.extend(unprepared(
+                    self.preparation,
+                    self.input.label.is_some(),
+                    &model.provenance,
+                    is_sound,
+                ));
                 if !differences.is_empty() {
                     return Err(Refusal::OtherSettings { path: path(), differences });
                 }
@@ -244,61 +234,6 @@ impl Request<'_> {
             Some(path) => Err(Refusal::OtherSphere { path, input: self.input.to_string() }),
             None => Ok(()),
         }
-    }
-
-    /// Returns the differences between the recorded and the requested changes to the surface. A requested change that
-    /// had no effect isn't a difference.
-    fn unprepared(&self, recorded: &Provenance, is_sound: &dyn Fn() -> bool) -> Vec<Difference> {
-        let wanted = self.preparation;
-        let (mut differences, size) = (Vec::new(), wanted.reading.voxel_size);
-        let same = match (recorded.voxel_size, size) {
-            // Compare with a tolerance, because writing and reading a number may change its last bit.
-            (Some(found), Some(wanted)) => found.iter().zip(wanted).all(|(a, b)| (a - b).abs() <= 1e-14 * b),
-            (found, wanted) => found.is_none() && wanted.is_none(),
-        };
-        if !same {
-            let name = |size: Option<[f64; 3]>| {
-                size.map_or("the file's".to_owned(), |size| size.map(|size| size.to_string()).join(","))
-            };
-            let (found, wanted) = (name(recorded.voxel_size), name(size));
-            differences.push(Difference { setting: "voxel_size", found, wanted });
-        }
-        if self.input.label.is_some() {
-            let named = |name: &str, radius: Option<f64>| {
-                radius.map_or(name.to_owned(), |radius| format!("{name} within {radius} voxels"))
-            };
-            let found = named(recorded.label_surface.as_deref().unwrap_or("voxels"), recorded.smooth_radius);
-            let (surface, values) = (wanted.label_surface, VoxelValues::of(recorded.threshold, recorded.probability));
-            let compared = [
-                ("label_surface", found, named(surface.name(), surface.radius())),
-                ("values", values.to_string(), wanted.reading.values.to_string()),
-            ];
-            let differ = compared.into_iter().filter(|(_, found, wanted)| found != wanted);
-            differences.extend(differ.map(|(setting, found, wanted)| Difference { setting, found, wanted }));
-        }
-        let (repaired, cut) = (recorded.repair.is_some(), recorded.handles.is_some());
-        // A label fitted without a recorded repair or cut needs neither. For a mesh, this can't be concluded.
-        let as_it_is = self.input.label.is_some() && !repaired && !cut;
-        // A repaired label has no handles left to cut.
-        let without_handles = self.input.label.is_some() && repaired;
-        let changed = [
-            ("fix", recorded.fix || repaired, wanted.fix, repaired),
-            ("cut_handles", recorded.cut_handles || cut, wanted.cut_handles && !without_handles, cut),
-        ];
-        let changed = changed.into_iter().filter(|&(_, found, wanted, mattered)| match (found, wanted) {
-            (true, false) => mattered,
-            (false, true) => !as_it_is,
-            _ => false,
-        });
-        let changed: Vec<_> = changed.collect();
-        let added = changed.iter().all(|&(_, found, ..)| !found);
-        if changed.is_empty() || added && !repaired && !cut && is_sound() {
-            return differences;
-        }
-        let word = |given: bool| if given { "yes" } else { "no" }.to_owned();
-        let of = |(setting, found, wanted, _)| Difference { setting, found: word(found), wanted: word(wanted) };
-        differences.extend(changed.into_iter().map(of));
-        differences
     }
 
     fn differences(&self, model: &Model) -> Vec<Difference> {

@@ -71,6 +71,9 @@ pub struct Provenance {
     /// Whether repairing the label or mesh was requested, even if no repair was needed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,
+    /// Number of voxels along the longest side at which the mesh was wrapped, if it was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wrap: Option<usize>,
     /// Whether cutting handles was requested, even if the surface had no handles.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub cut_handles: bool,

@@ -220,6 +220,25 @@ pub enum ParametrizeError {
     #[error("interrupted")]
     Interrupted(#[from] spharm_monitor::Interrupted),
 
+    /// A mesh encloses none of the voxels of a wrap.
+    #[error(
+        "the mesh encloses no voxel of a grid with {voxels} voxels along its longest side; a wrap needs a mesh that \
+         encloses a body, even if it has holes, and more voxels find thinner bodies"
+    )]
+    NothingToWrap {
+        /// Number of voxels along the longest side.
+        voxels: usize,
+    },
+
+    /// Wrapping a mesh needs more memory than is free.
+    #[error("a wrap at {voxels} voxels along the longest side needs {room}; give fewer voxels")]
+    NoRoomToWrap {
+        /// Number of voxels along the longest side.
+        voxels: usize,
+        /// Number of bytes needed and number of bytes free.
+        room: spharm_surface::io::NoRoom,
+    },
+
     /// An argument out of its range.
     #[error("{what}: expected {expected}, found {found}")]
     Argument {

@@ -14,6 +14,7 @@ use crate::handles::{CutSurface, HandlesReport, cut_handles, fill_holes};
 use crate::method::Source;
 use crate::trial::with_mending;
 use crate::volume::{Repair, VolumeSurface};
+use crate::wrap::wrap;
 
 /// A surface from a file, after the changes made to it.
 #[derive(Clone, Debug)]
@@ -88,6 +89,18 @@ impl Input {
         let (mut mended, mut found) = repair(mesh);
         fill_holes(&mut mended, &mut found, monitor)?;
         Ok(if found.is_any() { Self::Fixed(mended, found) } else { self })
+    }
+
+    /// Replaces a mesh by the closed surface around it, see [`wrap()`](crate::wrap()). The surface around a label is
+    /// returned unchanged.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`wrap()`](crate::wrap()).
+    pub fn wrapped(self, voxels: usize, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
+        let Self::Mesh(mesh) = &self else { return Ok(self) };
+        let (outer, repair) = wrap(mesh, voxels, monitor)?;
+        Ok(Self::Fixed(outer, repair))
     }
 
     /// Returns the changes that the repair of a mesh made, if any.

@@ -54,6 +54,7 @@
 //! | [`Method`] | a method with its settings, as a value |
 //! | [`fill_in()`] | fills in missing values from the values around them |
 //! | [`Input`] | a mesh or a label's surface from a file |
+//! | [`wrap()`] | the closed surface around a mesh of any kind |
 //! | [`volume`] | label volumes: the closed surface around a label, repaired on request |
 //! | [`quality`] | whether a map is one to one, and its distortion of areas, angles and lengths |
 
@@ -98,6 +99,7 @@ mod star;
 mod stretch;
 mod trial;
 pub mod volume;
+pub mod wrap;
 
 pub use auto::{auto, parametrize};
 pub use cald::{CaldParams, cald};
@@ -115,3 +117,4 @@ pub use report::{Note, Parametrization, Report, Resampling, Warning};
 pub use resample::resample;
 pub use stretch::{StretchParams, stretch};
 pub use trial::defects;
+pub use wrap::wrap;

@@ -6,6 +6,7 @@ use std::path::Path;
 use pyo3::exceptions::{PyKeyboardInterrupt, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use spharm::parametrize::ParametrizeError;
+use spharm::parametrize::wrap::USUAL_VOXELS;
 use spharm::register::RegisterError;
 use spharm::store::StoreError;
 use spharm::{Error, ModelError, MomentsError, percent_to_allow};
@@ -89,6 +90,7 @@ fn with_advice(error: &Error) -> String {
         let percent = percent_to_allow(repair)?;
         Some(format!("largest_repair={:.2}", 0.01 * f64::from(percent)))
     };
+    const AROUND: &str = "takes the closed surface around it";
     let advice = match error {
         Error::Parametrize(ParametrizeError::BadSurface { mending: Some(mending), .. }) => {
             let largest = largest(&mending.repair).map(|largest| format!(", {largest}")).unwrap_or_default();
@@ -99,8 +101,11 @@ fn with_advice(error: &Error) -> String {
             Some("cut_handles=True cuts the handles".to_owned())
         }
         Error::Parametrize(ParametrizeError::LargeRepair { repair, succeeds: true, .. }) => {
-            largest(repair).map(|largest| format!("{largest} allows it"))
+            largest(repair).map(|largest| format!("{largest} allows it, and wrap={USUAL_VOXELS} {AROUND}"))
         }
+        Error::Parametrize(
+            ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::LargeRepair { .. },
+        ) => Some(format!("wrap={USUAL_VOXELS} {AROUND}")),
         _ => None,
     };
     advice.map_or_else(|| error.to_string(), |advice| format!("{error}; {advice}"))

@@ -14,13 +14,13 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 }
 
 /// Changes to a mesh before it is mapped, as given in Python: whether to repair it, the largest share of its area that
-/// the repair may drop or add, and whether to cut handles.
+/// the repair may drop or add, the number of voxels of a wrap, and whether to cut handles.
 #[derive(Clone, Copy, FromPyObject)]
-pub(crate) struct Changes(bool, Option<f64>, bool);
+pub(crate) struct Changes(bool, Option<f64>, Option<usize>, bool);
 
 impl From<Changes> for Preparation {
-    fn from(Changes(fix, largest_repair, cut_handles): Changes) -> Self {
-        Self { fix, largest_repair, cut_handles, ..Self::default() }
+    fn from(Changes(fix, largest_repair, wrap, cut_handles): Changes) -> Self {
+        Self { fix, largest_repair, wrap, cut_handles, ..Self::default() }
     }
 }
 
@@ -28,16 +28,17 @@ impl From<Changes> for Preparation {
 type Repaired<'py> = (PositionsOut<'py>, FacesOut<'py>, String, String);
 
 #[pyfunction]
-#[pyo3(signature = (vertices, faces, *, largest_repair))]
+#[pyo3(signature = (vertices, faces, *, largest_repair, wrap))]
 fn repair<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,
     faces: Faces<'py>,
     largest_repair: Option<f64>,
+    wrap: Option<usize>,
 ) -> PyResult<Repaired<'py>> {
     let given = mesh("surface", &vertices, &faces)?;
     let (mesh, repair, problems) = run_owned(py, Some(1), None, move |monitor| {
-        let changes = Preparation { fix: true, largest_repair, ..Preparation::default() };
+        let changes = Preparation { fix: true, largest_repair, wrap, ..Preparation::default() };
         let repaired = changes.apply(Input::Mesh(given), monitor)?;
         let repair = repaired.mesh_repair().copied().unwrap_or_default();
         let mesh = repaired.mesh().cloned().unwrap_or_default();

@@ -24,6 +24,9 @@ pub struct Preparation {
     /// Largest share of the area that the repair of a mesh may drop or add, if it is larger than [`DROPPED`] and
     /// [`FILLED`], respectively.
     pub largest_repair: Option<f64>,
+    /// Number of voxels, along the longest side of a mesh, at which the mesh is replaced by the closed surface around
+    /// it ([`wrap()`](crate::parametrize::wrap())), instead of being repaired. Default `None`.
+    pub wrap: Option<usize>,
     /// Whether to cut handles.
     pub cut_handles: bool,
 }
@@ -54,12 +57,18 @@ impl Preparation {
         }
     }
 
-    /// Repairs a mesh and cuts its handles, if requested. A label is repaired earlier, when its surface is extracted.
+    /// Wraps or repairs a mesh and cuts its handles, if requested. A label is repaired earlier, when its surface is
+    /// extracted.
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, or handles can't be cut.
+    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, a wrap encloses nothing, or
+    /// handles can't be cut.
     pub fn apply(self, surface: Input, monitor: &dyn Monitor) -> Result<Input, Error> {
+        if let Some(voxels) = self.wrap {
+            // A wrap has no handles.
+            return Ok(surface.wrapped(voxels, monitor)?);
+        }
         let surface = if self.fix { surface.mended(monitor)? } else { surface };
         if let Some(repair) = surface.mesh_repair() {
             let limits = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
@@ -142,7 +151,8 @@ impl MappedSurface {
         provenance.repair = self.repair.and_then(|repair| object(serde_json::to_value(repair)));
         if let Some(repair) = self.mesh_repair {
             let counts = repair.counts().map(|(name, count)| (name.to_owned(), count.into()));
-            provenance.repair = Some(counts.into_iter().collect());
+            let wrap = repair.wrap.and_then(|wrap| Some(("wrap".to_owned(), serde_json::to_value(wrap).ok()?)));
+            provenance.repair = Some(counts.into_iter().chain(wrap).collect());
         }
         provenance.handles = self.handles.as_ref().and_then(|handles| object(serde_json::to_value(handles)));
         provenance.voxels = self.voxels;

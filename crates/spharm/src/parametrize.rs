@@ -13,7 +13,7 @@ pub use spharm_parametrize::{
     CaldParams, ConformalParams, CutSurface, DeformParams, EqualAreaParams, Given, HandlesReport, Input, Method, Note,
     Parametrization, ParametrizeError, Quality, Report, Resampling, Sampling, Source, StretchParams, Warning,
     area_deviation, auto, cald, conformal, cut_handles, defects, deform, equal_area, fill_in, handles, quality,
-    resample, stretch, volume,
+    resample, stretch, volume, wrap,
 };
 
 /// A surface's map to the sphere.

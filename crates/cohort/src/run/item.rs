@@ -36,6 +36,7 @@ impl Item {
         observer: &dyn Observer,
     ) -> Result<Option<Self>, RunError> {
         let files = ModelFiles { model };
+        let repaired = options.preparation.fix || options.preparation.wrap.is_some();
         let beside = [
             options.coefficients_csv.then(|| files.csv()),
             params.standard_errors.then(|| files.standard_errors()),
@@ -45,8 +46,7 @@ impl Item {
             // If models are kept, the cut surface isn't required to exist: a surface without handles has no such file.
             (options.preparation.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
             // If models are kept, the repaired mesh isn't required to exist: a mesh without defects has no such file.
-            (options.preparation.fix && record.label.is_none() && !options.if_exists.keeps())
-                .then(|| files.fixed_surface()),
+            (repaired && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
         ];
         let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
         // Outputs must never replace the inputs of the row.

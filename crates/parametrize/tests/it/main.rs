@@ -13,3 +13,4 @@ mod robustness;
 mod shapes;
 mod shared_data;
 mod volume;
+mod wrap;

@@ -38,8 +38,9 @@ impl MappedTemplate {
     pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
         let input = Input::Mesh(surface.clone()).mended(monitor)?;
         if let Some(repair) = input.mesh_repair().filter(|repair| repair.filled_area > crate::FILLED) {
-            let (problems, remedy) = (repair.drops_and_fills(), "close the surface, or take another as the template");
-            return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None }.into());
+            let expected = "a closed surface, or one with small holes: close it, or take another as the template";
+            let found = repair.drops_and_fills();
+            return Err(ParametrizeError::Argument { what: "template", expected, found }.into());
         }
         let input = input.without_handles(monitor)?;
         let changes = input.changes(true);

@@ -6,6 +6,7 @@
 
 mod rims;
 mod sheets;
+mod wrap;
 
 use std::collections::{HashMap, HashSet};
 use std::fmt;
@@ -15,6 +16,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 use crate::geometry::{Vec3, dot, face_normal};
 use crate::mesh::Mesh;
 pub use rims::{LARGEST_FAN, rims};
+pub use wrap::Wrap;
 
 /// The changes that a repair made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -44,6 +46,8 @@ pub struct MeshRepair {
     pub filled_area: f64,
     /// Number of vertices dropped because no triangle used them after all other changes.
     pub unused: usize,
+    /// The closed surface that took the mesh's place, if the mesh was wrapped after the changes above.
+    pub wrap: Option<Wrap>,
 }
 
 impl MeshRepair {
@@ -74,6 +78,7 @@ impl MeshRepair {
             dropped,
             filled,
             phrase(self.unused, "unused vertex dropped", "unused vertices dropped"),
+            self.wrap.map(|wrap| wrap.to_string()),
         ];
         let phrases: Vec<String> = phrases.into_iter().flatten().collect();
         if phrases.is_empty() { "nothing".to_owned() } else { phrases.join(", ") }
@@ -116,15 +121,19 @@ impl MeshRepair {
 }
 
 impl Serialize for MeshRepair {
-    /// Serializes the counts by name, and the shares of the area, `dropped_area` and `filled_area`.
+    /// Serializes the counts by name, the shares of the area, `dropped_area` and `filled_area`, and `wrap` if there is
+    /// one.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let counts = self.counts();
-        let mut map = serializer.serialize_map(Some(counts.len() + 2))?;
+        let mut map = serializer.serialize_map(Some(counts.len() + 2 + usize::from(self.wrap.is_some())))?;
         for (name, count) in counts {
             map.serialize_entry(name, &count)?;
         }
         map.serialize_entry("dropped_area", &self.dropped_area)?;
         map.serialize_entry("filled_area", &self.filled_area)?;
+        if let Some(wrap) = &self.wrap {
+            map.serialize_entry("wrap", wrap)?;
+        }
         map.end()
     }
 }
@@ -160,10 +169,7 @@ fn percent(fraction: f64) -> String {
 pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
     let mut vertices = mesh.vertices.clone();
-    let mut faces = weld(mesh, &mut found);
-    drop_needless(&mut faces, &mut found);
-    found.welded += rims::weld(&vertices, &mut faces);
-    drop_needless(&mut faces, &mut found);
+    let mut faces = welded(mesh, &mut found);
     found.fins = sheets::drop_fins(&vertices, &mut faces);
     found.turned = sheets::orient(&vertices, &mut faces);
     (found.pieces, found.dropped_area) = sheets::keep_largest(&vertices, &mut faces);
@@ -177,6 +183,29 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mesh = Mesh { vertices, faces, meta: mesh.meta.clone() };
     found.measure(&mesh);
     (mesh, found)
+}
+
+/// Welds a mesh, and turns its triangles so that each piece is wound alike, and outwards as far as an open piece has an
+/// outside. Returns the mesh with all its pieces and vertices, and the changes.
+///
+/// # Panics
+///
+/// When a triangle's index is out of range.
+#[must_use]
+pub fn orient_outward(mesh: &Mesh) -> (Mesh, MeshRepair) {
+    let mut found = MeshRepair::default();
+    let mut faces = welded(mesh, &mut found);
+    found.turned = sheets::orient(&mesh.vertices, &mut faces) + sheets::turn_outward(&mesh.vertices, &mut faces);
+    (Mesh { vertices: mesh.vertices.clone(), faces, meta: mesh.meta.clone() }, found)
+}
+
+/// Returns the triangles with equal vertices and nearly equal rims welded, without degenerate and repeated ones.
+fn welded(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
+    let mut faces = weld(mesh, found);
+    drop_needless(&mut faces, found);
+    found.welded += rims::weld(&mesh.vertices, &mut faces);
+    drop_needless(&mut faces, found);
+    faces
 }
 
 /// Drops triangles that use a vertex twice, and all but the first with the same vertices.

@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::area_of;
-use crate::geometry::{Vec3, cross, dot, sub, unit};
+use crate::geometry::{Vec3, add, cross, dot, face_normal, scale, sub, unit};
 use crate::topology::UnionFind;
 
 /// Largest share of the area that fins and inner walls may have; more of it is hardly an accident.
@@ -225,6 +225,38 @@ pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
                 let [a, b, c] = faces[f];
                 faces[f] = [a, c, b];
                 count += 1;
+            }
+        }
+    }
+    count
+}
+
+/// Turns each piece that encloses a negative volume as seen from its centre. Returns the number of triangles turned.
+pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
+    let mut pieces = UnionFind::new(faces.len());
+    for (side, &other) in (0..).zip(&pairs(faces, &sides(faces))).filter(|(_, other)| **other != OPEN) {
+        pieces.join(side / 3, other / 3);
+    }
+    let mut members: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for f in 0..faces.len() {
+        members.entry(pieces.root(f as u32)).or_default().push(f);
+    }
+    let mut count = 0;
+    for piece in members.into_values() {
+        let corners = |f: usize| faces[f].map(|v| vertices[v as usize]);
+        let weighted = |f: usize| {
+            let [a, b, c] = corners(f);
+            let area = area_of(vertices, &faces[f]);
+            [0, 1, 2].map(|k| area * (a[k] + b[k] + c[k]) / 3.0)
+        };
+        let area: f64 = piece.iter().map(|&f| area_of(vertices, &faces[f])).sum();
+        let sum = piece.iter().fold([0.0; 3], |sum, &f| add(sum, weighted(f)));
+        let centre = scale(sum, 1.0 / area.max(f64::MIN_POSITIVE));
+        let volume = |f: usize| dot(sub(corners(f)[0], centre), face_normal(corners(f)));
+        if piece.iter().map(|&f| volume(f)).sum::<f64>() < 0.0 {
+            count += piece.len();
+            for f in piece {
+                faces[f].swap(1, 2);
             }
         }
     }

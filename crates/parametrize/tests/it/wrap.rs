@@ -1,0 +1,148 @@
+//! Tests closed surfaces around meshes of any kind.
+
+use spharm_monitor::Silent;
+use spharm_parametrize::{CaldParams, ParametrizeError, cald, defects, wrap};
+use spharm_surface::Mesh;
+use spharm_surface::generate::{SplitMix64, Torus, icosphere, torus};
+use spharm_surface::geometry::{Vec3, add, dot, face_normal, scale, sub};
+
+fn ball(centre: Vec3, radius: f64) -> Mesh {
+    let mut ball = icosphere(5);
+    ball.vertices.iter_mut().for_each(|v| *v = add(centre, scale(*v, radius)));
+    ball
+}
+
+fn joined(meshes: &[Mesh]) -> Mesh {
+    meshes.iter().fold(Mesh::default(), |mut all, mesh| {
+        let first = all.vertices.len() as u32;
+        all.vertices.extend_from_slice(&mesh.vertices);
+        all.faces.extend(mesh.faces.iter().map(|face| face.map(|v| v + first)));
+        all
+    })
+}
+
+fn volume(mesh: &Mesh) -> f64 {
+    let of = |face: &[u32; 3]| {
+        let corners = face.map(|v| mesh.vertices[v as usize]);
+        dot(corners[0], face_normal(corners)) / 6.0
+    };
+    mesh.faces.iter().map(of).sum()
+}
+
+fn assert_sphere(mesh: &Mesh) {
+    assert_eq!(defects(mesh), (Vec::new(), 0));
+}
+
+/// The outside of two balls that overlap, one inside out and one with its triangles in random order, is that of their
+/// union: the walls inside are gone, and the vertices lie on the balls.
+#[test]
+fn overlapping_parts_become_their_union() {
+    let (near, far) = (ball([0.0; 3], 1.0), ball([1.0, 0.2, 0.1], 0.8));
+    let mut far = far;
+    far.faces.iter_mut().for_each(|face| face.swap(1, 2));
+    let both = joined(&[near, far]);
+    let (outer, report) = wrap(&both, 64, &Silent).unwrap();
+    assert_sphere(&outer);
+    let off = |v: &Vec3| {
+        let from = |centre: Vec3, radius: f64| dot(sub(*v, centre), sub(*v, centre)).sqrt() - radius;
+        from([0.0; 3], 1.0).min(from([1.0, 0.2, 0.1], 0.8))
+    };
+    let found = report.wrap.unwrap();
+    let rms = (outer.vertices.iter().map(|v| off(v).powi(2)).sum::<f64>() / outer.vertices.len() as f64).sqrt();
+    assert!(rms < 2e-3 && found.rms_distance < 2e-3, "{rms:e}, {:e}", found.rms_distance);
+    assert!(outer.vertices.iter().all(|v| off(v).abs() < found.voxel));
+    // The volume of two balls less that of their intersection, a lens of two caps.
+    let (r, s, d) = (1.0_f64, 0.8_f64, 1.05_f64.sqrt());
+    let lens = (r + s - d).powi(2) * (d * d + 2.0 * d * (r + s) - 3.0 * (r - s).powi(2)) / (12.0 * d);
+    let expected = 4.0 / 3.0 * (r.powi(3) + s.powi(3)) - lens;
+    let found_volume = volume(&outer) / std::f64::consts::PI;
+    assert!((found_volume / expected - 1.0).abs() < 5e-3, "{found_volume} for {expected}");
+    // The walls inside have an area of two caps.
+    let inside = |centre: Vec3, radius: f64, mesh: &Mesh| {
+        mesh.vertices.iter().filter(|v| dot(sub(**v, centre), sub(**v, centre)).sqrt() < radius).count() as f64
+    };
+    let walls = inside([1.0, 0.2, 0.1], 0.77, &ball([0.0; 3], 1.0))
+        + 0.64 * inside([0.0; 3], 0.97, &ball([1.0, 0.2, 0.1], 0.8));
+    let share = walls / (1.64 * ball([0.0; 3], 1.0).vertices.len() as f64);
+    assert!((found.hidden_area - share).abs() < 0.02, "{} for {share}", found.hidden_area);
+    assert!(found.bridged_area < 0.01 && (found.pieces, found.cavities, found.handles) == (0, 0, 0));
+    cald(&outer, &CaldParams::default(), &Silent).unwrap();
+}
+
+/// A ball without a third of its triangles, at random and at one side, is closed; where there is a surface, the wrap
+/// lies on it. Triangles don't have to share vertices.
+#[test]
+fn holes_are_spanned() {
+    let mut random = SplitMix64::new(3);
+    let whole = ball([5.0, -3.0, 100.0], 2.0);
+    let kept = whole.faces.iter().filter(|face| {
+        let low = face.iter().all(|&v| whole.vertices[v as usize][2] < 101.2);
+        low && random.between(0.0, 1.0) < 0.9
+    });
+    let corners: Vec<Vec3> = kept.flat_map(|face| face.map(|v| whole.vertices[v as usize])).collect();
+    let faces = (0..corners.len() as u32).step_by(3).map(|i| [i, i + 1, i + 2]).collect();
+    let (closed, report) = wrap(&Mesh::new(corners, faces), 80, &Silent).unwrap();
+    assert_sphere(&closed);
+    let found = report.wrap.unwrap();
+    let radius = |v: &Vec3| dot(sub(*v, [5.0, -3.0, 100.0]), sub(*v, [5.0, -3.0, 100.0])).sqrt();
+    let low = closed.vertices.iter().filter(|v| v[2] < 100.5).map(|v| (radius(v) - 2.0).abs());
+    let farthest = low.fold(0.0, f64::max);
+    assert!(farthest < 2.0 * found.voxel, "{farthest} with voxels of {}, {report}", found.voxel);
+    // The cap that is missing has a fifth of the area; the wrap is flatter there.
+    assert!(found.bridged_area > 0.1 && found.bridged_area < 0.3, "{}", found.bridged_area);
+    assert!(found.hidden_area < 1e-3 && report.welded > 0, "{report:?}");
+}
+
+#[test]
+fn handles_cavities_and_pieces_are_counted() {
+    let ring = torus(&Torus::default());
+    let (closed, report) = wrap(&ring, 48, &Silent).unwrap();
+    assert_sphere(&closed);
+    assert_eq!(report.wrap.unwrap().handles, 1);
+    // A hollow ball, its inner wall wound inwards, and a small ball beside it.
+    let mut inner = ball([0.0; 3], 0.6);
+    inner.faces.iter_mut().for_each(|face| face.swap(1, 2));
+    let parts = joined(&[ball([0.0; 3], 1.0), inner, ball([1.5, 0.0, 0.0], 0.3)]);
+    let (outer, report) = wrap(&parts, 64, &Silent).unwrap();
+    assert_sphere(&outer);
+    let found = report.wrap.unwrap();
+    assert_eq!((found.pieces, found.handles), (1, 0));
+    let text = report.to_string();
+    assert!(text.contains("wrapped at 64 voxels along the longest side, 31.0 % of the mesh's area"), "{text}");
+    assert!(text.ends_with("1 smaller piece left out"), "{text}");
+    assert!((volume(&outer) / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3);
+}
+
+/// The wrap moves and scales with the mesh, also at the ends of the range of numbers.
+#[test]
+fn the_unit_does_not_matter() {
+    let parts = joined(&[ball([0.0; 3], 1.0), ball([1.0, 0.0, 0.0], 0.5)]);
+    let (expected, _) = wrap(&parts, 32, &Silent).unwrap();
+    for exponent in [-900, 0, 900] {
+        let factor = 2.0_f64.powi(exponent);
+        let mut scaled = parts.clone();
+        scaled.vertices.iter_mut().for_each(|v| *v = scale(*v, factor));
+        let (found, report) = wrap(&scaled, 32, &Silent).unwrap();
+        assert_eq!(found.faces, expected.faces, "{exponent}");
+        let same = |(a, b): (&Vec3, &Vec3)| (0..3).all(|k| (a[k] / factor - b[k]).abs() < 1e-12);
+        assert!(found.vertices.iter().zip(&expected.vertices).all(same), "{exponent}");
+        assert!((report.wrap.unwrap().voxel / factor - 2.5 / 32.0).abs() < 1e-12, "{exponent}");
+    }
+}
+
+#[test]
+fn what_has_no_inside_is_refused() {
+    let flat = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2], [0, 2, 3]]);
+    let error = wrap(&flat, 32, &Silent).unwrap_err();
+    assert!(matches!(error, ParametrizeError::NothingToWrap { voxels: 32 }), "{error}");
+    let point = Mesh::new(vec![[1.0; 3]; 3], vec![[0, 1, 2]]);
+    assert!(matches!(wrap(&point, 32, &Silent), Err(ParametrizeError::NothingToWrap { .. })));
+    assert!(wrap(&Mesh::default(), 32, &Silent).is_err());
+    let beyond = Mesh::new(vec![[0.0; 3]; 3], vec![[0, 1, 3]]);
+    assert!(matches!(wrap(&beyond, 32, &Silent), Err(ParametrizeError::BadSurface { .. })));
+    let sphere = ball([0.0; 3], 1.0);
+    for voxels in [0, 15, 513, usize::MAX] {
+        let error = wrap(&sphere, voxels, &Silent).unwrap_err().to_string();
+        assert!(error.contains("wrap: expected 16 to 512 voxels, found"), "{error}");
+    }
+}

@@ -1,0 +1,51 @@
+//! Describes the closed surface that takes the place of a mesh.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::{percent, phrase};
+
+/// A closed surface of genus zero around a mesh, found on a grid of voxels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Wrap {
+    /// Number of voxels along the longest side of the mesh's bounding box.
+    pub voxels: usize,
+    /// Length of a voxel's edges, in the coordinates' unit.
+    pub voxel: f64,
+    /// Share of the mesh's area that lies farther than a voxel from the wrap: inner walls and parts that are thinner
+    /// than a voxel.
+    pub hidden_area: f64,
+    /// Share of the wrap's area that lies farther than a voxel from the mesh: the wrap spans holes there.
+    pub bridged_area: f64,
+    /// Root mean square distance of the wrap from the mesh, in the coordinates' unit.
+    pub rms_distance: f64,
+    /// Number of pieces of the body left out, which are all except the largest.
+    pub pieces: usize,
+    /// Number of cavities filled.
+    pub cavities: usize,
+    /// Number of handles removed.
+    pub handles: usize,
+    /// Whether handles were cut; else their holes were filled.
+    pub handles_cut: bool,
+}
+
+impl fmt::Display for Wrap {
+    /// Describes the wrap and its differences from the mesh by phrases joined by commas.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "wrapped at {} voxels along the longest side", self.voxels)?;
+        let of = |share: f64, text: &str| (share >= 5e-5).then(|| format!("{} % {text}", percent(share)));
+        let handles = match self.handles_cut {
+            true => phrase(self.handles, "handle cut", "handles cut"),
+            false => phrase(self.handles, "handle filled", "handles filled"),
+        };
+        let phrases = [
+            of(self.hidden_area, "of the mesh's area farther than a voxel from the wrap"),
+            of(self.bridged_area, "of the wrap's area farther than a voxel from the mesh"),
+            phrase(self.pieces, "smaller piece left out", "smaller pieces left out"),
+            phrase(self.cavities, "cavity filled", "cavities filled"),
+            handles,
+        ];
+        phrases.into_iter().flatten().try_for_each(|phrase| write!(f, ", {phrase}"))
+    }
+}
