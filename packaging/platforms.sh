@@ -4,30 +4,13 @@
 # libraries can't be had here, it is only checked by the compiler.
 #
 # Checks that coefficients differ from those of the musl program by rounding only, and that stores and models of each are
-# read on the other. Also runs the unit tests of the crates that call the system or choose kernels by the processor.
+# read on the other. Also runs the unit tests of the crates that call the system or choose kernels by the processor, and packs
+# the programs into target/packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$PWD/target/platforms
 
-say() { printf '\n== %s (%d s)\n' "$*" "$SECONDS" >&2; }
-
-need() {
-  local command=$1; shift
-  command -v "$command" >/dev/null && return
-  say "installing $*"
-  if [ "$(id -u)" != 0 ]; then echo "error: installing $* needs root" >&2; exit 1; fi
-  apt-get update -qq
-  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
-}
-
-# Rust's name of a platform; nothing for an unknown one.
-triple() {
-  case $1 in
-    musl) echo x86_64-unknown-linux-musl ;;
-    arm64) echo aarch64-unknown-linux-gnu ;;
-    windows) echo x86_64-pc-windows-gnu ;;
-  esac
-}
+. packaging/common.sh
 
 # The program for a platform.
 binary() {
@@ -46,18 +29,8 @@ check_macos() {
 }
 
 build() {
-  case $1 in
-    musl) need musl-gcc musl-tools ;;
-    arm64)
-      need aarch64-linux-gnu-gcc gcc-aarch64-linux-gnu libc6-dev-arm64-cross
-      need qemu-aarch64 qemu-user
-      export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc ;;
-    windows)
-      need x86_64-w64-mingw32-gcc gcc-mingw-w64-x86-64
-      need wine wine wine64
-      random_numbers_for_wine ;;
-  esac
-  rustup target add "$(triple "$1")"
+  compilers "$1"
+  if [ "$1" = windows ]; then need wine wine wine64; random_numbers_for_wine; fi
   say "$1: building"
   cargo build --release --target "$(triple "$1")" --bin spharm --no-default-features --features tables
 }
@@ -149,6 +122,29 @@ unit_tests() {
   PROPTEST_CASES=$cases cargo test -q --lib "${crates[@]}" --target "$(triple "$1")"
 }
 
+# Packs the program for people: an archive with the program, manual pages, completions and documents, in target/packages.
+pack() {
+  local platform=$1 name folder suffix=
+  case $platform in
+    musl) name=spharm-$version-x86_64-linux-musl ;;
+    arm64) name=spharm-$version-aarch64-linux ;;
+    windows) name=spharm-$version-x86_64-windows suffix=.exe ;;
+  esac
+  folder=$out/pack/$name
+  say "$platform: $name"
+  rm -rf "$folder"; mkdir -p "$folder/man" "$folder/completions" target/packages
+  cp "$(binary "$platform")" "$folder/spharm$suffix"
+  cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE "$folder/"
+  (cd "$folder" && on "$platform" man man)
+  for shell in bash zsh fish powershell; do on "$platform" completions "$shell" > "$folder/completions/spharm.$shell"; done
+  if [ "$platform" = windows ]; then
+    (cd "$out/pack" && "$PWD_OF_REPOSITORY/target/venv/bin/python" -m zipfile -c "$PWD_OF_REPOSITORY/target/packages/$name.zip" "$name")
+  else
+    ln -s spharm "$folder/fit"; ln -s spharm "$folder/basis-build"
+    tar -C "$out/pack" --owner=0 --group=0 -czf "target/packages/$name.tar.gz" "$name"
+  fi
+}
+
 # Prints the largest difference of the models' coefficients, relative to the largest coefficient. Fails above 1e-12, but
 # for the bare mesh: its map to the sphere is found by iterations that end at other roundings.
 differences() {
@@ -198,4 +194,5 @@ done
 say "models"
 differences "${platforms[@]}"
 say "programs"
+for platform in "${platforms[@]}"; do pack "$platform"; done
 for platform in "${platforms[@]}"; do stat -c '%s %n' "$(binary "$platform")" | awk -v p="$platform" '{ printf "%-10s%6.1f MB\n", p, $1 / 1e6 }'; done

@@ -265,3 +265,27 @@ fn an_output_is_a_model_or_a_folder() {
     succeed(&mut fit("v1.2"));
     assert!(subjects.path("v1.2/lh.pial.spharm.npz").exists());
 }
+
+/// Models are compared where meshes are, by surface distance; a mesh in place of a model is named, with the verb that
+/// makes a model of it.
+#[test]
+fn models_are_compared_and_meshes_are_not_taken_for_models() {
+    let subjects = Subjects::new(1);
+    succeed(&mut subjects.fit(&[1], &[]));
+    let (surface, model) = (subjects.surface(1), subjects.path("out/lh.pial.spharm.npz"));
+    let compare = |first: &Path, second: &Path| {
+        let output = finish(tool("compare").args([first, second]).arg("--json"));
+        assert!(output.status.success(), "{}", text(&output));
+        serde_json::from_slice::<Value>(&output.stdout).expect("JSON")
+    };
+    let both = compare(&surface, &model);
+    let distance = both["surface_distance"]["rms"].as_f64().expect("a number");
+    // The model of degree 6 of a folded surface leaves detail out.
+    assert!(distance > 1e-3 && both["msd"].is_null(), "{both}");
+    assert!(compare(&model, &model)["surface_distance"]["hausdorff"].as_f64().expect("a number") < 1e-12);
+    let error = fail(tool("shape").args(["compress", "-o", "x.sphz"]).arg(&surface));
+    assert!(
+        error.contains("it is a mesh, of which `spharm fit --surface ") && error.ends_with("makes a model"),
+        "{error}"
+    );
+}

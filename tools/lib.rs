@@ -25,6 +25,7 @@ mod shape;
 mod status;
 mod store;
 mod study;
+mod surfaces;
 mod volumes;
 
 use std::borrow::Cow;

@@ -14,23 +14,24 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 /// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): in the input's unit, and
 /// after scaling both surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).
 /// With --surface-distance it also prints the distances between the surfaces themselves, which are also defined for
-/// surfaces with different triangles.
+/// surfaces with different triangles. A model in place of a mesh is evaluated, and compared by surface distance.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
         "spharm compare bunny.ply bunny60.ply",
         "spharm compare bunny.ply lod.ply --surface-distance --json",
+        "spharm compare bunny.ply bunny.spharm.npz",
         "spharm compare bunny.ply bunny60.ply -o error.glb --range 0.5",
         "spharm compare lh.white lh.white60.gii --mask label/lh.cortex.label",
     ],
     &[help::MESHES],
 ))]
 pub(crate) struct Cli {
-    /// The original surface
+    /// The original surface, or a model
     pub(super) original: PathBuf,
-    /// The reconstruction of the original
+    /// The reconstruction of the original, or a model of it
     ///
-    /// It must have the original's triangles, unless --surface-distance is given.
+    /// A mesh must have the original's triangles, unless --surface-distance is given.
     pub(super) reconstruction: PathBuf,
     /// Also measure the distance between the surfaces
     ///

@@ -8,7 +8,7 @@ use spharm_cli::memory::{Budget, round_numbers_below};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, check_outputs, is_stdout, prepare, print, print_json, table, write_json};
 use spharm_surface::Mesh;
-use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mask, read_mesh, write_painted};
+use spharm_surface::io::{PAINTED, PlyAttributes, WriteOptions, read_mask, write_painted};
 use spharm_surface::metrics::{
     SurfaceDistanceParams, colors, compare_at, correspond, distances_to_surface, distances_to_surface_bytes,
     surface_distance_at, surface_distance_bytes, vertex_distances,
@@ -16,6 +16,7 @@ use spharm_surface::metrics::{
 
 pub(crate) use self::args::Cli;
 use self::output::{Report, rows};
+use crate::surfaces::Surface;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -26,13 +27,19 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
 }
 
 /// Refuses meshes that don't fit into memory.
-fn check_memory(cli: &Cli, original: &Mesh, reconstruction: &Mesh, budget: Budget) -> Result<()> {
+fn check_memory(
+    cli: &Cli,
+    surface_distance: bool,
+    original: &Mesh,
+    reconstruction: &Mesh,
+    budget: Budget,
+) -> Result<()> {
     let held: u64 =
         [original, reconstruction].map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>()
             as u64;
     // Memory of squared distances, distances and colours.
     let at_vertices = 20 * reconstruction.vertices.len() as u64;
-    if !cli.surface_distance {
+    if !surface_distance {
         return budget.check(format_args!("compare {}", cli.original.display()), held + at_vertices);
     }
     let painting = match cli.output {
@@ -52,25 +59,29 @@ fn work(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
     let budget = cli.memory.budget(cli.threads.count());
     budget.check_inputs("compare", [cli.original.as_path(), &cli.reconstruction])?;
-    let original = read_mesh(&cli.original)?;
-    let reconstruction = read_mesh(&cli.reconstruction)?;
-    check_memory(cli, &original, &reconstruction, budget)?;
+    let [first, second] = [Surface::read(&cli.original)?, Surface::read(&cli.reconstruction)?];
+    // A model is evaluated at the vertices of an icosphere, which have no counterparts in another surface.
+    let surface_distance = cli.surface_distance || first.is_model() || second.is_model();
+    let evaluating = first.bytes_to_evaluate().max(second.bytes_to_evaluate());
+    budget.check(format_args!("compare {}", cli.original.display()), evaluating)?;
+    let [original, reconstruction] = [first.into_mesh()?, second.into_mesh()?];
+    check_memory(cli, surface_distance, &original, &reconstruction, budget)?;
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
     // Otherwise `compare_at` refuses different triangles.
-    let corresponds = (cli.mask.is_some() || cli.surface_distance) && correspond(&original, &reconstruction);
+    let corresponds = (cli.mask.is_some() || surface_distance) && correspond(&original, &reconstruction);
     let mask = cli.mask.as_ref().map(|path| read_mask(path, original.vertices.len())).transpose()?;
     let mask = mask.as_deref();
     if mask.is_some() && !corresponds {
         bail!("{}: --mask compares the same vertices of both surfaces, which need the same triangles", pair());
     }
-    let surfaces = if cli.surface_distance {
+    let surfaces = if surface_distance {
         let params = SurfaceDistanceParams { samples: cli.samples };
         Some(surface_distance_at(&original, &reconstruction, mask, &params, &monitor).with_context(pair)?)
     } else {
         None
     };
-    // Meshes with different numbers of vertices or different triangles are an error, unless --surface-distance is
-    // given.
+    // Meshes with different numbers of vertices or different triangles are an error, unless the distance of the
+    // surfaces is measured.
     let vertexwise = if surfaces.is_none() || corresponds {
         Some(compare_at(&original, &reconstruction, mask).with_context(pair)?)
     } else {

@@ -23,7 +23,7 @@ use spharm_surface::metrics::{correspond, distances_to_surface, distances_to_sur
 pub(crate) use self::args::Cli;
 use self::args::Side;
 use self::maps::{Coloured, Content, ContourMap, range_of};
-use self::surfaces::Surface;
+use crate::surfaces::{Surface, meshes};
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -43,7 +43,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let numbers = numbers.unwrap_or_default();
     let read: Vec<Surface> = files.iter().map(|path| Surface::read(path)).collect::<Result<_>>()?;
     check_memory(cli, &read, panels, budget)?;
-    let mut meshes = surfaces::meshes(read)?;
+    let mut meshes = meshes(read)?;
     if cli.centre {
         surfaces::centre(&mut meshes);
     }

@@ -15,6 +15,7 @@ use spharm_parametrize::{Mending, ParametrizeError};
 use spharm_solver::SolverError;
 use spharm_store::{Scalar, StoreError};
 use spharm_surface::SurfaceError;
+use spharm_surface::io::to_write_mesh;
 
 pub use fit::of_oscillation;
 
@@ -235,6 +236,10 @@ fn of_model(error: &ModelError) -> Option<String> {
     match error {
         ModelError::NoSphere => Some("give a sphere with --icosphere N or --sphere FILE".to_owned()),
         ModelError::Surface(error) => of_surface(error),
+        ModelError::Invalid { path, .. } if to_write_mesh(path).is_ok() => {
+            let path = path.display();
+            Some(format!("it is a mesh, of which `spharm fit --surface {path} --max-degree L` makes a model"))
+        }
         _ => None,
     }
 }

@@ -1,0 +1,36 @@
+# What the scripts for other platforms share. They source it.
+
+say() { printf '\n== %s (%d s)\n' "$*" "$SECONDS" >&2; }
+
+# Installs packages of Debian, unless there is a command.
+need() {
+  local command=$1; shift
+  command -v "$command" >/dev/null && return
+  say "installing $*"
+  if [ "$(id -u)" != 0 ]; then echo "error: installing $* needs root" >&2; exit 1; fi
+  apt-get update -qq
+  DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+}
+
+# Rust's name of a platform; nothing for an unknown one.
+triple() {
+  case $1 in
+    musl) echo x86_64-unknown-linux-musl ;;
+    arm64) echo aarch64-unknown-linux-gnu ;;
+    windows) echo x86_64-pc-windows-gnu ;;
+  esac
+}
+
+# Installs the compilers for a platform.
+compilers() {
+  case $1 in
+    musl) need musl-gcc musl-tools ;;
+    arm64)
+      need aarch64-linux-gnu-gcc gcc-aarch64-linux-gnu libc6-dev-arm64-cross
+      need qemu-aarch64 qemu-user
+      export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc ;;
+    windows) need x86_64-w64-mingw32-gcc gcc-mingw-w64-x86-64 ;;
+  esac
+  rustup target add "$(triple "$1")"
+}
+version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)

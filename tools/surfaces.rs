@@ -1,0 +1,84 @@
+//! Reads surfaces that are given as meshes or as models, which are evaluated as meshes.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use anyhow::{Result, bail};
+use spharm::{Kind, Model, Sphere};
+use spharm_cohort::is_model;
+use spharm_surface::Mesh;
+use spharm_surface::generate::icosphere_counts;
+use spharm_surface::io::read_mesh;
+
+/// Number of vertices of a model's mesh for each basis function up to the model's degree.
+const VERTICES: u64 = 4;
+
+/// A surface as it was read.
+pub(crate) enum Surface {
+    Mesh(Box<Mesh>),
+    /// A model, and the subdivisions of the icosphere that suits its degree.
+    Model(Box<Model>, u32),
+}
+
+impl Surface {
+    /// Reads a mesh or a model.
+    pub(crate) fn read(path: &Path) -> Result<Self> {
+        if !is_model(path) {
+            return Ok(Self::Mesh(Box::new(read_mesh(path)?)));
+        }
+        let model = Model::read(path)?;
+        if model.kind() != Kind::Surface {
+            bail!("{}: expected a model of a surface, found one of a signal", path.display());
+        }
+        let functions = (model.coefficients.max_degree() + 1).pow(2);
+        let suits = |level: &u32| icosphere_counts(*level)[0] >= VERTICES * functions as u64;
+        Ok(Self::Model(Box::new(model), (4..7).find(suits).unwrap_or(7)))
+    }
+
+    /// Returns whether it is a model.
+    pub(crate) fn is_model(&self) -> bool {
+        matches!(self, Self::Model(..))
+    }
+
+    /// Returns the numbers of vertices and triangles of the mesh.
+    pub(crate) fn counts(&self) -> [u64; 2] {
+        match self {
+            Self::Mesh(mesh) => [mesh.vertices.len() as u64, mesh.faces.len() as u64],
+            Self::Model(_, level) => icosphere_counts(*level),
+        }
+    }
+
+    /// Returns the memory in bytes that [`meshes`] takes for this surface, besides the surface's mesh.
+    pub(crate) fn bytes_to_evaluate(&self) -> u64 {
+        match self {
+            Self::Mesh(_) => 0,
+            Self::Model(model, level) => {
+                let [vertices, faces] = icosphere_counts(*level);
+                Model::bytes_to_evaluate(vertices, faces, 3, model.coefficients.max_degree())
+            }
+        }
+    }
+
+    /// Returns the surface's mesh.
+    pub(crate) fn into_mesh(self) -> Result<Mesh> {
+        match self {
+            Self::Mesh(mesh) => Ok(*mesh),
+            Self::Model(model, level) => {
+                Ok(model.reconstruct(&Sphere::icosphere(level), model.coefficients.max_degree())?)
+            }
+        }
+    }
+}
+
+/// Returns the meshes of surfaces, several of which may be models.
+pub(crate) fn meshes(surfaces: Vec<Surface>) -> Result<Vec<Mesh>> {
+    let mut spheres: HashMap<u32, Sphere> = HashMap::new();
+    let mesh = |surface| match surface {
+        Surface::Mesh(mesh) => Ok(*mesh),
+        Surface::Model(model, level) => {
+            let sphere = spheres.entry(level).or_insert_with(|| Sphere::icosphere(level));
+            Ok(model.reconstruct(sphere, model.coefficients.max_degree())?)
+        }
+    };
+    surfaces.into_iter().map(mesh).collect()
+}
