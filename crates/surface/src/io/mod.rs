@@ -27,6 +27,7 @@ mod annotation;
 mod atomic;
 mod bytes;
 mod check;
+mod choose;
 mod flaw;
 mod formats;
 mod freesurfer;
@@ -65,8 +66,9 @@ pub use annotation::{Annotation, read_annotation};
 pub use atomic::write_new;
 pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, mesh_with_gaps, signal as check_signal, signal_with_gaps};
-pub(crate) use formats::name_without_gz;
-pub use formats::{FORMATS, Output, check_output, is_named_signal, to_write_mesh, to_write_signal};
+pub(crate) use choose::name_without_gz;
+pub use choose::{Output, check_output, is_named_signal, to_write_mesh, to_write_signal};
+pub use formats::FORMATS;
 pub use leftovers::remove_leftovers;
 pub use load::MOST_EXPANSION;
 pub use mask::read_mask;
@@ -184,7 +186,7 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
     if let Some(format) = volume::kind(&bytes) {
         return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
     }
-    let format = formats::of_file(path, &bytes)?;
+    let format = choose::of_file(path, &bytes)?;
     let input = (format.read)(&bytes).map_err(|flaw| flaw.at(path, format.name))?;
     Ok(input)
 }
@@ -254,11 +256,11 @@ fn write_as<T>(
     contents: &T,
     structure: Option<&str>,
 ) -> Result<(), SurfaceError> {
-    let name = formats::name_without_gz(path);
+    let name = choose::name_without_gz(path);
     let context = Context { double: options.double, name: &name, structure };
     write_new(path, options.overwrite, |out| {
         let writer = writer.ok_or(io::ErrorKind::Unsupported)?;
-        if !formats::is_gzipped(path) {
+        if !choose::is_gzipped(path) {
             return writer(out, contents, &context);
         }
         let mut packed = GzEncoder::new(out, Compression::default());

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::formats::{Output, check_output, to_write_mesh};
+use super::choose::{Output, check_output, to_write_mesh};
 use super::ply::PlyAttributes;
 use super::{WriteOptions, check, glb, ply, vtk, write_new, write_signal};
 use crate::error::SurfaceError;

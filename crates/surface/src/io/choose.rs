@@ -1,0 +1,186 @@
+//! Determines a file's format from its name or, failing that, from its first bytes.
+
+use std::path::Path;
+
+use super::flaw::shown;
+use super::formats::FORMATS;
+use super::spec::FormatSpec;
+use crate::error::SurfaceError;
+
+/// The intended contents of an output file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output<'a> {
+    /// A surface.
+    Mesh,
+    /// A surface whose vertices must keep their order: a sphere, or a surface that corresponds to a sphere.
+    OrderedMesh,
+    /// Values on vertices.
+    Signal,
+    /// A surface or values on vertices, if the choice isn't known yet.
+    Either,
+    /// An output of one fixed format; its name must end in one of these lower-case endings.
+    Ending(&'a [&'a str]),
+}
+
+/// Checks, before any work, that the format implied by an output's name can hold the output.
+///
+/// Functions that write files make this check, too. Programs call it for all outputs before they start.
+///
+/// # Errors
+///
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the name implies no suitable format,
+/// [`LosesOrder`](SurfaceError::LosesOrder) for an [`Output::OrderedMesh`] in a format such as STL.
+pub fn check_output(path: impl AsRef<Path>, output: Output<'_>) -> Result<(), SurfaceError> {
+    let path = path.as_ref();
+    match output {
+        Output::Mesh => to_write_mesh(path).map(drop),
+        Output::OrderedMesh => match to_write_mesh(path)? {
+            format if format.keeps_order => Ok(()),
+            format => Err(SurfaceError::LosesOrder { path: path.to_owned(), format: format.name }),
+        },
+        Output::Signal => to_write_signal(path).map(drop),
+        Output::Either => {
+            to_write(path, |format| format.write_mesh.is_some() || format.write_signal.is_some()).map(drop)
+        }
+        Output::Ending(endings) if endings.iter().any(|ending| lower_name(path).ends_with(ending)) => Ok(()),
+        Output::Ending(endings) => Err(no_format(path, format!("a name that ends in {}", endings.join(" or ")))),
+    }
+}
+
+/// Returns the surface format implied by an output file's name.
+///
+/// # Errors
+///
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the name implies no format for surfaces.
+pub fn to_write_mesh(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
+    to_write(path, |format| format.write_mesh.is_some())
+}
+
+/// Returns the signal format implied by an output file's name.
+///
+/// # Errors
+///
+/// [`UnknownFormat`](SurfaceError::UnknownFormat) if the name implies no format for signals.
+pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError> {
+    to_write(path, |format| format.write_signal.is_some())
+}
+
+/// Returns whether a file's name implies values on vertices rather than a surface.
+#[must_use]
+pub fn is_named_signal(path: &Path) -> bool {
+    let name = name_without_gz(path);
+    let is_of =
+        |holds: fn(&FormatSpec) -> bool| FORMATS.iter().any(|format| holds(format) && has_ending(format, &name));
+    // The ending `.gii` alone is used for both surfaces and values. It is taken to mean values on vertices.
+    is_of(|format| format.write_signal.is_some())
+        && (name.ends_with(".gii") || !is_of(|format| format.write_mesh.is_some()))
+        && !name.ends_with(".surf.gii")
+}
+
+fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static FormatSpec, SurfaceError> {
+    let name = name_without_gz(path);
+    let holding = || FORMATS.iter().filter(|format| holds(format));
+    let by_ending = || holding().find(|format| has_ending(format, &name));
+    // The prefix matters only if no ending determines the format: `lh.pial.csv` is a table, which can't hold a
+    // surface.
+    let prefixed = ["lh.", "rh."].iter().any(|prefix| name.starts_with(prefix)) && by_proper_ending(&name).is_none();
+    let by_prefix = || holding().find(|format| prefixed && format.hemisphere_prefix);
+    by_ending().or_else(by_prefix).ok_or_else(|| {
+        let mut endings: Vec<&str> = holding().flat_map(|format| format.endings).copied().collect();
+        endings.sort_unstable();
+        endings.dedup();
+        no_format(path, format!("a name that ends in {}, or starts with lh. or rh. (FreeSurfer)", endings.join(", ")))
+    })
+}
+
+/// Returns the format of an existing file. The ending determines the format, except for FreeSurfer's endings, which
+/// aren't unique. The first bytes then determine it.
+pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
+    let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
+    let format = by_proper_ending(&name_without_gz(path)).or_else(by_magic);
+    if bytes.is_empty() && format.is_none() {
+        return Err(SurfaceError::EmptyFile { path: path.to_owned() });
+    }
+    format.ok_or_else(|| {
+        let mut endings: Vec<&str> = proper().flat_map(|format| format.endings).copied().collect();
+        endings.sort_unstable();
+        endings.dedup();
+        SurfaceError::UnknownFormat {
+            path: path.to_owned(),
+            expected: format!("one of {}, or a FreeSurfer surface or curv file", endings.join(", ")),
+            found: format!("it starts with {}", shown(bytes)),
+        }
+    })
+}
+
+/// Returns the formats that are identified by their endings: all except FreeSurfer's surface and curv files.
+fn proper() -> impl Iterator<Item = &'static FormatSpec> {
+    FORMATS.iter().filter(|format| !format.hemisphere_prefix)
+}
+
+fn by_proper_ending(name: &str) -> Option<&'static FormatSpec> {
+    proper().find(|format| has_ending(format, name))
+}
+
+fn has_ending(format: &FormatSpec, name: &str) -> bool {
+    format.endings.iter().any(|ending| name.ends_with(ending))
+}
+
+fn no_format(path: &Path, expected: String) -> SurfaceError {
+    let found = format!("the name is {}", shown(lower_name(path).as_bytes()));
+    SurfaceError::UnknownFormat { path: path.to_owned(), expected, found }
+}
+
+fn lower_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().to_lowercase()
+}
+
+/// Returns a file's name in lower case, without the ending `.gz`.
+pub(crate) fn name_without_gz(path: &Path) -> String {
+    let name = lower_name(path);
+    name.strip_suffix(".gz").unwrap_or(&name).to_owned()
+}
+
+/// Returns whether a file with this name is gzipped as a whole.
+pub(super) fn is_gzipped(path: &Path) -> bool {
+    let name = lower_name(path);
+    [".gz", ".mgz"].iter().any(|ending| name.ends_with(ending))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_ask_for_formats() {
+        let mesh = |name: &str| to_write_mesh(Path::new(name)).ok().map(|format| format.name);
+        let signal = |name: &str| to_write_signal(Path::new(name)).ok().map(|format| format.name);
+        assert_eq!(mesh("a.SURF.gii.gz"), Some("a GIfTI file"));
+        assert_eq!(mesh("lh.smooth"), Some("a FreeSurfer surface"));
+        assert_eq!(mesh("sub.pial"), Some("a FreeSurfer surface"));
+        assert_eq!(mesh("lh.pial.csv"), None);
+        assert_eq!((mesh("a.obj.gz"), mesh("a.npz"), mesh("a")), (Some("an OBJ file"), None, None));
+        assert_eq!(signal("lh.anything"), Some("a FreeSurfer curv file"));
+        assert_eq!(signal("lh.thickness.mgz"), Some("a FreeSurfer map"));
+        assert_eq!((signal("a.ply"), signal("lh.ply"), signal("a.tsv")), (None, None, Some("a TSV table")));
+    }
+
+    #[test]
+    fn names_tell_values_from_surfaces() {
+        let signal = |name: &str| is_named_signal(Path::new(name));
+        assert!(
+            ["lh.thickness", "a.mgz", "a.csv", "a.func.gii", "a.shape.gii.gz", "a.gii"].iter().all(|name| signal(name))
+        );
+        assert!(["lh.pial", "a.surf.gii", "a.ply", "lh.other", "a.obj.gz"].iter().all(|name| !signal(name)));
+    }
+
+    #[test]
+    fn outputs_are_checked_before_any_work() {
+        let error = check_output("a.stl", Output::OrderedMesh).unwrap_err();
+        assert!(matches!(error, SurfaceError::LosesOrder { .. }), "{error}");
+        check_output("a.stl", Output::Mesh).unwrap();
+        check_output("a.PNG", Output::Ending(&[".png"])).unwrap();
+        let error = check_output("a.jpg", Output::Ending(&[".png"])).unwrap_err();
+        assert!(error.to_string().contains("a name that ends in .png"), "{error}");
+    }
+}
