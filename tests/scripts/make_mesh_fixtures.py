@@ -6,7 +6,7 @@
 Files are written by the formats' own Python libraries if these can, otherwise by this script as exporters do.
 expected.json holds the contents as read by those libraries (never by this project).
 
-Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 numpy==2.4.6.
+Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 numpy==2.4.6. The dates in three files change with each run.
 """
 
 import gzip
@@ -259,6 +259,82 @@ def write_ply(out):
     expect_mesh("big.ply", *read_with(vtk.vtkPLYReader(), out / "big.ply"))
 
 
+def strips():
+    """Returns two strips of an open tube, the second with a corner repeated, and their vertices."""
+    angle = np.arange(12.0) * np.pi / 5
+    vertices = np.stack([3 * np.cos(angle), 2 * np.sin(angle), np.arange(12.0) * 0.75], axis=1)
+    return vertices, [[0, 1, 2, 3, 4, 5, 6], [6, 5, 7, 7, 8, 9, 10, 11]]
+
+
+def write_strips(out):
+    vertices, lists = strips()
+    polygons = [[0, 2, 11, 4]]
+    data = vtk_polydata(vertices, polygons)
+    cells = vtk.vtkCellArray()
+    for corners in lists:
+        cells.InsertNextCell(len(corners), corners)
+    data.SetStrips(cells)
+    writer = vtk.vtkPolyDataWriter()
+    writer.SetInputData(data)
+    writer.SetFileName(str(out / "strips.vtk"))
+    writer.SetFileType(vtk.VTK_BINARY)
+    writer.Write()
+    reader = vtk.vtkPolyDataReader()
+    reader.SetFileName(str(out / "strips.vtk"))
+    points, triangles = strip_triangles(reader)
+    expect_mesh("strips.vtk", points, polygons + triangles)
+
+    # These libraries neither write nor read strips in PLY. The triangles are those that VTK makes of the same strips.
+    for name, kind in [("strips_ascii.ply", "ascii"), ("strips_big.ply", "binary_big_endian")]:
+        numbers = [i for corners in lists for i in [*corners, -1]][:-1]
+        head = f"ply\nformat {kind} 1.0\nelement vertex 12\n" + "".join(f"property double {x}\n" for x in "xyz")
+        head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+        if kind == "ascii":
+            lines = [" ".join(map(repr, v)) for v in vertices.tolist()] + [" ".join(map(str, [len(numbers), *numbers]))]
+            body = ("\n".join(lines) + "\n").encode()
+        else:
+            body = vertices.astype(">f8").tobytes() + np.array([len(numbers), *numbers], dtype=">i4").tobytes()
+        (out / name).write_bytes(head.encode() + body)
+        expect_mesh(name, vertices, triangles)
+
+
+def strip_triangles(reader):
+    """Returns the points of a VTK reader and the triangles that VTK makes of its strips, without repeated corners."""
+    reader.Update()
+    data = vtk.vtkPolyData()
+    data.SetPoints(reader.GetOutput().GetPoints())
+    data.SetStrips(reader.GetOutput().GetStrips())
+    cut = vtk.vtkTriangleFilter()
+    cut.SetInputData(data)
+    cut.Update()
+    points, triangles = from_polydata(cut.GetOutput())
+    return points, proper(triangles)
+
+
+def proper(triangles):
+    return [list(map(int, t)) for t in triangles if len(set(map(int, t))) == 3]
+
+
+def write_grids(out):
+    vertices, quads = box()
+    top = [[4, 5, 7], [4, 7, 6]]
+    cells = [("quad", quads[[0, 2, 3]]), ("triangle", np.array(top)), ("vertex", np.array([[1]])), ("line", np.array([[0, 7]]))]
+    for name, version, binary in [("grid42.vtk", "4.2", True), ("grid51.vtk", "5.1", False)]:
+        meshio.vtk.write(out / name, meshio.Mesh(vertices, cells), fmt_version=version, binary=binary)
+        reader = vtk.vtkUnstructuredGridReader()
+        reader.SetFileName(str(out / name))
+        reader.Update()
+        grid = reader.GetOutput()
+        flat = [i for i in range(grid.GetNumberOfCells()) if grid.GetCell(i).GetCellDimension() == 2]
+        expect_mesh(name, vtk_to_numpy(grid.GetPoints().GetData()), [cell_corners(grid, i) for i in flat])
+
+
+def cell_corners(grid, number):
+    ids = vtk.vtkIdList()
+    grid.GetCellPoints(number, ids)
+    return [ids.GetId(i) for i in range(ids.GetNumberOfIds())]
+
+
 def write_off(out):
     vertices, faces = icosahedron()
     meshio.write(out / "plain.off", meshio.Mesh(vertices, [("triangle", faces)]))
@@ -381,7 +457,7 @@ def main():
         sys.exit(__doc__)
     out = pathlib.Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
-    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_tables]:
+    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_tables]:
         write(out)
     (out / "expected.json").write_text(json.dumps(EXPECTED, indent=None, separators=(",", ":")) + "\n")
 

@@ -6,10 +6,10 @@
 //! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | as read |
 //! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings except external files | GZipBase64Binary |
 //! | Wavefront | `.obj` | polygons, negative indices | ASCII |
-//! | Stanford | `.ply` | ASCII, both binaries, polygons | little-endian binary |
+//! | Stanford | `.ply` | ASCII, both binaries, polygons, strips | little-endian binary |
 //! | Geomview | `.off` | ASCII, polygons, with colours or normals | ASCII |
 //! | STL | `.stl` | ASCII, binary; equal vertices welded | binary |
-//! | VTK legacy | `.vtk` | PolyData, ASCII and binary, versions to 5.1 | ASCII |
+//! | VTK legacy | `.vtk` | PolyData, grids of surface cells, ASCII and binary, to 5.1 | ASCII |
 //! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
 //! | binary glTF | `.glb` | - | with normals, for viewers |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | as read |
@@ -45,6 +45,7 @@ mod off;
 mod painted;
 mod ply;
 mod polygon;
+mod scalar;
 mod spec;
 mod stl;
 mod table;

@@ -1,4 +1,4 @@
-//! Splits polygons into triangles.
+//! Splits polygons and strips into triangles.
 
 /// Splits a polygon into triangles that share its first corner, and adds them to `faces`.
 ///
@@ -17,4 +17,36 @@ pub(super) fn fan(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
         previous = corner;
     }
     true
+}
+
+/// Splits a strip into triangles, each of three successive corners, and adds them to `faces`. Returns `false` for fewer
+/// than three corners.
+///
+/// Every second triangle is reversed, so that all have the winding of the first. Triangles that repeat a corner are
+/// dropped: exporters insert them to join several strips into one.
+pub(super) fn strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
+    for (i, triangle) in corners.windows(3).enumerate() {
+        let &[a, b, c] = triangle else { continue };
+        if a != b && b != c && c != a {
+            faces.push(if i % 2 == 0 { [a, b, c] } else { [b, a, c] });
+        }
+    }
+    corners.len() >= 3
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_strip_keeps_the_winding_of_its_first_triangle() {
+        let mut faces = Vec::new();
+        assert!(strip(&[0, 1, 2, 3, 4], &mut faces));
+        assert_eq!(faces, [[0, 1, 2], [2, 1, 3], [2, 3, 4]]);
+        // The same quadrangles as two strips joined by repeated corners.
+        faces.clear();
+        assert!(strip(&[0, 1, 2, 3, 3, 4, 4, 5, 6, 7], &mut faces));
+        assert_eq!(faces, [[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7]]);
+        assert!(!strip(&[0, 1], &mut faces));
+    }
 }

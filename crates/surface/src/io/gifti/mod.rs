@@ -10,6 +10,7 @@ mod write;
 mod xml;
 
 use super::flaw::{Flaw, shown};
+use super::scalar::index;
 use crate::mesh::{Input, Mesh, Meta, Signal};
 use data::Array;
 use names::{POINTSET, STRUCTURE, TRIANGLE};
@@ -101,12 +102,6 @@ fn to_positions(array: Array) -> Result<Vec<[f64; 3]>, Flaw> {
 
 fn to_triangles(array: Array) -> Result<Vec<[u32; 3]>, Flaw> {
     let values = rows_of_three(array, TRIANGLE)?;
-    let index = |x: f64| {
-        // The conversion is exact for every integer that fits u32. Fractions, negative numbers and NaN fail the
-        // comparison.
-        let i = x as u32;
-        if f64::from(i) == x { Ok(i) } else { Err(Flaw::new("vertex indices from 0 to 2^32 - 1", x.to_string())) }
-    };
     let (triangles, _) = values.as_chunks::<3>();
     triangles.iter().map(|&[a, b, c]| Ok([index(a)?, index(b)?, index(c)?])).collect()
 }

@@ -2,25 +2,27 @@
 
 use super::super::bytes::Cursor;
 use super::super::flaw::{Flaw, bounded, shown};
-use super::super::polygon::fan;
+use super::super::polygon::{fan, strip};
+use super::super::scalar::Scalar;
 use super::super::text::number;
-use super::header::{Element, Encoding, Header, Kind, Scalar};
+use super::header::{Element, Encoding, Header, Kind};
 use crate::mesh::Mesh;
 
-/// Reads positions and polygons, and skips all other data.
+/// Reads positions, polygons and strips, and skips all other data.
 pub(super) fn read(header: &Header, cursor: Cursor<'_>) -> Result<Mesh, Flaw> {
     let mut values = Values { cursor, encoding: header.encoding };
     let mut mesh = Mesh::default();
-    let mut seen_faces = false;
+    let (mut seen_faces, mut seen_strips) = (false, false);
     for element in &header.elements {
         match element.name.as_slice() {
             b"vertex" if mesh.vertices.is_empty() => mesh.vertices = vertices(element, &mut values)?,
             b"face" if !seen_faces => {
                 seen_faces = true;
-                mesh.faces = faces(element, &mut values)?;
+                faces(element, &mut values, &mut mesh.faces)?;
             }
-            b"tristrips" => {
-                return Err(Flaw::unsupported("triangle strips", "save it with triangles or polygons"));
+            b"tristrips" if !seen_strips => {
+                seen_strips = true;
+                strips(element, &mut values, &mut mesh.faces)?;
             }
             _ => skip(element, &mut values)?,
         }
@@ -56,28 +58,62 @@ fn vertices(element: &Element, values: &mut Values<'_>) -> Result<Vec<[f64; 3]>,
     Ok(positions)
 }
 
-fn faces(element: &Element, values: &mut Values<'_>) -> Result<Vec<[u32; 3]>, Flaw> {
+/// Reads polygons, and adds their triangles to `faces`.
+fn faces(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+    let count = values.bounded(element)?;
+    faces.reserve(count);
+    let mut corners = Vec::new();
+    lists(element, count, values, |values, n, item| {
+        corners.clear();
+        // Each corner needs bytes. If `n` is too large, reaching the end of the file is reported as an error.
+        for _ in 0..n {
+            corners.push(values.index(item)?);
+        }
+        if fan(&corners, faces) { Ok(()) } else { Err(Flaw::new("faces of three or more corners", n.to_string())) }
+    })
+}
+
+/// Reads lists of strips, and adds their triangles to `faces`. In a list, -1 separates strips.
+///
+/// Source: files of the library trimesh2 (Rusinkiewicz); the description of PLY doesn't define strips.
+fn strips(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+    let count = values.bounded(element)?;
+    let mut corners = Vec::new();
+    lists(element, count, values, |values, n, item| {
+        corners.clear();
+        for _ in 0..n {
+            match values.index_or_end(item)? {
+                Some(corner) => corners.push(corner),
+                None => {
+                    strip(&corners, faces);
+                    corners.clear();
+                }
+            }
+        }
+        strip(&corners, faces);
+        Ok(())
+    })
+}
+
+/// Passes the length and the type of each instance's list of corners to `list`, which reads the list, and skips the
+/// other properties.
+fn lists<'a>(
+    element: &Element,
+    count: usize,
+    values: &mut Values<'a>,
+    mut list: impl FnMut(&mut Values<'a>, u32, Scalar) -> Result<(), Flaw>,
+) -> Result<(), Flaw> {
     let is_corners = |name: &[u8]| name == b"vertex_indices" || name == b"vertex_index";
     if element.properties.iter().filter(|p| is_corners(&p.name)).count() != 1 {
-        return Err(Flaw::new("one face property vertex_indices", "none, or several"));
+        let name = String::from_utf8_lossy(&element.name);
+        return Err(Flaw::new(format!("one {name} property vertex_indices"), "none, or several"));
     }
-    let count = values.bounded(element)?;
-    let mut faces = Vec::with_capacity(count);
-    let mut corners = Vec::new();
     for _ in 0..count {
         for property in &element.properties {
             match property.kind {
                 Kind::List { count, item } if is_corners(&property.name) => {
                     let n = values.index(count)?;
-                    corners.clear();
-                    // Each corner needs bytes. If `n` is too large, reaching the end of the file is reported as an
-                    // error.
-                    for _ in 0..n {
-                        corners.push(values.index(item)?);
-                    }
-                    if !fan(&corners, &mut faces) {
-                        return Err(Flaw::new("faces of three or more corners", n.to_string()));
-                    }
+                    list(values, n, item)?;
                 }
                 Kind::Scalar(_) if is_corners(&property.name) => {
                     return Err(Flaw::new("vertex_indices as a list", "one number"));
@@ -86,7 +122,7 @@ fn faces(element: &Element, values: &mut Values<'_>) -> Result<Vec<[u32; 3]>, Fl
             }
         }
     }
-    Ok(faces)
+    Ok(())
 }
 
 fn skip(element: &Element, values: &mut Values<'_>) -> Result<(), Flaw> {
@@ -120,17 +156,7 @@ impl Values<'_> {
             let word = self.cursor.token();
             return number(word).ok_or_else(|| Flaw::new("a number", shown(word)));
         };
-        let c = &mut self.cursor;
-        Ok(match scalar {
-            Scalar::I8 => c.i8(e)?.into(),
-            Scalar::U8 => c.u8(e)?.into(),
-            Scalar::I16 => c.i16(e)?.into(),
-            Scalar::U16 => c.u16(e)?.into(),
-            Scalar::I32 => c.i32(e)?.into(),
-            Scalar::U32 => c.u32(e)?.into(),
-            Scalar::F32 => c.f32(e)?.into(),
-            Scalar::F64 => c.f64(e)?,
-        })
+        scalar.read(&mut self.cursor, e)
     }
 
     /// Reads a number that is a count or a vertex index.
@@ -148,6 +174,17 @@ impl Values<'_> {
         let x = self.float(scalar)?;
         let i = x as u32;
         if f64::from(i) == x { Ok(i) } else { Err(Flaw::new("a whole number from 0", x.to_string())) }
+    }
+
+    /// Reads a vertex index, or -1, which ends a strip and is returned as `None`.
+    fn index_or_end(&mut self, scalar: Scalar) -> Result<Option<u32>, Flaw> {
+        let x = self.float(scalar)?;
+        let i = x as u32;
+        match x {
+            -1.0 => Ok(None),
+            _ if f64::from(i) == x => Ok(Some(i)),
+            _ => Err(Flaw::new("a whole number from 0, or -1", x.to_string())),
+        }
     }
 
     fn skip(&mut self, kind: Kind) -> Result<(), Flaw> {
@@ -190,6 +227,24 @@ mod tests {
                     property list uchar float texcoord\nend_header\n\
                     0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 1 1 2 3 0 1 2 0\n0 3 0 3 1 2 0.5 0.5\n";
         assert_eq!(read(text.as_bytes()).unwrap().faces, [[0, 1, 2], [0, 3, 1]]);
+    }
+
+    #[test]
+    fn strips_are_separated_by_minus_one_and_follow_faces() {
+        let head = "element vertex 5\nproperty float x\nproperty float y\nproperty float z\n\
+                    element face 1\nproperty list uchar int vertex_indices\n\
+                    element tristrips 1\nproperty list int int vertex_indices\nend_header\n";
+        let text =
+            format!("ply\nformat ascii 1.0\n{head}0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 0 1\n3 4 1 0\n8 0 1 2 3 -1 2 3 4\n");
+        let wanted = [[4, 1, 0], [0, 1, 2], [2, 1, 3], [2, 3, 4]];
+        assert_eq!(read(text.as_bytes()).unwrap().faces, wanted);
+        let mut binary = format!("ply\nformat binary_big_endian 1.0\n{head}").into_bytes();
+        binary.extend([0; 60]);
+        binary.push(3);
+        binary.extend([4, 1, 0, 8, 0, 1, 2, 3, -1, 2, 3, 4].map(i32::to_be_bytes).as_flattened());
+        assert_eq!(read(&binary).unwrap().faces, wanted);
+        let wrong = read(text.replace("-1", "-2").as_bytes()).unwrap_err();
+        assert!(format!("{wrong:?}").contains("or -1"), "{wrong:?}");
     }
 
     #[test]

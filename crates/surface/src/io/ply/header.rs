@@ -2,6 +2,7 @@
 
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, shown};
+use super::super::scalar::Scalar;
 use super::super::text::{number, words};
 
 /// The encoding of the data after the header.
@@ -11,42 +12,19 @@ pub(super) enum Encoding {
     Binary(Endian),
 }
 
-/// The type of a number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scalar {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
-}
-
-impl Scalar {
-    pub(super) fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::F64 => 8,
-        }
-    }
-
-    fn parse(word: &[u8]) -> Result<Self, Flaw> {
-        Ok(match word {
-            b"char" | b"int8" => Self::I8,
-            b"uchar" | b"uint8" => Self::U8,
-            b"short" | b"int16" => Self::I16,
-            b"ushort" | b"uint16" => Self::U16,
-            b"int" | b"int32" => Self::I32,
-            b"uint" | b"uint32" => Self::U32,
-            b"float" | b"float32" => Self::F32,
-            b"double" | b"float64" => Self::F64,
-            other => return Err(Flaw::new("a PLY type, such as float", shown(other))),
-        })
-    }
+/// Returns the number type that a word of the header names.
+fn scalar(word: &[u8]) -> Result<Scalar, Flaw> {
+    Ok(match word {
+        b"char" | b"int8" => Scalar::I8,
+        b"uchar" | b"uint8" => Scalar::U8,
+        b"short" | b"int16" => Scalar::I16,
+        b"ushort" | b"uint16" => Scalar::U16,
+        b"int" | b"int32" => Scalar::I32,
+        b"uint" | b"uint32" => Scalar::U32,
+        b"float" | b"float32" => Scalar::F32,
+        b"double" | b"float64" => Scalar::F64,
+        other => return Err(Flaw::new("a PLY type, such as float", shown(other))),
+    })
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -118,8 +96,8 @@ pub(super) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Flaw> {
             }
             b"property" => {
                 let kind = match next() {
-                    b"list" => Kind::List { count: Scalar::parse(next())?, item: Scalar::parse(next())? },
-                    scalar => Kind::Scalar(Scalar::parse(scalar)?),
+                    b"list" => Kind::List { count: scalar(next())?, item: scalar(next())? },
+                    word => Kind::Scalar(scalar(word)?),
                 };
                 let name = next().to_vec();
                 let Some(element) = elements.last_mut() else {

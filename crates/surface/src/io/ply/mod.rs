@@ -1,7 +1,7 @@
 //! Reads and writes Stanford PLY: a text header that names elements and their properties, then text or binary data.
 //!
-//! `header` parses the header; `body` reads vertices and polygons and skips the rest. The crate ply-rs-bw isn't used:
-//! it stores every element as a map, and needs unbounded memory for elements without properties.
+//! `header` parses the header; `body` reads vertices, polygons and strips and skips the rest. The crate ply-rs-bw isn't
+//! used: it stores every element as a map, and needs unbounded memory for elements without properties.
 
 mod body;
 mod header;
@@ -13,7 +13,7 @@ use crate::error::SurfaceError;
 use crate::mesh::Mesh;
 pub(super) use write::write;
 
-/// Reads the elements `vertex` and `face`.
+/// Reads the elements `vertex`, `face` and `tristrips`.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut cursor = Cursor::new(bytes);
     let header = header::read(&mut cursor)?;

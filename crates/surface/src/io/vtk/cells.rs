@@ -2,55 +2,30 @@
 
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, bounded, shown};
-use super::super::polygon::fan;
+use super::super::scalar::Scalar;
 use super::super::text::number;
 
-/// The number types of VTK that occur in points, cells and fields.
-#[derive(Clone, Copy)]
-enum Type {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl Type {
-    fn parse(word: &[u8]) -> Result<Self, Flaw> {
-        Ok(match word {
-            b"char" | b"signed_char" => Self::I8,
-            b"unsigned_char" => Self::U8,
-            b"short" => Self::I16,
-            b"unsigned_short" => Self::U16,
-            b"int" | b"vtktypeint32" => Self::I32,
-            b"unsigned_int" | b"vtktypeuint32" => Self::U32,
-            // VTK writes these types with 64 bits on current systems.
-            b"long" | b"vtkIdType" | b"vtktypeint64" | b"long_long" => Self::I64,
-            b"unsigned_long" | b"vtktypeuint64" => Self::U64,
-            b"float" => Self::F32,
-            b"double" => Self::F64,
-            other => {
-                return Err(Flaw::unsupported(
-                    format!("the type {}", shown(other)),
-                    "save it with float or double points and without text fields",
-                ));
-            }
-        })
-    }
-
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
+/// Returns the number type that a word of the file names.
+fn scalar(word: &[u8]) -> Result<Scalar, Flaw> {
+    Ok(match word {
+        b"char" | b"signed_char" => Scalar::I8,
+        b"unsigned_char" => Scalar::U8,
+        b"short" => Scalar::I16,
+        b"unsigned_short" => Scalar::U16,
+        b"int" | b"vtktypeint32" => Scalar::I32,
+        b"unsigned_int" | b"vtktypeuint32" => Scalar::U32,
+        // VTK writes these types with 64 bits on current systems.
+        b"long" | b"vtkIdType" | b"vtktypeint64" | b"long_long" => Scalar::I64,
+        b"unsigned_long" | b"vtktypeuint64" => Scalar::U64,
+        b"float" => Scalar::F32,
+        b"double" => Scalar::F64,
+        other => {
+            return Err(Flaw::unsupported(
+                format!("the type {}", shown(other)),
+                "save it with float or double points and without text fields",
+            ));
         }
-    }
+    })
 }
 
 /// The data of a file, which are read number by number.
@@ -81,33 +56,21 @@ impl Values<'_> {
         bounded(count, self.least(size), self.cursor.remaining() + 1, what)
     }
 
-    fn float(&mut self, kind: Type) -> Result<f64, Flaw> {
+    fn float(&mut self, kind: Scalar) -> Result<f64, Flaw> {
         if self.ascii {
             let word = self.cursor.token();
             return number(word).ok_or_else(|| Flaw::new("a number", shown(word)));
         }
-        let (c, e) = (&mut self.cursor, Endian::Big);
-        Ok(match kind {
-            Type::I8 => c.i8(e)?.into(),
-            Type::U8 => c.u8(e)?.into(),
-            Type::I16 => c.i16(e)?.into(),
-            Type::U16 => c.u16(e)?.into(),
-            Type::I32 => c.i32(e)?.into(),
-            Type::U32 => c.u32(e)?.into(),
-            Type::I64 => c.i64(e)? as f64,
-            Type::U64 => c.u64(e)? as f64,
-            Type::F32 => c.f32(e)?.into(),
-            Type::F64 => c.f64(e)?,
-        })
+        kind.read(&mut self.cursor, Endian::Big)
     }
 
-    fn integer(&mut self, kind: Type) -> Result<u64, Flaw> {
+    fn integer(&mut self, kind: Scalar) -> Result<u64, Flaw> {
         let found = if self.ascii {
             self.header::<i64>("a whole number")?
         } else {
             match kind {
-                Type::I64 => self.cursor.i64(Endian::Big)?,
-                Type::I32 => self.cursor.i32(Endian::Big)?.into(),
+                Scalar::I64 => self.cursor.i64(Endian::Big)?,
+                Scalar::I32 => self.cursor.i32(Endian::Big)?.into(),
                 // Other types aren't used for indices in practice. Converting their values by way of f64 is exact for
                 // small values.
                 other => self.float(other)? as i64,
@@ -118,7 +81,7 @@ impl Values<'_> {
 
     pub(super) fn points(&mut self) -> Result<Vec<[f64; 3]>, Flaw> {
         let count: u64 = self.header("the number of points")?;
-        let kind = Type::parse(self.cursor.token())?;
+        let kind = scalar(self.cursor.token())?;
         self.begin();
         let count = bounded(count, 3 * self.least(kind.size()), self.cursor.remaining() + 1, "points")?;
         let mut points = Vec::with_capacity(count);
@@ -130,18 +93,6 @@ impl Values<'_> {
             points.push(point);
         }
         Ok(points)
-    }
-
-    pub(super) fn polygons(&mut self) -> Result<Vec<[u32; 3]>, Flaw> {
-        let mut faces = Vec::new();
-        self.cells(|corners| {
-            if fan(corners, &mut faces) {
-                Ok(())
-            } else {
-                Err(Flaw::new("polygons of three or more corners", corners.len().to_string()))
-            }
-        })?;
-        Ok(faces)
     }
 
     /// Reads cells, and passes the corners of each cell to `cell`.
@@ -158,7 +109,7 @@ impl Values<'_> {
         let mut left = self.bounded(second, 4, "numbers in the cells' list")?;
         let mut corners = Vec::new();
         for _ in 0..count {
-            let n = self.integer(Type::I32)?;
+            let n = self.integer(Scalar::I32)?;
             let n = usize::try_from(n)
                 .ok()
                 .filter(|&n| n < left)
@@ -166,7 +117,7 @@ impl Values<'_> {
             left -= n + 1;
             corners.clear();
             for _ in 0..n {
-                corners.push(self.corner(Type::I32)?);
+                corners.push(self.corner(Scalar::I32)?);
             }
             cell(&corners)?;
         }
@@ -184,7 +135,7 @@ impl Values<'_> {
         corners: u64,
         mut cell: impl FnMut(&[u32]) -> Result<(), Flaw>,
     ) -> Result<(), Flaw> {
-        let kind = Type::parse(self.cursor.token())?;
+        let kind = scalar(self.cursor.token())?;
         self.begin();
         let offset_count = self.bounded(offsets, kind.size(), "offsets")?;
         let mut starts = Vec::with_capacity(offset_count);
@@ -195,7 +146,7 @@ impl Values<'_> {
         if word != b"CONNECTIVITY" {
             return Err(Flaw::new("CONNECTIVITY", shown(word)));
         }
-        let kind = Type::parse(self.cursor.token())?;
+        let kind = scalar(self.cursor.token())?;
         self.begin();
         let corner_count = self.bounded(corners, kind.size(), "corners")?;
         let mut all = Vec::with_capacity(corner_count);
@@ -213,9 +164,20 @@ impl Values<'_> {
         Ok(())
     }
 
-    fn corner(&mut self, kind: Type) -> Result<u32, Flaw> {
+    fn corner(&mut self, kind: Scalar) -> Result<u32, Flaw> {
         let i = self.integer(kind)?;
         u32::try_from(i).map_err(|_| Flaw::new("a point's index", i.to_string()))
+    }
+
+    /// Reads the types of `cells` cells.
+    pub(super) fn cell_types(&mut self, cells: usize) -> Result<Vec<u64>, Flaw> {
+        let count: u64 = self.header("the number of cell types")?;
+        if count != cells as u64 {
+            return Err(Flaw::new(format!("types of {cells} cells"), count.to_string()));
+        }
+        self.begin();
+        let count = self.bounded(count, 4, "cell types")?;
+        (0..count).map(|_| self.integer(Scalar::I32)).collect()
     }
 
     /// Skips a field: `FIELD name arrays`, then for each array `name components tuples type` and its data.
@@ -226,7 +188,7 @@ impl Values<'_> {
             self.cursor.token();
             let components: u64 = self.header("a field's components")?;
             let tuples: u64 = self.header("a field's tuples")?;
-            let kind = Type::parse(self.cursor.token())?;
+            let kind = scalar(self.cursor.token())?;
             self.begin();
             let count = components.saturating_mul(tuples);
             let count = self.bounded(count, kind.size(), "field values")?;

@@ -1,12 +1,14 @@
-//! Reads and writes VTK's legacy format: PolyData with POLYGONS, in text or big-endian binary. Both layouts of polygons
-//! are read: each polygon preceded by its number of corners (up to version 4.2), and offsets with connectivity (5.x).
+//! Reads and writes VTK's legacy format in text or big-endian binary: PolyData with POLYGONS and TRIANGLE_STRIPS, and
+//! UNSTRUCTURED_GRID with triangles, quadrangles, polygons and strips. Both layouts of cells are read: each cell
+//! preceded by its number of corners (up to version 4.2), and offsets with connectivity (5.x).
 //!
-//! `cells` reads the data between the keywords: numbers, points, cells, fields.
+//! `cells` reads the data between the keywords: numbers, points, cells, fields. `surface` converts cells to triangles.
 //!
 //! Source: "VTK File Formats", the simple legacy formats. The crate vtkio isn't used: it allocates memory by the
 //! header's counts unchecked.
 
 mod cells;
+mod surface;
 
 use std::io::{self, Write};
 
@@ -14,8 +16,10 @@ use super::bytes::Cursor;
 use super::flaw::{Flaw, shown};
 use crate::mesh::Mesh;
 use cells::Values;
+use surface::{cell, polygon, triangle_strip};
 
-/// Reads the points and polygons of a PolyData file. Attributes (POINT_DATA, CELL_DATA) follow them and are ignored.
+/// Reads the points and the surface's cells of a PolyData file or an unstructured grid. Attributes (POINT_DATA,
+/// CELL_DATA) follow them and are ignored.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut cursor = Cursor::new(bytes);
     let magic = cursor.line().unwrap_or_default();
@@ -30,10 +34,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     };
     let mut values = Values { cursor, ascii };
     let mut mesh = Mesh::default();
+    let mut cells = Cells::default();
     loop {
         match values.cursor.token() {
             b"DATASET" => match values.cursor.token() {
-                b"POLYDATA" => {}
+                b"POLYDATA" | b"UNSTRUCTURED_GRID" => {}
                 other => {
                     return Err(Flaw::unsupported(
                         format!("the dataset {}", shown(other)),
@@ -42,13 +47,17 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 }
             },
             b"POINTS" => mesh.vertices = values.points()?,
-            b"POLYGONS" => mesh.faces = values.polygons()?,
-            b"TRIANGLE_STRIPS" => {
-                return Err(Flaw::unsupported("triangle strips", "save it through vtkTriangleFilter"));
-            }
+            b"POLYGONS" => values.cells(|corners| polygon(corners, &mut mesh.faces))?,
+            b"TRIANGLE_STRIPS" => values.cells(|corners| triangle_strip(corners, &mut mesh.faces))?,
             // Cells that aren't part of the surface are skipped. They have the same layout as polygons.
-            b"VERTICES" | b"LINES" => {
-                values.cells(|_| Ok(()))?;
+            b"VERTICES" | b"LINES" => values.cells(|_| Ok(()))?,
+            b"CELLS" => values.cells(|corners| {
+                cells.push(corners);
+                Ok(())
+            })?,
+            b"CELL_TYPES" => {
+                let kinds = values.cell_types(cells.ends.len())?;
+                cells.convert(&kinds, &mut mesh.faces)?;
             }
             b"FIELD" => values.skip_field()?,
             // Metadata are skipped; they end with an empty line.
@@ -56,9 +65,37 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 values.cursor.line();
                 while values.cursor.line().is_some_and(|line| !line.trim_ascii().is_empty()) {}
             }
-            b"POINT_DATA" | b"CELL_DATA" | b"" => return Ok(mesh),
+            b"POINT_DATA" | b"CELL_DATA" | b"" => break,
             other => return Err(Flaw::new("POINTS, POLYGONS or POINT_DATA", shown(other))),
         }
+    }
+    if cells.ends.is_empty() { Ok(mesh) } else { Err(Flaw::new("CELL_TYPES after CELLS", "none")) }
+}
+
+/// The cells of an unstructured grid, whose types follow them in the file.
+#[derive(Default)]
+struct Cells {
+    /// The corners of all cells.
+    corners: Vec<u32>,
+    /// The end of each cell in `corners`.
+    ends: Vec<usize>,
+}
+
+impl Cells {
+    fn push(&mut self, corners: &[u32]) {
+        self.corners.extend_from_slice(corners);
+        self.ends.push(self.corners.len());
+    }
+
+    /// Adds the cells' triangles to `faces`, and forgets the cells.
+    fn convert(&mut self, kinds: &[u64], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+        let cells = std::mem::take(self);
+        let mut start = 0;
+        for (&kind, end) in kinds.iter().zip(cells.ends) {
+            cell(kind, cells.corners.get(start..end).unwrap_or_default(), faces)?;
+            start = end;
+        }
+        Ok(())
     }
 }
 

@@ -1,0 +1,55 @@
+//! Converts VTK's cells to triangles: polygons and strips of PolyData, and cells of an unstructured grid by their
+//! types.
+//!
+//! Source: "VTK File Formats", figures of the linear cell types, and VTK's `vtkCellType.h` for their numbers.
+
+use super::super::flaw::Flaw;
+use super::super::polygon::{fan, strip};
+
+/// Adds a polygon's triangles to `faces`.
+pub(super) fn polygon(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+    if fan(corners, faces) {
+        return Ok(());
+    }
+    Err(Flaw::new("polygons of three or more corners", corners.len().to_string()))
+}
+
+/// Adds a strip's triangles to `faces`.
+pub(super) fn triangle_strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+    if strip(corners, faces) {
+        return Ok(());
+    }
+    Err(Flaw::new("triangle strips of three or more corners", corners.len().to_string()))
+}
+
+/// Adds the triangles of a cell of an unstructured grid to `faces`. Vertices and lines have none.
+pub(super) fn cell(kind: u64, corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+    match kind {
+        // Empty cells, vertices and lines.
+        0..=4 => Ok(()),
+        5 => sized(kind, corners, 3).and_then(|()| polygon(corners, faces)),
+        6 => triangle_strip(corners, faces),
+        7 => polygon(corners, faces),
+        8 => {
+            // A pixel lists its corners row by row.
+            let &[a, b, c, d] = corners else { return sized(kind, corners, 4) };
+            polygon(&[a, b, d, c], faces)
+        }
+        9 => sized(kind, corners, 4).and_then(|()| polygon(corners, faces)),
+        10..=16 | 24..=27 | 29 | 33 | 41 | 42 => Err(Flaw::unsupported(
+            format!("cells with a volume (type {kind})"),
+            "extract its surface, as by ParaView's filter Extract Surface",
+        )),
+        other => Err(Flaw::unsupported(
+            format!("cells of type {other}"),
+            "convert them to triangles, as by ParaView's filters Extract Surface and Triangulate",
+        )),
+    }
+}
+
+fn sized(kind: u64, corners: &[u32], count: usize) -> Result<(), Flaw> {
+    if corners.len() == count {
+        return Ok(());
+    }
+    Err(Flaw::new(format!("{count} corners in cells of type {kind}"), corners.len().to_string()))
+}
