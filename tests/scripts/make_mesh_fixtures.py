@@ -12,6 +12,7 @@ Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2
 import gzip
 import json
 import pathlib
+import struct
 import sys
 
 import meshio
@@ -378,6 +379,127 @@ def write_vtk(out):
         expect_mesh(name, *read_with(vtk.vtkPolyDataReader(), out / name))
 
 
+def write_gltf(out):
+    vertices, quads = box()
+    triangles = np.array(fan(quads))
+    # Each triangle with its own vertices and normals.
+    split = trimesh.Trimesh(vertices[triangles.ravel()], np.arange(36).reshape(12, 3), process=False)
+    (out / "split.glb").write_bytes(split.export(file_type="glb", include_normals=True))
+
+    # Two meshes in nested nodes, one of them turned by 90 degrees and one a mirror image.
+    vertices, faces = icosahedron()
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.Trimesh(vertices, faces, process=False), node_name="a", geom_name="a")
+    turned = [[0, -2, 0, 512], [2, 0, 0, 0.5], [0, 0, 2, 0], [0, 0, 0, 1]]
+    scene.add_geometry(split, node_name="b", geom_name="b", parent_node_name="a", transform=np.array(turned, dtype=float))
+    mirror = np.diag([-1.0, 1, 1, 1]) + 64 * np.eye(4, k=2)
+    scene.graph.update("c", "b", matrix=mirror, geometry="a")
+    (out / "scene.glb").write_bytes(scene.export(file_type="glb"))
+    files = trimesh.Trimesh(vertices, faces, process=False).scene().export(file_type="gltf", embed_buffers=True)
+    (out / "embedded.gltf").write_bytes(files["model.gltf"])
+    (out / "modes.glb").write_bytes(modes())
+
+    for name, nodes in [("split.glb", None), ("scene.glb", "abc"), ("embedded.gltf", None), ("modes.glb", None)]:
+        reader = vtk.vtkGLTFReader()
+        reader.SetFileName(str(out / name))
+        reader.Update()
+        corners = np.concatenate([corners_of(part) for part in leaves(reader.GetOutput())])
+        if nodes:
+            # VTK rounds positions that it moves to 32 bits, and doesn't turn the triangles of a mirror image.
+            scene = trimesh.load_scene(out / name, process=False)
+            exact = np.concatenate([placed(scene, node).triangles for node in nodes])
+            assert np.allclose(np.sort(exact, axis=1), np.sort(corners, axis=1), rtol=1e-6)
+            corners = exact
+        unique = len(np.unique(corners.reshape(-1, 3), axis=0))
+        EXPECTED[name] = {"corners": corners.tolist(), "unique": unique}
+
+
+def placed(scene, node):
+    transform, geometry = scene.graph[node]
+    return scene.geometry[geometry].copy().apply_transform(transform)
+
+
+def leaves(blocks):
+    iterator = blocks.NewIterator()
+    iterator.InitTraversal()
+    while not iterator.IsDoneWithTraversal():
+        yield iterator.GetCurrentDataObject()
+        iterator.GoToNextItem()
+
+
+def corners_of(data):
+    """Returns the corners of a VTK object's polygons and strips as triangles, without repeated corners."""
+    cut = vtk.vtkTriangleFilter()
+    cut.SetInputData(data)
+    cut.PassLinesOff()
+    cut.PassVertsOff()
+    cut.Update()
+    points, triangles = from_polydata(cut.GetOutput())
+    return np.asarray(points, dtype=np.float64)[np.array(proper(triangles), dtype=int).reshape(-1, 3)]
+
+
+def modes():
+    """Returns a GLB file with every way to store triangles: in order, indices of each size, a strip, a fan, rows with
+    padding, and sparse positions."""
+    rng = np.random.default_rng(3)
+    bin, views, accessors, primitives = b"", [], [], []
+
+    def view(data, **more):
+        nonlocal bin
+        bin += b"\0" * (-len(bin) % 4)
+        views.append({"buffer": 0, "byteOffset": len(bin), "byteLength": len(data), **more})
+        bin += data
+        return len(views) - 1
+
+    def accessor(data, kind, code, count, stride=None, **more):
+        stride = {} if stride is None else {"byteStride": stride}
+        accessors.append({"bufferView": view(data, **stride), "componentType": code, "count": count, "type": kind, **more})
+        return len(accessors) - 1
+
+    def positions(count, padding=0):
+        points = rng.normal(size=(count, 3)).astype("<f4")
+        rows = b"".join(row.tobytes() + b"\x7f" * padding for row in points)
+        bounds = {"min": points.min(0).tolist(), "max": points.max(0).tolist()}
+        return accessor(rows, "VEC3", 5126, count, 12 + padding if padding else None, **bounds)
+
+    def primitive(points, mode=4, dtype=None, indices=()):
+        entry = {"attributes": {"POSITION": points}, "mode": mode}
+        if dtype:
+            code = {"u1": 5121, "<u2": 5123, "<u4": 5125}[dtype]
+            entry["indices"] = accessor(np.array(indices, dtype=dtype).tobytes(), "SCALAR", code, len(indices))
+        primitives.append({"primitives": [entry]})
+
+    primitive(positions(6))
+    primitive(positions(4, padding=8), dtype="u1", indices=[0, 1, 2, 2, 1, 3])
+    primitive(positions(4), dtype="<u4", indices=[3, 2, 1, 0, 1, 2])
+    primitive(positions(6), mode=5)
+    primitive(positions(5), mode=5, dtype="<u2", indices=[0, 1, 2, 3, 4])
+    primitive(positions(5), mode=6, dtype="u1", indices=[4, 0, 1, 2, 3])
+    primitive(positions(3), mode=1)
+    sparse = positions(3)
+    # VTK requires the offsets, which the specification makes optional.
+    accessors[sparse]["sparse"] = {
+        "count": 2,
+        "indices": {"bufferView": view(np.array([0, 2], dtype="<u2").tobytes()), "byteOffset": 0, "componentType": 5123},
+        "values": {"bufferView": view(np.arange(6, dtype="<f4").tobytes()), "byteOffset": 0},
+    }
+    primitive(sparse)
+    document = {
+        "asset": {"version": "2.0", "generator": "by hand"},
+        "scenes": [{"nodes": list(range(len(primitives)))}],
+        "nodes": [{"mesh": i} for i in range(len(primitives))],
+        "meshes": primitives,
+        "accessors": accessors,
+        "bufferViews": views,
+        "buffers": [{"byteLength": len(bin)}],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    bin += b"\0" * (-len(bin) % 4)
+    head = b"glTF" + struct.pack("<II", 2, 28 + len(text) + len(bin))
+    return head + struct.pack("<I", len(text)) + b"JSON" + text + struct.pack("<I", len(bin)) + b"BIN\0" + bin
+
+
 def write_tables(out):
     values = np.sin(np.arange(36.0)).reshape(12, 3)
     np.savetxt(out / "named.csv", values, delimiter=",", header="thickness,area,curv", comments="", fmt="%.17g")
@@ -419,6 +541,11 @@ def check(directory):
     same("out.ply by trimesh", *trimesh_of(directory / "out.ply"))
     same("out_double.ply", *mesh_of(meshio.read(directory / "out_double.ply")), vertices)
     same("out.vtk", *read_with(vtk.vtkPolyDataReader(), directory / "out.vtk"), vertices)
+    same("out.glb", *scene_of(directory / "out.glb"))
+    reader = vtk.vtkGLTFReader()
+    reader.SetFileName(str(directory / "out.glb"))
+    reader.Update()
+    same("out.glb by VTK", *from_polydata(next(leaves(reader.GetOutput()))))
     soup = trimesh.load(directory / "out.stl", process=False)
     assert np.array_equal(np.asarray(soup.triangles, dtype=np.float64), single[faces])
     normals = np.cross(single[faces][:, 1] - single[faces][:, 0], single[faces][:, 2] - single[faces][:, 0])
@@ -445,6 +572,11 @@ def mesh_of(mesh):
     return mesh.points, polygons_of(mesh)
 
 
+def scene_of(path):
+    (mesh,) = trimesh.load_scene(path, process=False).geometry.values()
+    return mesh.vertices, mesh.faces
+
+
 def trimesh_of(path):
     mesh = trimesh.load(path, process=False, maintain_order=True)
     return mesh.vertices, mesh.faces
@@ -457,7 +589,7 @@ def main():
         sys.exit(__doc__)
     out = pathlib.Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
-    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_tables]:
+    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_gltf, write_tables]:
         write(out)
     (out / "expected.json").write_text(json.dumps(EXPECTED, indent=None, separators=(",", ":")) + "\n")
 

@@ -155,6 +155,18 @@ pub static FORMATS: &[FormatSpec] = &[
         write_signal: None,
     },
     FormatSpec {
+        name: "a glTF file",
+        endings: &[".gltf"],
+        precision: Precision::Single,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |_| false,
+        read: |bytes| glb::read(bytes).map(Input::Mesh),
+        write_mesh: None,
+        write_signal: None,
+    },
+    FormatSpec {
         name: "a CSV table",
         endings: &[".csv"],
         precision: Precision::Exact,

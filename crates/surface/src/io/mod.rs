@@ -11,7 +11,7 @@
 //! | STL | `.stl` | ASCII, binary; equal vertices welded | binary |
 //! | VTK legacy | `.vtk` | PolyData, grids of surface cells, ASCII and binary, to 5.1 | ASCII |
 //! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
-//! | binary glTF | `.glb` | - | with normals, for viewers |
+//! | glTF 2.0 | `.glb`, `.gltf` | triangles of the scene; equal vertices welded | `.glb` with normals, for viewers |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | as read |
 //!
 //! Landmarks have their own formats, see [`landmarks`].
@@ -25,6 +25,7 @@
 
 mod annotation;
 mod atomic;
+mod budget;
 mod bytes;
 mod check;
 mod choose;
@@ -43,6 +44,7 @@ mod mgh;
 mod obj;
 mod off;
 mod painted;
+mod placement;
 mod ply;
 mod polygon;
 mod scalar;
@@ -52,6 +54,7 @@ mod table;
 mod text;
 mod volume;
 mod vtk;
+mod weld;
 
 use std::io;
 use std::path::Path;

@@ -3,12 +3,12 @@
 //!
 //! The crate stl_io isn't used: it treats binary files that start with "solid", as many do, as text.
 
-use std::collections::HashMap;
 use std::io::{self, Write};
 
 use super::bytes::{Cursor, Endian};
 use super::flaw::{Flaw, bounded, shown};
 use super::text::{lines, next_position, words};
+use super::weld::Welder;
 use crate::mesh::Mesh;
 
 const HEADER: usize = 80;
@@ -75,40 +75,6 @@ fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
         return Err(Flaw::new("endsolid", "the end of the file"));
     }
     Ok(welder.finish())
-}
-
-/// Collects corners, and gives equal positions the same vertex index.
-struct Welder {
-    numbers: HashMap<[u64; 3], u32>,
-    vertices: Vec<[f64; 3]>,
-    corners: Vec<u32>,
-}
-
-impl Welder {
-    fn with_capacity(triangles: usize) -> Self {
-        Self {
-            numbers: HashMap::with_capacity(triangles / 2),
-            vertices: Vec::with_capacity(triangles / 2),
-            corners: Vec::with_capacity(triangles * 3),
-        }
-    }
-
-    fn corner(&mut self, position: [f64; 3]) -> Result<(), Flaw> {
-        // Adding 0 turns -0 into +0, so that both give the same key.
-        let key = position.map(|x| (x + 0.0).to_bits());
-        let next = u32::try_from(self.vertices.len()).map_err(|_| Flaw::new("fewer than 2^32 vertices", "more"))?;
-        let number = *self.numbers.entry(key).or_insert(next);
-        if number == next {
-            self.vertices.push(position);
-        }
-        self.corners.push(number);
-        Ok(())
-    }
-
-    fn finish(self) -> Mesh {
-        let (faces, _) = self.corners.as_chunks();
-        Mesh::new(self.vertices, faces.to_vec())
-    }
 }
 
 /// Writes a binary file. Each triangle is stored with its unit normal, or with a zero normal if it has no area.

@@ -6,6 +6,7 @@ mod distance;
 mod first_users;
 mod fixtures;
 mod generated;
+mod gltf;
 mod hostile;
 mod locator;
 mod metamesh;

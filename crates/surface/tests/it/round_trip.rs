@@ -34,6 +34,7 @@ fn meshes() {
         ("i.ply", true, true),
         ("j.vtk", false, true),
         ("K.OBJ", false, true),
+        ("l.glb", false, false),
     ] {
         let path = folder.path().join(name);
         let options = WriteOptions { double, ..WriteOptions::default() };

@@ -8,8 +8,8 @@
 
 use std::io::{self, Write};
 
-use super::flaw::Flaw;
-use super::ply::PlyAttributes;
+use super::super::ply::PlyAttributes;
+use super::document::GENERATOR;
 use crate::mesh::Mesh;
 
 /// glTF's codes for component types.
@@ -19,11 +19,6 @@ const F32: u32 = 5126;
 /// glTF's codes for the type of data in a buffer view.
 const VERTICES: u32 = 34962;
 const TRIANGLES: u32 = 34963;
-
-/// Rejects all files: a scene may have many meshes, placed and compressed in many ways, so reading isn't supported.
-pub(super) fn read(_: &[u8]) -> Result<Mesh, Flaw> {
-    Err(Flaw::unsupported("a scene for viewers", "save its mesh as .ply or .obj"))
-}
 
 /// The bytes of all arrays and the JSON that describes the arrays.
 #[derive(Default)]
@@ -48,7 +43,7 @@ impl Buffer {
 }
 
 /// Writes a mesh with its attributes. The caller must have checked the attributes' lengths.
-pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, attributes: &PlyAttributes<'_>) -> io::Result<()> {
+pub(in crate::io) fn write(out: &mut dyn Write, mesh: &Mesh, attributes: &PlyAttributes<'_>) -> io::Result<()> {
     let count = mesh.vertices.len();
     let positions: Vec<[f32; 3]> = mesh.vertices.iter().map(|v| v.map(|x| x as f32)).collect();
     let bounds = |start: f32, pick: fn(f32, f32) -> f32| {
@@ -80,7 +75,7 @@ pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, attributes: &PlyAttributes
     let accessor = format!("\"componentType\":{U32},\"count\":{},\"type\":\"SCALAR\"", corners.len());
     let indices = buffer.add(bytes, TRIANGLES, &accessor);
     let json = format!(
-        "{{\"asset\":{{\"version\":\"2.0\",\"generator\":\"spharm\"}},\"scene\":0,\"scenes\":[{{\"nodes\":[0]}}],\
+        "{{\"asset\":{{\"version\":\"2.0\",\"generator\":\"{GENERATOR}\"}},\"scene\":0,\"scenes\":[{{\"nodes\":[0]}}],\
          \"nodes\":[{{\"mesh\":0}}],\"materials\":[{{\"pbrMetallicRoughness\":{{\"metallicFactor\":0,\
          \"roughnessFactor\":0.8}},\"doubleSided\":true}}],\"meshes\":[{{\"primitives\":[{{\"attributes\":\
          {{{attributes_json}}},\"indices\":{indices},\"material\":0}}]}}],\"accessors\":[{}],\"bufferViews\":[{}],\

@@ -1,0 +1,50 @@
+//! Bounds the memory of contents that a small file can make large: by compression, or by placing a part many times.
+
+use super::flaw::Flaw;
+use crate::room::{Bytes, check_room, most_expanded};
+
+/// The number of bytes that a file's contents may still take.
+#[derive(Debug)]
+pub(super) struct Budget {
+    left: u64,
+    /// Size of the file.
+    file: u64,
+}
+
+impl Budget {
+    /// Allows a file of `file` bytes contents of [`most_expanded`] bytes.
+    pub(super) fn of_file(file: usize) -> Self {
+        Self { left: most_expanded(file as u64), file: file as u64 }
+    }
+
+    /// Takes `bytes` from the budget, before memory is allocated for them. `what` names the contents, as in "shapes
+    /// of".
+    pub(super) fn spend(&mut self, bytes: u64, what: &str) -> Result<(), Flaw> {
+        match self.left.checked_sub(bytes) {
+            Some(left) => self.left = left,
+            None => {
+                let limit = Bytes(most_expanded(self.file));
+                return Err(Flaw::unsupported(
+                    format!("{what} more than {limit} in a file of {}", Bytes(self.file)),
+                    "save its surface as .ply if you trust it",
+                ));
+            }
+        }
+        check_room(bytes)?;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_spent_cannot_be_spent_again() {
+        let mut budget = Budget::of_file(0);
+        budget.spend(60 << 20, "shapes of").unwrap();
+        let error = budget.spend(5 << 20, "shapes of").unwrap_err();
+        assert!(format!("{error:?}").contains("shapes of more than 64.0 MiB in a file of 0 bytes"), "{error:?}");
+        budget.spend(4 << 20, "shapes of").unwrap();
+    }
+}

@@ -1,0 +1,204 @@
+//! Reads arrays: an accessor describes numbers in a view of a buffer (sections 3.6.2 and 5.1).
+//!
+//! Elements of `stride` bytes start at the view's offset plus the accessor's. Sparse accessors replace some elements of
+//! an array, or of zeros if there is none. All bounds are checked before memory is allocated.
+
+use super::super::budget::Budget;
+use super::super::flaw::Flaw;
+use super::container::Buffer;
+use super::document::{Accessor, BufferView, Document, Primitive, Sparse};
+
+/// The types of components, by glTF's codes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Component {
+    I8,
+    U8,
+    I16,
+    U16,
+    U32,
+    F32,
+}
+
+impl Component {
+    fn parse(code: u64) -> Result<Self, Flaw> {
+        Ok(match code {
+            5120 => Self::I8,
+            5121 => Self::U8,
+            5122 => Self::I16,
+            5123 => Self::U16,
+            5125 => Self::U32,
+            5126 => Self::F32,
+            other => return Err(Flaw::new("a componentType from 5120 to 5126", other.to_string())),
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+
+    fn is_unsigned(self) -> bool {
+        matches!(self, Self::U8 | Self::U16 | Self::U32)
+    }
+
+    /// Returns the number in the first bytes. Bytes that are missing count as zero; callers pass enough.
+    fn number(self, bytes: &[u8]) -> f64 {
+        let mut four = [0; 4];
+        four.iter_mut().zip(bytes.iter().take(self.size())).for_each(|(to, &from)| *to = from);
+        let [a, b, ..] = four;
+        match self {
+            Self::I8 => (a as i8).into(),
+            Self::U8 => a.into(),
+            Self::I16 => i16::from_le_bytes([a, b]).into(),
+            Self::U16 => u16::from_le_bytes([a, b]).into(),
+            Self::U32 => u32::from_le_bytes(four).into(),
+            Self::F32 => f32::from_le_bytes(four).into(),
+        }
+    }
+
+    /// Returns the divisor of normalised integers (section 3.11).
+    fn most(self) -> f64 {
+        match self {
+            Self::I8 => 127.0,
+            Self::U8 => 255.0,
+            Self::I16 => 32767.0,
+            Self::U16 => 65535.0,
+            Self::U32 | Self::F32 => 1.0,
+        }
+    }
+}
+
+/// The arrays of a document.
+pub(super) struct Arrays<'a> {
+    pub(super) document: &'a Document,
+    pub(super) buffers: &'a [Buffer<'a>],
+}
+
+impl Arrays<'_> {
+    /// Returns the positions of an accessor.
+    pub(super) fn positions(
+        &self,
+        number: usize,
+        primitive: &Primitive,
+        budget: &mut Budget,
+    ) -> Result<Vec<[f64; 3]>, Flaw> {
+        let accessor = self.accessor(number)?;
+        let component = Component::parse(accessor.component_type)?;
+        let is_integer = matches!(component, Component::I8 | Component::U8 | Component::I16 | Component::U16);
+        if accessor.kind != "VEC3" || component != Component::F32 && !(is_integer && self.document.is_quantized()) {
+            return Err(found_type("positions of three 32-bit floats", accessor));
+        }
+        let size = component.size();
+        let coordinate = |bytes: &[u8]| {
+            let value = component.number(bytes);
+            if accessor.normalized { (value / component.most()).max(-1.0) } else { value }
+        };
+        self.values(accessor, 3 * size, primitive, budget, |bytes| {
+            let mut position = [0.0; 3];
+            position.iter_mut().zip(bytes.chunks(size)).for_each(|(x, bytes)| *x = coordinate(bytes));
+            position
+        })
+    }
+
+    /// Returns the indices of an accessor.
+    pub(super) fn indices(&self, number: usize, primitive: &Primitive, budget: &mut Budget) -> Result<Vec<u32>, Flaw> {
+        let accessor = self.accessor(number)?;
+        let component = Component::parse(accessor.component_type)?;
+        if accessor.kind != "SCALAR" || !component.is_unsigned() {
+            return Err(found_type("indices of unsigned whole numbers", accessor));
+        }
+        self.values(accessor, component.size(), primitive, budget, |bytes| component.number(bytes) as u32)
+    }
+
+    /// Returns the elements of an accessor, each converted from `size` bytes. The budget covers accessors of zeros,
+    /// which take no bytes in the file, and accessors that are used several times.
+    fn values<T: Clone + Default>(
+        &self,
+        accessor: &Accessor,
+        size: usize,
+        primitive: &Primitive,
+        budget: &mut Budget,
+        convert: impl Fn(&[u8]) -> T,
+    ) -> Result<Vec<T>, Flaw> {
+        budget.spend(accessor.count.saturating_mul(size_of::<T>() as u64), "arrays of")?;
+        let count = usize::try_from(accessor.count)
+            .map_err(|_| Flaw::new("arrays that fit in memory", accessor.count.to_string()))?;
+        let mut values = match (accessor.buffer_view, &accessor.sparse) {
+            (Some(view), _) => self.elements(view, accessor.byte_offset, accessor.count, size)?.map(&convert).collect(),
+            (None, Some(_)) => vec![T::default(); count],
+            (None, None) => return Err(primitive.without_data()),
+        };
+        let Some(Sparse { count, indices, values: replaced }) = &accessor.sparse else { return Ok(values) };
+        let component = Component::parse(indices.component_type)?;
+        if !component.is_unsigned() {
+            return Err(Flaw::new("sparse indices of unsigned whole numbers", indices.component_type.to_string()));
+        }
+        let places = self.elements(indices.buffer_view, indices.byte_offset, *count, component.size())?;
+        let replaced = self.elements(replaced.buffer_view, replaced.byte_offset, *count, size)?;
+        for (place, bytes) in places.zip(replaced) {
+            let place = component.number(place) as usize;
+            let length = values.len();
+            let value = values.get_mut(place);
+            *value.ok_or_else(|| Flaw::new(format!("sparse indices below {length}"), place.to_string()))? =
+                convert(bytes);
+        }
+        Ok(values)
+    }
+
+    /// Returns the bytes of `count` elements of `size` bytes in a view.
+    fn elements(&self, view: usize, offset: u64, count: u64, size: usize) -> Result<impl Iterator<Item = &[u8]>, Flaw> {
+        let found = self.document.buffer_views.get(view);
+        let found = found.ok_or_else(|| Flaw::new("a buffer view of the document", format!("number {view}")))?;
+        let stride = match found.byte_stride {
+            None => size as u64,
+            Some(stride) if (4..=252).contains(&stride) => stride,
+            Some(stride) => return Err(Flaw::new("a byteStride from 4 to 252", stride.to_string())),
+        };
+        let bytes = self.bytes(found)?;
+        // The last element needn't be followed by the stride's unused bytes.
+        let end = |last: u64| last.checked_mul(stride)?.checked_add(offset)?.checked_add(size as u64);
+        let needed = count.checked_sub(1).map_or(Some(0), end);
+        if needed.is_none_or(|needed| needed > bytes.len() as u64) {
+            return Err(Flaw::new(
+                format!("{count} elements in buffer view {view}, from byte {offset}"),
+                format!("{} bytes", bytes.len()),
+            ));
+        }
+        let place = move |number: u64| (offset + number * stride) as usize;
+        Ok((0..count).filter_map(move |number| bytes.get(place(number)..place(number) + size)))
+    }
+
+    /// Returns the bytes of a view.
+    fn bytes(&self, view: &BufferView) -> Result<&[u8], Flaw> {
+        let bytes = match self.buffers.get(view.buffer) {
+            Some(Buffer::Bytes(bytes)) => bytes,
+            Some(Buffer::Absent) => return Err(view.without_data()),
+            Some(Buffer::External(uri)) => {
+                return Err(Flaw::unsupported(
+                    format!("data in another file ({uri})"),
+                    "export it as one file: .glb, or .gltf with embedded data",
+                ));
+            }
+            None => return Err(Flaw::new("a buffer of the document", format!("number {}", view.buffer))),
+        };
+        let range = usize::try_from(view.byte_offset).ok().zip(usize::try_from(view.byte_length).ok());
+        range.and_then(|(start, length)| bytes.get(start..start.checked_add(length)?)).ok_or_else(|| {
+            Flaw::new(
+                format!("{} bytes of a buffer view from byte {}", view.byte_length, view.byte_offset),
+                format!("a buffer of {} bytes", bytes.len()),
+            )
+        })
+    }
+
+    fn accessor(&self, number: usize) -> Result<&Accessor, Flaw> {
+        let accessor = self.document.accessors.get(number);
+        accessor.ok_or_else(|| Flaw::new("an accessor of the document", format!("number {number}")))
+    }
+}
+
+fn found_type(expected: &str, accessor: &Accessor) -> Flaw {
+    Flaw::new(expected, format!("{} of componentType {}", accessor.kind, accessor.component_type))
+}
