@@ -6,7 +6,7 @@
 Files are written by the formats' own Python libraries if these can, otherwise by this script as exporters do.
 expected.json holds the contents as read by those libraries (never by this project).
 
-Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 numpy==2.4.6. The dates in three files change with each run.
+Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 pyvista==0.49.1  numpy==2.4.6. The dates in three files change with each run.
 """
 
 import gzip
@@ -18,6 +18,7 @@ import sys
 import meshio
 import nibabel as nib
 import numpy as np
+import pyvista
 import trimesh
 import vtk
 from nibabel.freesurfer import io as fsio
@@ -379,6 +380,60 @@ def write_vtk(out):
         expect_mesh(name, *read_with(vtk.vtkPolyDataReader(), out / name))
 
 
+def write_vtk_xml(out):
+    vertices, faces = icosahedron()
+    tube, lists = strips()
+    for name, mode, compressor, wide, big, offsets in [
+        ("ascii.vtp", "Ascii", "None", False, False, False),
+        ("inline.vtp", "Binary", "ZLib", False, False, False),
+        ("raw.vtp", "Appended", "LZ4", True, False, False),
+        ("raw_big.vtp", "Appended", "None", False, True, False),
+        ("base64.vtp", "Appended", "ZLib", True, True, True),
+    ]:
+        data = vtk_polydata(vertices.astype(np.float32), faces)
+        if mode == "Ascii":
+            data = vtk_polydata(*box())
+        if mode == "Binary":
+            data = vtk_polydata(tube, [[0, 2, 11, 4]])
+            cells = vtk.vtkCellArray()
+            for corners in lists:
+                cells.InsertNextCell(len(corners), corners)
+            data.SetStrips(cells)
+        writer = vtk.vtkXMLPolyDataWriter()
+        getattr(writer, f"SetDataModeTo{mode}")()
+        getattr(writer, f"SetCompressorTypeTo{compressor}")()
+        writer.SetHeaderTypeToUInt64() if wide else writer.SetHeaderTypeToUInt32()
+        writer.SetByteOrderToBigEndian() if big else writer.SetByteOrderToLittleEndian()
+        writer.SetEncodeAppendedData(offsets)
+        # Small blocks, so that an array has several.
+        writer.SetBlockSize(128)
+        writer.SetInputData(data)
+        writer.SetFileName(str(out / name))
+        writer.Write()
+        points, polygons = read_with(vtk.vtkXMLPolyDataReader(), out / name)
+        if mode == "Binary":
+            reader = vtk.vtkXMLPolyDataReader()
+            reader.SetFileName(str(out / name))
+            polygons += strip_triangles(reader)[1]
+        expect_mesh(name, points, polygons)
+
+    # The same piece twice.
+    text = (out / "ascii.vtp").read_text()
+    start, end = text.index("<Piece"), text.index("</Piece>") + len("</Piece>")
+    (out / "pieces.vtp").write_text(text[:end] + "\n" + text[start:end] + text[end:])
+    expect_mesh("pieces.vtp", *read_with(vtk.vtkXMLPolyDataReader(), out / "pieces.vtp"))
+
+    vertices, quads = box()
+    cells = [("quad", quads[[0, 2, 3]]), ("triangle", np.array([[4, 5, 7], [4, 7, 6]])), ("line", np.array([[0, 7]]))]
+    meshio.write(out / "grid.vtu", meshio.Mesh(vertices, cells))
+    reader = vtk.vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(out / "grid.vtu"))
+    reader.Update()
+    grid = reader.GetOutput()
+    flat = [i for i in range(grid.GetNumberOfCells()) if grid.GetCell(i).GetCellDimension() == 2]
+    expect_mesh("grid.vtu", vtk_to_numpy(grid.GetPoints().GetData()), [cell_corners(grid, i) for i in flat])
+
+
 def write_gltf(out):
     vertices, quads = box()
     triangles = np.array(fan(quads))
@@ -541,6 +596,8 @@ def check(directory):
     same("out.ply by trimesh", *trimesh_of(directory / "out.ply"))
     same("out_double.ply", *mesh_of(meshio.read(directory / "out_double.ply")), vertices)
     same("out.vtk", *read_with(vtk.vtkPolyDataReader(), directory / "out.vtk"), vertices)
+    same("out.vtp", *read_with(vtk.vtkXMLPolyDataReader(), directory / "out.vtp"), vertices)
+    same("out.vtp by PyVista", pyvista.read(directory / "out.vtp").points, pyvista.read(directory / "out.vtp").regular_faces, vertices)
     same("out.glb", *scene_of(directory / "out.glb"))
     reader = vtk.vtkGLTFReader()
     reader.SetFileName(str(directory / "out.glb"))
@@ -589,7 +646,7 @@ def main():
         sys.exit(__doc__)
     out = pathlib.Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
-    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_gltf, write_tables]:
+    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_vtk_xml, write_gltf, write_tables]:
         write(out)
     (out / "expected.json").write_text(json.dumps(EXPECTED, indent=None, separators=(",", ":")) + "\n")
 

@@ -15,9 +15,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mesh = read_mesh(input)?;
     let single = WriteOptions { overwrite: true, double: false };
     let double = WriteOptions { double: true, ..single };
-    for name in
-        ["out.surf.gii", "out.surf.gii.gz", "lh.out", "out.obj", "out.off", "out.ply", "out.stl", "out.vtk", "out.glb"]
-    {
+    for name in [
+        "out.surf.gii",
+        "out.surf.gii.gz",
+        "lh.out",
+        "out.obj",
+        "out.off",
+        "out.ply",
+        "out.stl",
+        "out.vtk",
+        "out.vtp",
+        "out.glb",
+    ] {
         write_mesh(folder.join(name), &mesh, &single)?;
     }
     for name in ["out_double.surf.gii", "out_double.ply"] {

@@ -3,7 +3,7 @@
 //! To add a format, add a file to this folder and an entry to `FORMATS`.
 
 use super::spec::{FormatSpec, Precision};
-use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, vtk};
+use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, vtk, vtkxml};
 use crate::mesh::Input;
 
 /// All formats that are read or written.
@@ -128,6 +128,30 @@ pub static FORMATS: &[FormatSpec] = &[
         magic: |bytes| bytes.starts_with(b"# vtk"),
         read: |bytes| vtk::read(bytes).map(Input::Mesh),
         write_mesh: Some(|out, mesh, _| vtk::write(out, mesh, None)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a VTK PolyData file",
+        endings: &[".vtp"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: vtkxml::is_vtk_xml,
+        read: |bytes| vtkxml::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, _| vtkxml::write(out, mesh, None)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a VTK UnstructuredGrid file",
+        endings: &[".vtu"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |_| false,
+        read: |bytes| vtkxml::read(bytes).map(Input::Mesh),
+        write_mesh: None,
         write_signal: None,
     },
     FormatSpec {

@@ -10,6 +10,7 @@
 //! | Geomview | `.off` | ASCII, polygons, with colours or normals | ASCII |
 //! | STL | `.stl` | ASCII, binary; equal vertices welded | binary |
 //! | VTK legacy | `.vtk` | PolyData, grids of surface cells, ASCII and binary, to 5.1 | ASCII |
+//! | VTK XML | `.vtp`, `.vtu` | PolyData, grids of surface cells, all encodings but LZMA | `.vtp`: zlib, 64 bits |
 //! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
 //! | glTF 2.0 | `.glb`, `.gltf` | triangles of the scene; equal vertices welded | `.glb` with normals, for viewers |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | as read |
@@ -54,7 +55,9 @@ mod table;
 mod text;
 mod volume;
 mod vtk;
+mod vtkxml;
 mod weld;
+mod xml;
 
 use std::io;
 use std::path::Path;

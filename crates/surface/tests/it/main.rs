@@ -13,6 +13,7 @@ mod metamesh;
 mod round_trip;
 mod shared_data;
 mod topology;
+mod vtkxml;
 mod writing;
 
 use std::path::PathBuf;

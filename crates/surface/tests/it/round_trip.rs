@@ -35,6 +35,8 @@ fn meshes() {
         ("j.vtk", false, true),
         ("K.OBJ", false, true),
         ("l.glb", false, false),
+        ("m.vtp", false, true),
+        ("o.vtp.gz", false, true),
     ] {
         let path = folder.path().join(name);
         let options = WriteOptions { double, ..WriteOptions::default() };

@@ -3,10 +3,11 @@
 use std::borrow::Cow;
 
 use quick_xml::Reader;
-use quick_xml::events::{BytesRef, BytesStart, Event};
+use quick_xml::events::{BytesStart, Event};
 
 use super::super::flaw::{Flaw, shown};
 use super::super::text::{number, words};
+use super::super::xml::resolve;
 use super::data::{Array, Description, decode};
 use crate::mesh::CoordinateSystem;
 use crate::room::most_expanded;
@@ -93,18 +94,6 @@ pub(super) fn parse(text: &str) -> Result<Document, Flaw> {
         return Err(Flaw::new("</GIFTI> at the end", "the end of the file"));
     }
     Ok(state.document)
-}
-
-/// Resolves XML's predefined entities and character references. Other entities would require a DTD, which isn't read.
-fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
-    if let Ok(Some(c)) = reference.resolve_char_ref() {
-        return Ok(c.into());
-    }
-    let name = reference.xml10_content();
-    match quick_xml::escape::resolve_xml_entity(&name) {
-        Some(text) => Ok(text.into()),
-        None => Err(Flaw::new("XML's predefined entities", shown(name.as_bytes()))),
-    }
 }
 
 impl<'a> State<'a> {

@@ -16,7 +16,7 @@ use super::bytes::Cursor;
 use super::flaw::{Flaw, shown};
 use crate::mesh::Mesh;
 use cells::Values;
-use surface::{cell, polygon, triangle_strip};
+pub(super) use surface::{cell, polygon, triangle_strip};
 
 /// Reads the points and the surface's cells of a PolyData file or an unstructured grid. Attributes (POINT_DATA,
 /// CELL_DATA) follow them and are ignored.

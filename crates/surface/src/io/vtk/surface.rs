@@ -7,7 +7,7 @@ use super::super::flaw::Flaw;
 use super::super::polygon::{fan, strip};
 
 /// Adds a polygon's triangles to `faces`.
-pub(super) fn polygon(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+pub(in crate::io) fn polygon(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
     if fan(corners, faces) {
         return Ok(());
     }
@@ -15,7 +15,7 @@ pub(super) fn polygon(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), 
 }
 
 /// Adds a strip's triangles to `faces`.
-pub(super) fn triangle_strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+pub(in crate::io) fn triangle_strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
     if strip(corners, faces) {
         return Ok(());
     }
@@ -23,7 +23,7 @@ pub(super) fn triangle_strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Resu
 }
 
 /// Adds the triangles of a cell of an unstructured grid to `faces`. Vertices and lines have none.
-pub(super) fn cell(kind: u64, corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+pub(in crate::io) fn cell(kind: u64, corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
     match kind {
         // Empty cells, vertices and lines.
         0..=4 => Ok(()),

@@ -1,0 +1,268 @@
+//! Walks through the XML, decodes the arrays of points and cells, and joins all pieces to one surface.
+
+use super::super::budget::Budget;
+use super::super::bytes::Endian;
+use super::super::flaw::{Flaw, shown};
+use super::super::scalar::index;
+use super::super::vtk::{cell, polygon, triangle_strip};
+use super::super::xml::{Step, Tag, walk};
+use super::array::{Description, decode};
+use super::packed::{Appended, Compression, Layout};
+use crate::mesh::Mesh;
+
+/// The part of a piece that an array belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Section {
+    Points,
+    Polys,
+    Strips,
+    /// The cells of an unstructured grid.
+    Cells,
+}
+
+/// The arrays of cells.
+#[derive(Debug, Default)]
+struct Cells {
+    connectivity: Vec<f64>,
+    /// The end of each cell in `connectivity`.
+    offsets: Vec<f64>,
+    types: Vec<f64>,
+}
+
+/// The arrays of a piece.
+#[derive(Debug, Default)]
+struct Piece {
+    /// Numbers of points and polygons that the piece declares.
+    declared_points: Option<u64>,
+    declared_polys: Option<u64>,
+    points: Vec<f64>,
+    polys: Cells,
+    strips: Cells,
+    cells: Cells,
+}
+
+/// The array that is open.
+struct Open {
+    description: Description,
+    /// Its text so far.
+    text: String,
+    /// Number of elements that are open in it, whose text isn't its own.
+    inner: usize,
+}
+
+struct State<'a> {
+    layout: Layout<'a>,
+    budget: Budget,
+    piece: Piece,
+    section: Option<Section>,
+    array: Option<Open>,
+    root: bool,
+    mesh: Mesh,
+}
+
+/// Reads a document. `whole` says whether it must be complete; `file` is the size of the file.
+pub(super) fn read(text: &str, whole: bool, appended: Appended<'_>, file: usize) -> Result<Mesh, Flaw> {
+    let mut state = State {
+        layout: Layout { endian: Endian::Little, wide: false, compression: Compression::None, appended },
+        budget: Budget::of_file(file),
+        piece: Piece::default(),
+        section: None,
+        array: None,
+        root: false,
+        mesh: Mesh::default(),
+    };
+    walk(text, whole, |step| match step {
+        Step::Start(tag) => state.start(tag),
+        Step::Text(text) => {
+            if let Some(array) = state.array.as_mut().filter(|array| array.inner == 0) {
+                array.text.push_str(&text);
+            }
+            Ok(())
+        }
+        Step::End(name) => state.end(name),
+    })?;
+    Ok(state.mesh)
+}
+
+impl State<'_> {
+    fn start(&mut self, tag: &Tag<'_>) -> Result<(), Flaw> {
+        if !self.root {
+            self.root = true;
+            return self.start_root(tag);
+        }
+        if let Some(array) = &mut self.array {
+            array.inner += 1;
+            return Ok(());
+        }
+        match tag.name() {
+            "Piece" => {
+                self.piece = Piece {
+                    declared_points: tag.number("NumberOfPoints")?,
+                    declared_polys: tag.number("NumberOfPolys")?,
+                    ..Piece::default()
+                }
+            }
+            "Points" => self.section = Some(Section::Points),
+            "Polys" => self.section = Some(Section::Polys),
+            "Strips" => self.section = Some(Section::Strips),
+            "Cells" => self.section = Some(Section::Cells),
+            "DataArray" if self.section.is_some() => {
+                self.array = Some(Open { description: Description::of(tag)?, text: String::new(), inner: 0 });
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn start_root(&mut self, tag: &Tag<'_>) -> Result<(), Flaw> {
+        if tag.name() != "VTKFile" {
+            return Err(Flaw::new("a VTKFile element", shown(tag.name().as_bytes())));
+        }
+        let attribute = |name: &str| Ok::<_, Flaw>(tag.attribute(name)?.unwrap_or_default());
+        let kind = attribute("type")?;
+        if kind != "PolyData" && kind != "UnstructuredGrid" {
+            let found = format!("the dataset {}", shown(kind.as_bytes()));
+            return Err(Flaw::unsupported(found, "save its surface as PolyData (.vtp)"));
+        }
+        self.layout.endian = match attribute("byte_order")?.as_str() {
+            "LittleEndian" | "" => Endian::Little,
+            "BigEndian" => Endian::Big,
+            other => return Err(Flaw::new("byte_order LittleEndian or BigEndian", shown(other.as_bytes()))),
+        };
+        self.layout.wide = match attribute("header_type")?.as_str() {
+            // Files of versions before 1.0 have no header_type.
+            "UInt32" | "" => false,
+            "UInt64" => true,
+            other => return Err(Flaw::new("header_type UInt32 or UInt64", shown(other.as_bytes()))),
+        };
+        self.layout.compression = match attribute("compressor")?.as_str() {
+            "" => Compression::None,
+            "vtkZLibDataCompressor" => Compression::Zlib,
+            "vtkLZ4DataCompressor" => Compression::Lz4,
+            other => {
+                let found = format!("the compressor {}", shown(other.as_bytes()));
+                return Err(Flaw::unsupported(found, "save it with ZLib or without compression"));
+            }
+        };
+        Ok(())
+    }
+
+    fn end(&mut self, name: &str) -> Result<(), Flaw> {
+        if let Some(array) = self.array.as_mut().filter(|array| array.inner > 0) {
+            array.inner -= 1;
+            return Ok(());
+        }
+        match name {
+            "DataArray" => {
+                if let Some(array) = self.array.take() {
+                    self.keep(&array.description, &array.text)?;
+                }
+            }
+            "Points" | "Polys" | "Strips" | "Cells" => self.section = None,
+            "Piece" => {
+                let piece = std::mem::take(&mut self.piece);
+                piece.add_to(&mut self.mesh)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Decodes an array and keeps it, if it is one of those that make a surface.
+    fn keep(&mut self, description: &Description, text: &str) -> Result<(), Flaw> {
+        let cells = match self.section {
+            Some(Section::Points) => {
+                if description.components != Some(3) {
+                    let found = description.components.map_or("none".to_owned(), |n| n.to_string());
+                    return Err(Flaw::new("3 as NumberOfComponents of the points", found));
+                }
+                self.piece.points = decode(description, text, &self.layout, &mut self.budget)?;
+                return Ok(());
+            }
+            Some(Section::Polys) => &mut self.piece.polys,
+            Some(Section::Strips) => &mut self.piece.strips,
+            Some(Section::Cells) => &mut self.piece.cells,
+            None => return Ok(()),
+        };
+        let array = match description.name.as_str() {
+            "connectivity" => &mut cells.connectivity,
+            "offsets" => &mut cells.offsets,
+            "types" => &mut cells.types,
+            // The faces of polyhedra, whose cells are refused.
+            _ => return Ok(()),
+        };
+        *array = decode(description, text, &self.layout, &mut self.budget)?;
+        Ok(())
+    }
+}
+
+impl Piece {
+    /// Adds the piece's points and triangles to a mesh.
+    fn add_to(self, mesh: &mut Mesh) -> Result<(), Flaw> {
+        let (points, rest) = self.points.as_chunks::<3>();
+        let declared = self.declared_points.unwrap_or(points.len() as u64);
+        if !rest.is_empty() || declared != points.len() as u64 {
+            return Err(Flaw::new(
+                format!("{declared} points of three numbers"),
+                format!("{} numbers", self.points.len()),
+            ));
+        }
+        let polys = self.polys.offsets.len();
+        if self.declared_polys.is_some_and(|declared| declared != polys as u64) {
+            return Err(Flaw::new(
+                format!("{} polygons, as NumberOfPolys says", self.declared_polys.unwrap_or(0)),
+                polys.to_string(),
+            ));
+        }
+        let first =
+            u32::try_from(mesh.vertices.len()).ok().filter(|first| first.checked_add(points.len() as u32).is_some());
+        let first = first.ok_or_else(|| Flaw::new("fewer than 2^32 points", "more"))?;
+        mesh.vertices.extend_from_slice(points);
+        let space = Space { first, points: points.len() };
+        self.polys.each(&space, |_, corners| polygon(corners, &mut mesh.faces))?;
+        self.strips.each(&space, |_, corners| triangle_strip(corners, &mut mesh.faces))?;
+        if !self.cells.offsets.is_empty() && self.cells.types.len() != self.cells.offsets.len() {
+            let found = self.cells.types.len().to_string();
+            return Err(Flaw::new(format!("{} types of cells", self.cells.offsets.len()), found));
+        }
+        self.cells.each(&space, |kind, corners| cell(kind as u64, corners, &mut mesh.faces))
+    }
+}
+
+/// The number of a piece's points, and the number of points before them.
+struct Space {
+    first: u32,
+    points: usize,
+}
+
+impl Cells {
+    /// Passes the type of each cell, if known, and its corners to `each`.
+    fn each(&self, space: &Space, mut each: impl FnMut(f64, &[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
+        let (mut start, mut corners) = (0, Vec::new());
+        let mut types = self.types.iter();
+        for &end in &self.offsets {
+            let wrong = || {
+                let expected = format!("offsets that rise, up to {}", self.connectivity.len());
+                Flaw::new(expected, format!("{end} after {start}"))
+            };
+            let place = index(end)? as usize;
+            corners.clear();
+            for &corner in self.connectivity.get(start..place).ok_or_else(wrong)? {
+                let corner = index(corner)?;
+                if corner as usize >= space.points {
+                    return Err(Flaw::new(
+                        format!("indices below {}, the piece's points", space.points),
+                        corner.to_string(),
+                    ));
+                }
+                corners.push(space.first + corner);
+            }
+            start = place;
+            each(types.next().copied().unwrap_or_default(), &corners)?;
+        }
+        if start < self.connectivity.len() {
+            return Err(Flaw::new(format!("offsets up to {}", self.connectivity.len()), start.to_string()));
+        }
+        Ok(())
+    }
+}

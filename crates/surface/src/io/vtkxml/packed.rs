@@ -1,0 +1,194 @@
+//! Finds the bytes of an array, and decodes and decompresses them.
+//!
+//! A header of whole numbers precedes the data. Without compression it is the number of bytes. With compression it is
+//! the number of blocks, the size of a block, the size of the last block (0 if that is full), and the size of each
+//! block as compressed. In base64, the header of compressed data is encoded on its own; its padding stands between it
+//! and the data.
+
+use std::borrow::Cow;
+use std::io::Read;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::super::budget::Budget;
+use super::super::bytes::{Cursor, Endian};
+use super::super::flaw::{Flaw, bounded};
+
+/// How arrays are stored, which is the same for all arrays of a file.
+pub(super) struct Layout<'a> {
+    pub(super) endian: Endian,
+    /// Whether the numbers of headers have 64 bits instead of 32.
+    pub(super) wide: bool,
+    pub(super) compression: Compression,
+    pub(super) appended: Appended<'a>,
+}
+
+/// The data behind the XML.
+#[derive(Clone, Copy)]
+pub(super) enum Appended<'a> {
+    None,
+    Raw(&'a [u8]),
+    Base64(&'a [u8]),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Compression {
+    None,
+    Zlib,
+    Lz4,
+}
+
+/// Returns the bytes of an array: those at `offset` behind the XML, or those in the text of its element.
+pub(super) fn bytes_of(
+    text: &[u8],
+    offset: Option<u64>,
+    layout: &Layout<'_>,
+    budget: &mut Budget,
+) -> Result<Vec<u8>, Flaw> {
+    let from = |data| {
+        let offset = usize::try_from(offset.unwrap_or(0)).unwrap_or(usize::MAX);
+        let rest = <[u8]>::get(data, offset..);
+        rest.ok_or_else(|| Flaw::new(format!("appended data at {offset}"), format!("{} bytes", data.len())))
+    };
+    let compact: Vec<u8>;
+    let mut source = match (offset, layout.appended) {
+        (None, _) => {
+            compact = text.iter().copied().filter(|byte| !byte.is_ascii_whitespace()).collect();
+            Source::base64(&compact)
+        }
+        (Some(_), Appended::Raw(data)) => Source::Raw(Cursor::new(from(data)?)),
+        (Some(_), Appended::Base64(data)) => Source::base64(from(data)?),
+        (Some(_), Appended::None) => return Err(Flaw::new("AppendedData behind the XML", "none")),
+    };
+    if source.is_empty() {
+        return Ok(Vec::new());
+    }
+    let first = source.word(layout)?;
+    if layout.compression == Compression::None {
+        let length = bounded(first, 1, source.most(), "bytes of an array")?;
+        return Ok(source.take(length)?.into_owned());
+    }
+    if first == 0 {
+        return Ok(Vec::new());
+    }
+    let (size, last) = (source.word(layout)?, source.word(layout)?);
+    let blocks = bounded(first, if layout.wide { 8 } else { 4 }, source.most(), "blocks of an array")?;
+    let packed = (0..blocks).map(|_| source.word(layout)).collect::<Result<Vec<u64>, Flaw>>()?;
+    let mut bytes = Vec::new();
+    for (number, packed) in packed.into_iter().enumerate() {
+        let expected = if number + 1 == blocks && last > 0 { last } else { size };
+        let packed = bounded(packed, 1, source.most(), "bytes of a block")?;
+        let block = source.take(packed)?;
+        expand(&block, expected, layout.compression, budget, &mut bytes)?;
+    }
+    Ok(bytes)
+}
+
+/// Decompresses a block of `expected` bytes, and appends them to `bytes`.
+fn expand(
+    block: &[u8],
+    expected: u64,
+    compression: Compression,
+    budget: &mut Budget,
+    bytes: &mut Vec<u8>,
+) -> Result<(), Flaw> {
+    /// Largest number of bytes that a byte of Deflate's or LZ4's output can expand to.
+    const MOST: u64 = 1032;
+    if expected / MOST > block.len() as u64 {
+        let found = format!("a block of {} compressed bytes", block.len());
+        return Err(Flaw::new(format!("{expected} bytes, as the array's header says"), found));
+    }
+    budget.spend(expected, "arrays of")?;
+    let size = usize::try_from(expected).map_err(|_| Flaw::new("blocks that fit in memory", expected.to_string()))?;
+    let start = bytes.len();
+    match compression {
+        Compression::Zlib => {
+            bytes.try_reserve(size + 1).map_err(|e| Flaw::new("blocks that fit in memory", e.to_string()))?;
+            // One byte more is read, so that excess data are detected.
+            let mut decoder = flate2::read::ZlibDecoder::new(block).take(expected + 1);
+            decoder.read_to_end(bytes).map_err(|e| Flaw::new("a zlib stream in an array", e.to_string()))?;
+        }
+        _ => {
+            bytes.resize(start + size, 0);
+            let room = bytes.get_mut(start..).unwrap_or_default();
+            let written = lz4_flex::block::decompress_into(block, room)
+                .map_err(|e| Flaw::new("a block of LZ4 in an array", e.to_string()))?;
+            bytes.truncate(start + written);
+        }
+    }
+    if bytes.len() - start != size {
+        let found = if bytes.len() - start > size { "more".to_owned() } else { (bytes.len() - start).to_string() };
+        return Err(Flaw::new(format!("{size} bytes in a block, as the array's header says"), found));
+    }
+    Ok(())
+}
+
+/// The bytes of an array, which are taken from the front.
+enum Source<'a> {
+    Raw(Cursor<'a>),
+    /// The text that isn't decoded yet, and the bytes that are decoded but not taken.
+    Base64 {
+        text: &'a [u8],
+        bytes: Vec<u8>,
+    },
+}
+
+impl<'a> Source<'a> {
+    fn base64(text: &'a [u8]) -> Self {
+        Self::Base64 { text, bytes: Vec::new() }
+    }
+
+    fn is_empty(&self) -> bool {
+        match self {
+            Self::Raw(cursor) => cursor.remaining() == 0,
+            Self::Base64 { text, bytes } => text.is_empty() && bytes.is_empty(),
+        }
+    }
+
+    /// Returns the largest number of bytes that may be left.
+    fn most(&self) -> usize {
+        match self {
+            Self::Raw(cursor) => cursor.remaining(),
+            Self::Base64 { text, bytes } => bytes.len() + text.len() / 4 * 3,
+        }
+    }
+
+    /// Takes a number of a header.
+    fn word(&mut self, layout: &Layout<'_>) -> Result<u64, Flaw> {
+        let bytes = self.take(if layout.wide { 8 } else { 4 })?;
+        let mut cursor = Cursor::new(&bytes);
+        if layout.wide { cursor.u64(layout.endian) } else { cursor.u32(layout.endian).map(u64::from) }
+    }
+
+    fn take(&mut self, count: usize) -> Result<Cow<'a, [u8]>, Flaw> {
+        let (text, bytes) = match self {
+            Self::Raw(cursor) => return cursor.take(count).map(Cow::Borrowed),
+            Self::Base64 { text, bytes } => (text, bytes),
+        };
+        while bytes.len() < count {
+            // Four characters are three bytes, or fewer at padding, after which another text begins.
+            let characters = (count - bytes.len()).div_ceil(3).saturating_mul(4);
+            let Some((piece, rest)) = text.split_at_checked(characters.min(text.len() / 4 * 4)) else { break };
+            if piece.is_empty() {
+                return Err(Flaw::new(format!("{count} more bytes in base64"), bytes.len().to_string()));
+            }
+            *text = rest;
+            decode(piece, bytes)?;
+        }
+        let rest = bytes.split_off(count.min(bytes.len()));
+        Ok(std::mem::replace(bytes, rest).into())
+    }
+}
+
+/// Decodes groups of four characters, of which any may be padded.
+fn decode(text: &[u8], bytes: &mut Vec<u8>) -> Result<(), Flaw> {
+    let mut rest = text;
+    while !rest.is_empty() {
+        let padded = rest.iter().position(|&byte| byte == b'=').map_or(rest.len(), |at| (at / 4 + 1) * 4);
+        let (group, after) = rest.split_at_checked(padded).unwrap_or((rest, &[]));
+        STANDARD.decode_vec(group, bytes).map_err(|e| Flaw::new("base64 in an array", e.to_string()))?;
+        rest = after;
+    }
+    Ok(())
+}
