@@ -6,7 +6,8 @@
 Files are written by the formats' own Python libraries if these can, otherwise by this script as exporters do.
 expected.json holds the contents as read by those libraries (never by this project).
 
-Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 pyvista==0.49.1  numpy==2.4.6. The dates in three files change with each run.
+Made with Python 3.11 and nibabel==5.4.2 meshio==5.3.5 trimesh==5.2.0 vtk==9.7.2 pyvista==0.49.1 lib3mf==2.5.0 networkx==3.6.1
+lxml==6.1.3 numpy==2.4.6. The dates in three files change with each run.
 """
 
 import gzip
@@ -14,7 +15,9 @@ import json
 import pathlib
 import struct
 import sys
+import zipfile
 
+import lib3mf
 import meshio
 import nibabel as nib
 import numpy as np
@@ -555,6 +558,90 @@ def modes():
     return head + struct.pack("<I", len(text)) + b"JSON" + text + struct.pack("<I", len(bin)) + b"BIN\0" + bin
 
 
+def write_3mf(out):
+    vertices, faces = icosahedron()
+    (out / "object.3mf").write_bytes(trimesh.Trimesh(vertices, faces, process=False).export(file_type="3mf"))
+    points = trimesh.load(out / "object.3mf", process=False, force="mesh")
+    expect_mesh("object.3mf", points.vertices, points.faces)
+
+    # An assembly in two parts, as slicers write: a mesh of another part twice, once turned and once as a mirror image,
+    # a support, and a mesh of the root part.
+    core = 'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"'
+    production = 'xmlns:p="http://schemas.microsoft.com/3dmanufacturing/production/2015/06"'
+    corners, quads = box()
+    # lib3mf has 32 bits.
+    mesh = mesh_3mf(np.round(corners * 64) / 64, fan(quads))
+    tetrahedron = mesh_3mf(np.eye(4)[:, :3] * 0.5 + 100, [[0, 1, 2], [0, 3, 1], [1, 3, 2], [0, 2, 3]])
+    part = f'<model {core}><resources><object id="7">{mesh}</object></resources><build/></model>'
+    root = (
+        f'<model unit="meter" {core} {production} requiredextensions="p"><resources>'
+        f'<object id="1" type="model">{tetrahedron}</object><object id="2" type="support">{mesh}</object>'
+        '<object id="3"><components><component p:path="/3D/Objects/box.model" objectid="7" transform="0 2 0 -2 0 0 0 0 2 512 0.5 0"/>'
+        '<component objectid="1"/></components></object></resources><build><item objectid="3" transform="-1 0 0 0 1 0 0 0 1 0 0 64"/>'
+        '<item objectid="2"/><item objectid="1"/></build></model>'
+    )
+    model_type = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
+    relation = f'<Relationship Target="/3D/root.model" Id="a" Type="{model_type}"/>'
+    inner = f'<Relationship Target="/3D/Objects/box.model" Id="b" Type="{model_type}"/>'
+    space = 'xmlns="http://schemas.openxmlformats.org/package/2006/relationships"'
+    types = (
+        '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types"><Default Extension="rels" ContentType='
+        '"application/vnd.openxmlformats-package.relationships+xml"/><Default Extension="model" ContentType='
+        '"application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
+    )
+    with zipfile.ZipFile(out / "build.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in [
+            ("[Content_Types].xml", types),
+            ("_rels/.rels", f"<Relationships {space}>{relation}</Relationships>"),
+            ("3D/root.model", root),
+            ("3D/_rels/root.model.rels", f"<Relationships {space}>{inner}</Relationships>"),
+            ("3D/Objects/box.model", part),
+        ]:
+            archive.writestr(zipfile.ZipInfo(name), '<?xml version="1.0"?>' + text, zipfile.ZIP_DEFLATED)
+    corners, unique = lib3mf_corners(out / "build.3mf")
+    EXPECTED["build.3mf"] = {"corners": corners.tolist(), "unique": unique}
+
+
+def lib3mf_corners(path):
+    """Returns the corners of the triangles that lib3mf finds in a build, and the number of different ones."""
+    model = lib3mf.get_wrapper().CreateModel()
+    model.QueryReader("3mf").ReadFromFile(str(path))
+
+    def matrix(transform):
+        rows = np.array([list(row) for row in transform.Fields], dtype=np.float64)
+        return np.hstack([rows, [[0], [0], [0], [1]]])
+
+    def triangles(found, placement):
+        if found.GetType() == lib3mf.ObjectType.Support:
+            return
+        number = found.GetResourceID()
+        if not found.IsMeshObject():
+            parts = model.GetComponentsObjectByID(number)
+            for i in range(parts.GetComponentCount()):
+                part = parts.GetComponent(i)
+                yield from triangles(part.GetObjectResource(), matrix(part.GetTransform()) @ placement)
+            return
+        mesh = model.GetMeshObjectByID(number)
+        points = np.array([list(v.Coordinates) + [1.0] for v in mesh.GetVertices()]) @ placement
+        faces = np.array([list(t.Indices) for t in mesh.GetTriangleIndices()])
+        # A mirror image is turned, so that its outer side stays outside.
+        yield points[:, :3][faces if np.linalg.det(placement) > 0 else faces[:, [0, 2, 1]]]
+
+    corners, items = [], model.GetBuildItems()
+    while items.MoveNext():
+        item = items.GetCurrent()
+        corners += triangles(item.GetObjectResource(), matrix(item.GetObjectTransform()))
+    corners = np.concatenate(corners)
+    # Each object has its own vertices, even where they touch those of others.
+    return corners, 8 + 4 + 4
+
+
+def mesh_3mf(vertices, faces):
+    points = "".join(f'<vertex x="{x!r}" y="{y!r}" z="{z!r}"/>' for x, y, z in np.asarray(vertices).tolist())
+    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces)
+    return f"<mesh><vertices>{points}</vertices><triangles>{triangles}</triangles></mesh>"
+
+
 def write_tables(out):
     values = np.sin(np.arange(36.0)).reshape(12, 3)
     np.savetxt(out / "named.csv", values, delimiter=",", header="thickness,area,curv", comments="", fmt="%.17g")
@@ -603,6 +690,9 @@ def check(directory):
     reader.SetFileName(str(directory / "out.glb"))
     reader.Update()
     same("out.glb by VTK", *from_polydata(next(leaves(reader.GetOutput()))))
+    same("out.3mf", *scene_of(directory / "out.3mf"), vertices)
+    # lib3mf has 32 bits.
+    same("out.3mf by lib3mf", *lib3mf_mesh(directory / "out.3mf"))
     soup = trimesh.load(directory / "out.stl", process=False)
     assert np.array_equal(np.asarray(soup.triangles, dtype=np.float64), single[faces])
     normals = np.cross(single[faces][:, 1] - single[faces][:, 0], single[faces][:, 2] - single[faces][:, 0])
@@ -634,6 +724,19 @@ def scene_of(path):
     return mesh.vertices, mesh.faces
 
 
+def lib3mf_mesh(path):
+    model = lib3mf.get_wrapper().CreateModel()
+    reader = model.QueryReader("3mf")
+    reader.SetStrictModeActive(True)
+    reader.ReadFromFile(str(path))
+    assert reader.GetWarningCount() == 0
+    meshes = model.GetMeshObjects()
+    assert meshes.MoveNext()
+    mesh = meshes.GetCurrentMeshObject()
+    assert mesh.IsManifoldAndOriented()
+    return [list(v.Coordinates) for v in mesh.GetVertices()], [list(t.Indices) for t in mesh.GetTriangleIndices()]
+
+
 def trimesh_of(path):
     mesh = trimesh.load(path, process=False, maintain_order=True)
     return mesh.vertices, mesh.faces
@@ -646,7 +749,7 @@ def main():
         sys.exit(__doc__)
     out = pathlib.Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
-    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_vtk_xml, write_gltf, write_tables]:
+    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_vtk_xml, write_gltf, write_3mf, write_tables]:
         write(out)
     (out / "expected.json").write_text(json.dumps(EXPECTED, indent=None, separators=(",", ":")) + "\n")
 

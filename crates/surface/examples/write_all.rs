@@ -26,6 +26,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         "out.vtk",
         "out.vtp",
         "out.glb",
+        "out.3mf",
     ] {
         write_mesh(folder.join(name), &mesh, &single)?;
     }

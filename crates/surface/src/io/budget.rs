@@ -17,6 +17,11 @@ impl Budget {
         Self { left: most_expanded(file as u64), file: file as u64 }
     }
 
+    /// Returns the number of bytes left.
+    pub(super) fn left(&self) -> u64 {
+        self.left
+    }
+
     /// Takes `bytes` from the budget, before memory is allocated for them. `what` names the contents, as in "shapes
     /// of".
     pub(super) fn spend(&mut self, bytes: u64, what: &str) -> Result<(), Flaw> {
@@ -43,6 +48,7 @@ mod tests {
     fn what_is_spent_cannot_be_spent_again() {
         let mut budget = Budget::of_file(0);
         budget.spend(60 << 20, "shapes of").unwrap();
+        assert_eq!(budget.left(), 4 << 20);
         let error = budget.spend(5 << 20, "shapes of").unwrap_err();
         assert!(format!("{error:?}").contains("shapes of more than 64.0 MiB in a file of 0 bytes"), "{error:?}");
         budget.spend(4 << 20, "shapes of").unwrap();

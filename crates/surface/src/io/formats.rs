@@ -3,7 +3,7 @@
 //! To add a format, add a file to this folder and an entry to `FORMATS`.
 
 use super::spec::{FormatSpec, Precision};
-use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, vtk, vtkxml};
+use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, threemf, vtk, vtkxml};
 use crate::mesh::Input;
 
 /// All formats that are read or written.
@@ -188,6 +188,18 @@ pub static FORMATS: &[FormatSpec] = &[
         magic: |_| false,
         read: |bytes| glb::read(bytes).map(Input::Mesh),
         write_mesh: None,
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a 3MF file",
+        endings: &[".3mf"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: |_| false,
+        read: |bytes| threemf::read(bytes).map(Input::Mesh),
+        write_mesh: Some(|out, mesh, _| threemf::write(out, mesh)),
         write_signal: None,
     },
     FormatSpec {

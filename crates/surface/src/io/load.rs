@@ -56,23 +56,10 @@ pub(super) fn is_gzip(bytes: &[u8]) -> bool {
 /// Number of bytes inflated at a time.
 const PIECE: usize = 1 << 20;
 
-/// Inflates a gzip file. Contents larger than [`most_expanded`] allows are rejected as a decompression bomb. Free
-/// memory is checked before each allocation.
+/// Inflates a gzip file. Contents larger than [`most_expanded`] allows are rejected as a decompression bomb.
 pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
     let limit = most_expanded(bytes.len() as u64);
-    let mut decoder = flate2::read::MultiGzDecoder::new(bytes).take(limit);
-    let mut text = Vec::new();
-    loop {
-        if text.capacity() - text.len() < PIECE {
-            let more = text.len().max(PIECE);
-            check_room((text.len() + more) as u64)?;
-            text.reserve_exact(more);
-        }
-        let piece = decoder.by_ref().take(PIECE as u64).read_to_end(&mut text);
-        if piece.map_err(|e| Flaw::new("a gzip stream", e.to_string()))? == 0 {
-            break;
-        }
-    }
+    let text = inflated(flate2::read::MultiGzDecoder::new(bytes), limit, "a gzip stream")?;
     if text.len() as u64 >= limit {
         return Err(Flaw::unsupported(
             format!("more than {} in {} compressed bytes", Bytes(limit), bytes.len()),
@@ -80,4 +67,22 @@ pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
         ));
     }
     Ok(text)
+}
+
+/// Reads decompressed data up to `limit` bytes. Free memory is checked before each allocation. `what` names the data in
+/// errors.
+pub(super) fn inflated(decoder: impl Read, limit: u64, what: &str) -> Result<Vec<u8>, Flaw> {
+    let mut decoder = decoder.take(limit);
+    let mut bytes = Vec::new();
+    loop {
+        if bytes.capacity() - bytes.len() < PIECE {
+            let more = bytes.len().max(PIECE);
+            check_room((bytes.len() + more) as u64)?;
+            bytes.reserve_exact(more);
+        }
+        let piece = decoder.by_ref().take(PIECE as u64).read_to_end(&mut bytes);
+        if piece.map_err(|e| Flaw::new(what, e.to_string()))? == 0 {
+            return Ok(bytes);
+        }
+    }
 }

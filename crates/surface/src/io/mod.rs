@@ -13,6 +13,7 @@
 //! | VTK XML | `.vtp`, `.vtu` | PolyData, grids of surface cells, all encodings but LZMA | `.vtp`: zlib, 64 bits |
 //! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
 //! | glTF 2.0 | `.glb`, `.gltf` | triangles of the scene; equal vertices welded | `.glb` with normals, for viewers |
+//! | 3MF | `.3mf` | objects of the build | one object |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | as read |
 //!
 //! Landmarks have their own formats, see [`landmarks`].
@@ -53,6 +54,7 @@ mod spec;
 mod stl;
 mod table;
 mod text;
+mod threemf;
 mod volume;
 mod vtk;
 mod vtkxml;

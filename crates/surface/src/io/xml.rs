@@ -66,7 +66,7 @@ impl Tag<'_> {
 }
 
 /// Returns a name without its prefix.
-fn local(name: &str) -> &str {
+pub(super) fn local(name: &str) -> &str {
     name.split_once(':').map_or(name, |(_, local)| local)
 }
 

@@ -12,6 +12,7 @@ mod locator;
 mod metamesh;
 mod round_trip;
 mod shared_data;
+mod threemf;
 mod topology;
 mod vtkxml;
 mod writing;

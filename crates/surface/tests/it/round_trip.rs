@@ -36,6 +36,7 @@ fn meshes() {
         ("K.OBJ", false, true),
         ("l.glb", false, false),
         ("m.vtp", false, true),
+        ("n.3mf", false, true),
         ("o.vtp.gz", false, true),
     ] {
         let path = folder.path().join(name);
