@@ -642,6 +642,41 @@ def mesh_3mf(vertices, faces):
     return f"<mesh><vertices>{points}</vertices><triangles>{triangles}</triangles></mesh>"
 
 
+def write_vrml(out):
+    window, renderer = vtk.vtkRenderWindow(), vtk.vtkRenderer()
+    window.SetOffScreenRendering(True)
+    window.AddRenderer(renderer)
+    vertices, faces = icosahedron()
+    corners, quads = box()
+    for data, place, scale in [(vtk_polydata(vertices, faces), (0, 0, 0), 1), (vtk_polydata(corners.astype(np.float32), quads), (512, 0, 64), 2)]:
+        mapper, actor = vtk.vtkPolyDataMapper(), vtk.vtkActor()
+        mapper.SetInputData(data)
+        mapper.ScalarVisibilityOff()
+        actor.SetMapper(mapper)
+        actor.SetPosition(*place)
+        actor.SetScale(scale, scale, scale)
+        renderer.AddActor(actor)
+    exporter = vtk.vtkVRMLExporter()
+    exporter.SetRenderWindow(window)
+    exporter.SetFileName(str(out / "scene.wrl"))
+    exporter.Write()
+
+    importer = vtk.vtkVRMLImporter()
+    importer.SetFileName(str(out / "scene.wrl"))
+    importer.Update()
+    points, polygons = [], []
+    for actor in importer.GetRenderer().GetActors():
+        actor.GetMapper().Update()
+        part, lists = from_polydata(actor.GetMapper().GetInput())
+        matrix = np.array([[actor.GetMatrix().GetElement(i, k) for k in range(4)] for i in range(4)])
+        polygons += [[i + len(points) for i in corners] for corners in lists]
+        points += (np.asarray(part, dtype=np.float64) @ matrix[:3, :3].T + matrix[:3, 3]).tolist()
+    # VTK reads 32 bits; the positions are those written, in their places.
+    wanted = np.concatenate([vertices, 2 * corners.astype(np.float32).astype(np.float64) + [512, 0, 64]])
+    assert np.allclose(points, wanted, rtol=1e-6)
+    expect_mesh("scene.wrl", wanted, polygons)
+
+
 def write_tables(out):
     values = np.sin(np.arange(36.0)).reshape(12, 3)
     np.savetxt(out / "named.csv", values, delimiter=",", header="thickness,area,curv", comments="", fmt="%.17g")
@@ -749,7 +784,7 @@ def main():
         sys.exit(__doc__)
     out = pathlib.Path(sys.argv[1])
     out.mkdir(parents=True, exist_ok=True)
-    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_vtk_xml, write_gltf, write_3mf, write_tables]:
+    for write in [write_gifti, write_freesurfer, write_obj, write_ply, write_off, write_stl, write_vtk, write_strips, write_grids, write_vtk_xml, write_gltf, write_3mf, write_vrml, write_tables]:
         write(out)
     (out / "expected.json").write_text(json.dumps(EXPECTED, indent=None, separators=(",", ":")) + "\n")
 

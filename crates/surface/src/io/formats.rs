@@ -3,7 +3,7 @@
 //! To add a format, add a file to this folder and an entry to `FORMATS`.
 
 use super::spec::{FormatSpec, Precision};
-use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, threemf, vtk, vtkxml};
+use super::{freesurfer, gifti, glb, metamesh, mgh, obj, off, ply, stl, table, threemf, vrml, vtk, vtkxml};
 use crate::mesh::Input;
 
 /// All formats that are read or written.
@@ -200,6 +200,18 @@ pub static FORMATS: &[FormatSpec] = &[
         magic: |_| false,
         read: |bytes| threemf::read(bytes).map(Input::Mesh),
         write_mesh: Some(|out, mesh, _| threemf::write(out, mesh)),
+        write_signal: None,
+    },
+    FormatSpec {
+        name: "a VRML file",
+        endings: &[".wrl", ".vrml"],
+        precision: Precision::Exact,
+        keeps_order: true,
+        hemisphere_prefix: false,
+        most_channels: usize::MAX,
+        magic: vrml::is_vrml,
+        read: |bytes| vrml::read(bytes).map(Input::Mesh),
+        write_mesh: None,
         write_signal: None,
     },
     FormatSpec {

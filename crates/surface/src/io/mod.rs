@@ -14,6 +14,7 @@
 //! | MetaMesh | `.meta` | SPHARM-PDM's text: triangles and polygons | - |
 //! | glTF 2.0 | `.glb`, `.gltf` | triangles of the scene; equal vertices welded | `.glb` with normals, for viewers |
 //! | 3MF | `.3mf` | objects of the build | one object |
+//! | VRML 97 | `.wrl` | IndexedFaceSets of the scene | - |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | as read |
 //!
 //! Landmarks have their own formats, see [`landmarks`].
@@ -56,6 +57,7 @@ mod table;
 mod text;
 mod threemf;
 mod volume;
+mod vrml;
 mod vtk;
 mod vtkxml;
 mod weld;

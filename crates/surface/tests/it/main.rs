@@ -14,6 +14,7 @@ mod round_trip;
 mod shared_data;
 mod threemf;
 mod topology;
+mod vrml;
 mod vtkxml;
 mod writing;
 

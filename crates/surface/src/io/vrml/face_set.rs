@@ -1,0 +1,51 @@
+//! Makes triangles of an IndexedFaceSet (section 6.23): points of a Coordinate node, and polygons of their indices,
+//! each ended by -1.
+
+use super::super::flaw::Flaw;
+use super::super::polygon::fan;
+use crate::mesh::Mesh;
+
+/// The fields of an IndexedFaceSet.
+pub(super) struct FaceSet {
+    /// Place of the points among the vertices, and their number.
+    pub(super) points: Option<(usize, usize)>,
+    pub(super) indices: Vec<i64>,
+    /// Whether polygons are counterclockwise seen from outside.
+    pub(super) ccw: bool,
+}
+
+impl FaceSet {
+    pub(super) fn new() -> Self {
+        Self { points: None, indices: Vec::new(), ccw: true }
+    }
+
+    /// Adds the triangles to a mesh. A set without points has none.
+    pub(super) fn add_to(self, mesh: &mut Mesh) -> Result<(), Flaw> {
+        let Some((first, count)) = self.points else { return Ok(()) };
+        let start = mesh.faces.len();
+        let mut corners = Vec::new();
+        // The last polygon needs no -1.
+        for &index in self.indices.iter().chain([&-1]) {
+            let corner = usize::try_from(index).ok().filter(|&index| index < count);
+            match corner.and_then(|corner| u32::try_from(first + corner).ok()) {
+                Some(corner) => corners.push(corner),
+                None if index == -1 => {
+                    if !corners.is_empty() && !fan(&corners, &mut mesh.faces) {
+                        return Err(Flaw::new("polygons of three or more corners", corners.len().to_string()));
+                    }
+                    corners.clear();
+                }
+                None => {
+                    return Err(Flaw::new(
+                        format!("indices below {count}, the set's points, or -1"),
+                        index.to_string(),
+                    ));
+                }
+            }
+        }
+        if !self.ccw {
+            mesh.faces.iter_mut().skip(start).for_each(|face| face.swap(1, 2));
+        }
+        Ok(())
+    }
+}
