@@ -20,7 +20,7 @@ from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from .reports import FitReport
 
 #: Endings of meshes, which models aren't written as.
-_MESHES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp", ".gii", ".glb", ".gltf", ".msh", ".pial", ".white")
+_MESHES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp", ".gii", ".glb", ".gltf", ".3mf", ".wrl", ".msh", ".pial", ".white")
 
 
 class Model(Values):

@@ -30,7 +30,7 @@ def _stem(path: str) -> str:
     """Returns a file's name without known suffixes: ``sub-01.surf.gii`` becomes ``sub-01``, ``lh.pial`` is
     unchanged."""
     name = os.path.basename(path)
-    for suffix in (".gz", ".npz", ".spharm", ".gii", ".surf", ".ply", ".obj", ".off", ".stl", ".vtk"):
+    for suffix in (".gz", ".npz", ".spharm", ".gii", ".surf", ".ply", ".obj", ".off", ".stl", ".vtk", ".vtp", ".glb", ".3mf", ".wrl"):
         name = name.removesuffix(suffix)
     return name or os.path.basename(path)
 

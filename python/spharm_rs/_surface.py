@@ -212,7 +212,7 @@ def named_icosphere(sphere: Any) -> Any:
 
 
 def read_surface(path: Path) -> Surface:
-    """Reads a surface: GIfTI, FreeSurfer, OBJ, PLY, OFF, STL, VTK, also gzipped.
+    """Reads a surface: GIfTI, FreeSurfer, OBJ, PLY, OFF, STL, VTK (also XML), glTF, 3MF, VRML, also gzipped.
 
     Parameters
     ----------
@@ -238,8 +238,8 @@ def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: 
     Parameters
     ----------
     path : str or os.PathLike
-        ``.surf.gii``, ``.ply``, ``.obj``, ``.off``, ``.stl``, ``.vtk``, or one of FreeSurfer's names (``lh.pial``); with
-        ``.gz`` it is gzipped.
+        ``.surf.gii``, ``.ply``, ``.obj``, ``.off``, ``.stl``, ``.vtk``, ``.vtp``, ``.glb``, ``.3mf``, or one of FreeSurfer's
+        names (``lh.pial``); with ``.gz`` it is gzipped.
     surface : Surface or what `as_surface` takes
     overwrite : bool
         Replace an existing file.

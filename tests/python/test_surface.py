@@ -71,7 +71,7 @@ def test_anything_else_is_refused(wrong: Any) -> None:
         sp.as_surface(wrong)
 
 
-@pytest.mark.parametrize("name", ["s.ply", "s.surf.gii", "lh.pial", "s.obj", "s.off", "s.vtk", "s.ply.gz"])
+@pytest.mark.parametrize("name", ["s.ply", "s.surf.gii", "lh.pial", "s.obj", "s.off", "s.vtk", "s.vtp", "s.glb", "s.3mf", "s.ply.gz"])
 def test_surfaces_go_to_files_and_back(study: Study, tmp_path: Path, name: str) -> None:
     surface = study[0]
     surface.save(tmp_path / name)

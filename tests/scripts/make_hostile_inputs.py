@@ -72,6 +72,70 @@ def surfaces():
     put("surfaces", "nan.csv", "a\n1\nnan\ninf\n1e999\n", 10)
     put("surfaces", "pial", b"\xff\xff\xfex\n\n" + struct.pack(">ii", 2**31 - 1, -1) + bytes(36), 12)
     put("surfaces", "curv", b"\xff\xff\xff" + struct.pack(">iii", -1, 2**31 - 1, 2**31 - 1) + bytes(8), 13)
+    scenes()
+
+
+def glb(text, data=b""):
+    text, data = text.encode() + b" " * (-len(text) % 4), data + bytes(-len(data) % 4)
+    head = b"glTF" + struct.pack("<III", 2, 28 + len(text) + len(data), len(text)) + b"JSON"
+    return head + text + struct.pack("<I", len(data)) + b"BIN\0" + data
+
+
+def scenes():
+    scene = ('{{"asset":{{"version":"2.0"}},"buffers":[{{"byteLength":{0}}}],"bufferViews":[{{"buffer":0,"byteLength":{0},"byteOffset":{1}}}],'
+             '"accessors":[{{{2}"componentType":5126,"count":{3},"type":"VEC3"}}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}}}}]}}],'
+             '"nodes":[{4}]}}')
+    view, node = '"bufferView":0,', '{"mesh":0}'
+    for name, words in (
+        ("count", (36, 0, view, HUGE, node)), ("view", (36, HUGE, view, 3, node)), ("buffer", (HUGE, 0, view, 3, node)),
+        ("zeros", (36, 0, "", 2**31, node)), ("loop", (36, 0, view, 3, '{"children":[1]},{"children":[1],"mesh":0}')),
+        ("children", (36, 0, view, 3, f'{{"children":[{HUGE}]}}')),
+    ):
+        put("surfaces", f"{name}.glb", glb(scene.format(*words), bytes(36)), 14)
+    sparse = ('"sparse":{"count":4294967295,"indices":{"bufferView":0,"componentType":5125},"values":{"bufferView":0}},')
+    put("surfaces", "sparse.glb", glb(scene.format(36, 0, sparse, 4294967295, node), bytes(36)), 14)
+    put("surfaces", "length.glb", b"glTF" + struct.pack("<III", 2, 2**32 - 1, 2**32 - 1) + b"JSON{}", 14)
+    put("surfaces", "nested.gltf", '{"nodes":' + "[" * 4000, 15)
+    put("surfaces", "external.gltf", scene.format(36, 0, view, 3, node).replace('{"byteLength":36}', '{"byteLength":36,"uri":"/etc/passwd"}'), 15)
+
+    points = ('<VTKFile type="PolyData" header_type="UInt64" compressor="{}"><PolyData><Piece NumberOfPoints="{}"><Points><DataArray '
+              'type="Float64" NumberOfComponents="3" format="{}">{}</DataArray></Points></Piece></PolyData>{}</VTKFile>')
+    words = lambda *numbers: base64.b64encode(struct.pack(f"<{len(numbers)}Q", *numbers)).decode()
+    swelling = zlib.compress(bytes(1 << 20))
+    zlib_name = "vtkZLibDataCompressor"
+    for name, text in (
+        ("points", points.format("", HUGE, "ascii", "1 2 3", "")),
+        ("bytes", points.format("", 1, "binary", words(HUGE, 1, 2, 3), "")),
+        ("blocks", points.format(zlib_name, 1, "binary", words(HUGE, 32768, 0, 9), "")),
+        ("block", points.format(zlib_name, 1, "binary", words(1, HUGE, HUGE, 9) + "AAAAAAAAAAAA", "")),
+        ("swells", points.format(zlib_name, 1, "binary", words(1, 2**40, 0, len(swelling)) + base64.b64encode(swelling).decode(), "")),
+        ("lz4", points.format("vtkLZ4DataCompressor", 1, "binary", words(1, 4096, 0, 18) + "/" * 24, "")),
+        ("offset", points.format("", 1, f'appended" offset="{HUGE}', "", '<AppendedData encoding="raw">_12345678</AppendedData>')),
+        ("nested", "<VTKFile type='PolyData'>" + "<Piece>" * 4000),
+    ):
+        put("surfaces", f"{name}.vtp", text, 16)
+    put("surfaces", "types.vtu", points.format("", 0, "ascii", "", "").replace("PolyData", "UnstructuredGrid").replace("</Points>",
+        '</Points><Cells><DataArray type="Int8" Name="types">5 42 6</DataArray><DataArray type="Int64" Name="offsets">-1 9 2</DataArray></Cells>'), 17)
+
+    def model(objects, build):
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w") as file:
+            text = f"<model><resources>{objects}</resources><build>{build}</build></model>"
+            file.writestr(zipfile.ZipInfo("3D/3dmodel.model"), text, zipfile.ZIP_DEFLATED)
+        return out.getvalue()
+
+    twice = "".join(f'<object id="{n}"><components>' + f'<component objectid="{n - 1}"/>' * 2 + "</components></object>" for n in range(1, 40))
+    put("surfaces", "twice.3mf", model('<object id="0"/>' + twice, '<item objectid="39"/>'), 18)
+    put("surfaces", "loop.3mf", model('<object id="1"><components><component objectid="1"/></components></object>', '<item objectid="1"/>'), 18)
+    put("surfaces", "path.3mf", model("", '<item objectid="1" path="/../../etc/passwd"/>'), 18)
+    put("surfaces", "swells.3mf", model(" " * (1 << 24), ""), 18)
+    put("surfaces", "entries.3mf", changed(model("", ""), -14, b"\xff" * 12)[:-4], 18)
+
+    use = "".join(f"DEF a{n} Group {{ children [ USE a{n - 1} USE a{n - 1} ] }}\n" for n in range(1, 40))
+    put("surfaces", "twice.wrl", "#VRML V2.0 utf8\nDEF a0 Group { }\n" + use, 19)
+    put("surfaces", "nested.wrl", "#VRML V2.0 utf8\n" + "Group { children [ " * 4000, 19)
+    put("surfaces", "index.wrl", "#VRML V2.0 utf8\nShape { geometry IndexedFaceSet { coordIndex [0 9223372036854775807 -9223372036854775808 -1] "
+        "coord Coordinate { point [0 0 0 1 0 0 0 1 0] } } }", 19)
 
 
 def volumes():

@@ -178,7 +178,9 @@ fn is_surface(path: &str) -> bool {
         return false;
     }
     let unpacked = name.strip_suffix(".gz").unwrap_or(&name);
-    let mesh = [".surf.gii", ".ply", ".obj", ".stl", ".off", ".vtk"].iter().any(|ending| unpacked.ends_with(ending));
+    let mesh = [".surf.gii", ".ply", ".obj", ".stl", ".off", ".vtk", ".vtp", ".glb", ".3mf", ".wrl"]
+        .iter()
+        .any(|ending| unpacked.ends_with(ending));
     let freesurfer = ["lh.pial", "lh.white", "rh.pial", "rh.white"].contains(&unpacked);
     mesh || freesurfer || (is_volume(Path::new(path)) && !IMAGES.iter().any(|image| name.contains(image)))
 }

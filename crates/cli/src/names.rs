@@ -179,8 +179,8 @@ pub fn model_files(
     template: &NameTemplate,
     surfaces: &[(PathBuf, Option<i64>)],
 ) -> Result<Vec<PathBuf>> {
-    const OTHER_FILES: [&str; 12] =
-        ["csv", "tsv", "npy", "json", "gii", "gz", "ply", "obj", "off", "stl", "vtk", "png"];
+    const OTHER_FILES: [&str; 15] =
+        ["csv", "tsv", "npy", "json", "gii", "gz", "ply", "obj", "off", "stl", "vtk", "vtp", "glb", "3mf", "png"];
     let folder = output.unwrap_or(Path::new(""));
     let ending = folder.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match surfaces {

@@ -88,7 +88,7 @@ fn check_mesh(mesh: &Mesh) {
 }
 
 fn surfaces(folder: &Path, input: &[u8]) {
-    const NAMES: [&str; 14] = [
+    const NAMES: [&str; 20] = [
         "x",
         "x.obj",
         "x.ply",
@@ -103,6 +103,12 @@ fn surfaces(folder: &Path, input: &[u8]) {
         "x.tsv",
         "lh.pial",
         "lh.curv",
+        "x.glb",
+        "x.gltf",
+        "x.vtp",
+        "x.vtu",
+        "x.3mf",
+        "x.wrl",
     ];
     let Some((name, bytes)) = choice(input, NAMES.len()) else { return };
     let path = file(folder, NAMES[name], bytes);

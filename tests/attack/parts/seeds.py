@@ -12,7 +12,8 @@ import zlib
 from common import ROOT, run
 from verbs import nifti, samples
 
-SURFACES = ("", ".obj", ".ply", ".off", ".stl", ".vtk", ".meta", ".surf.gii", ".func.gii", ".mgh", ".csv", ".tsv", "pial", "curv")
+SURFACES = ("", ".obj", ".ply", ".off", ".stl", ".vtk", ".meta", ".surf.gii", ".func.gii", ".mgh", ".csv", ".tsv", "pial", "curv",
+            ".glb", ".gltf", ".vtp", ".vtu", ".3mf", ".wrl")
 TABLES = (".csv", ".tsv", ".npy", ".npz", ".ply", ".las", ".parquet", ".arrow")
 VOLUMES = (".nii", ".nii.gz", ".mgz", ".nrrd", ".tif", ".npy")
 FORMATS = ("pdm", "mat", "pyshtools", "healpy", "s2fft", "ktch", "flowshape", "aics", "afni", "csv", "json")
@@ -24,13 +25,16 @@ LONGEST = 16 << 10
 WORDS = (
     "ply\\x0aformat ascii 1.0\\x0a", "format binary_little_endian 1.0\\x0a", "element vertex ", "property list uchar int ",
     "vertex_indices", "end_header\\x0a", "OFF", "COFF", "solid", "facet normal", "# vtk DataFile Version 5.1", "DATASET POLYDATA",
-    "POINTS ", "POLYGONS ", "OFFSETS vtktypeint64", "CONNECTIVITY", "<GIFTI", "<DataArray", "Encoding=\\\"GZipBase64Binary\\\"",
+    "POINTS ", "POLYGONS ", "TRIANGLE_STRIPS ", "CELLS ", "CELL_TYPES ", "element tristrips ", "OFFSETS vtktypeint64", "CONNECTIVITY", "<GIFTI", "<DataArray", "Encoding=\\\"GZipBase64Binary\\\"",
     "Encoding=\\\"ASCII\\\"", "DataType=\\\"NIFTI_TYPE_FLOAT64\\\"", "Dimensionality=\\\"", "Dim0=\\\"", "ArrayIndexingOrder=",
     "<![CDATA[", "<!DOCTYPE", "<!ENTITY", "\\x1f\\x8b\\x08", "\\x93NUMPY\\x01\\x00", "{'descr': '<f8', 'fortran_order': False, 'shape': (",
     "'shape': (", "'<U", "'|u1'", "'>f4'", "18446744073709551615", "9223372036854775807", "4294967295", "1e308", "1e-320", "nan",
     "inf", "-0", "NRRD0005", "encoding: gzip", "sizes: ", "space directions: ", "data file: ", "PAR1", "ARROW1", "LASF", "SPHMOMNT",
     "\\x89SPZ", "II*\\x00", "MM\\x00*", "PK\\x03\\x04", "PK\\x01\\x02", "PK\\x05\\x06", "SIMPLE  =", "XTENSION", "BINTABLE", "TFORM1",
     "NAXIS2", "MATLAB 5.0 MAT-file", "fvec", "\\xff\\xff\\xff\\xff\\xff\\xff\\xff\\xff", "\\x00\\x00\\x00\\x80", "\\xef\\xbb\\xbf", "\\\"\\\"",
+    "glTF\\x02\\x00\\x00\\x00", "\\\"POSITION\\\":0", "\\\"bufferView\\\":", "\\\"sparse\\\":", "\\\"matrix\\\":", "\\\"children\\\":[", "<VTKFile type=",
+    "compressor=\\\"vtkZLibDataCompressor\\\"", "format=\\\"appended\\\"", "<AppendedData", "<component objectid=", "transform=\\\"",
+    "#VRML V2.0 utf8", "IndexedFaceSet {", "coordIndex [", "DEF a ", "USE a ", "Transform {",
     "\\x1b[", "id\\x09surface\\x0a", "\\x09done\\x09", "@", "\\\"markups\\\"",
 )
 

@@ -1,5 +1,6 @@
 //! Tests that written files read back: exactly in text and 64-bit formats, rounded once to 32 bits in other formats.
 
+use proptest::prelude::*;
 use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, read_signal, write_mesh, write_ply, write_signal};
 use spharm_surface::{Mesh, Signal, SurfaceError};
 
@@ -104,7 +105,7 @@ fn a_number_beyond_32_bits_is_refused_rather_than_written_as_infinity() {
     let folder = tempfile::tempdir().unwrap();
     let mut mesh = awkward();
     mesh.vertices[5][1] = 1e39;
-    for name in ["a.gii", "lh.b", "c.ply", "d.stl"] {
+    for name in ["a.gii", "lh.b", "c.ply", "d.stl", "e.glb"] {
         let error = write_mesh(folder.path().join(name), &mesh, &WriteOptions::default()).unwrap_err();
         assert!(matches!(error, SurfaceError::NotRepresentable { vertex: 5, .. }), "{name}: {error}");
     }
@@ -132,5 +133,30 @@ fn ply_attributes_must_fit_the_mesh() {
     assert!(write(&PlyAttributes { scalar: None, colors: Some(&colors[..3]) }).is_err());
     for name in ["", "two words", "x", "a\nproperty"] {
         assert!(write(&PlyAttributes { scalar: Some((name, &values)), colors: None }).is_err(), "{name:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    /// Any positions, also equal ones, and any triangles, also degenerate ones, come back in their order.
+    #[test]
+    fn any_mesh(
+        mut vertices in prop::collection::vec(prop::array::uniform3(-1e30..1e30), 3..40),
+        corners in prop::collection::vec(prop::array::uniform3(0_usize..1000), 1..60),
+    ) {
+        vertices.push(vertices[0]);
+        vertices.push([-0.0, 5e-324, 1.0 / 3.0]);
+        let count = vertices.len();
+        let mesh = Mesh::new(vertices, corners.iter().map(|face| face.map(|v| (v % count) as u32)).collect());
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.vtp", "b.3mf", "c.glb", "d.vtk", "e.obj", "f.off", "g.ply"] {
+            let path = folder.path().join(name);
+            write_mesh(&path, &mesh, &WriteOptions { double: true, ..WriteOptions::default() }).unwrap();
+            let back = read_mesh(&path).unwrap();
+            let wanted = if name == "c.glb" { rounded(&mesh) } else { mesh.vertices.clone() };
+            prop_assert_eq!(&back.vertices, &wanted, "{}", name);
+            prop_assert_eq!(&back.faces, &mesh.faces, "{}", name);
+        }
     }
 }

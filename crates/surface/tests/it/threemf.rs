@@ -122,3 +122,25 @@ fn objects_in_themselves_and_archives_that_swell_are_refused() {
     let error = read_model(&swelling).unwrap_err();
     assert!(matches!(error, SurfaceError::Unsupported { .. }), "{error}");
 }
+
+/// A check sum guards the parts of an archive, so that bytes changed in the archive never reach the XML's parser.
+#[test]
+fn changed_bytes_of_a_model_never_panic() {
+    let inner = "<object id=\"2\"><components><component objectid=\"1\" transform=\"2 0 0 0 2 0 0 0 2 1 0 0\"/>\
+                 </components></object>";
+    let text = model(&format!("{TRIANGLE}{inner}"), "<item objectid=\"2\"/><item objectid=\"1\"/>").into_bytes();
+    let whole = read(&[("3D/3dmodel.model", &text)]).unwrap();
+    assert_eq!(whole.faces.len(), 2);
+    let mut random = crate::Random(7);
+    for _ in 0..400 {
+        let mut bent = text.clone();
+        for _ in 0..1 + random.below(3) {
+            let at = random.below(bent.len());
+            bent[at] = b"0123456789-.<>\"/ =&\xff"[random.below(20)];
+        }
+        let _ = read(&[("3D/3dmodel.model", &bent)]);
+    }
+    for length in 0..text.len() {
+        assert!(read(&[("3D/3dmodel.model", &text[..length])]).is_err(), "{length}");
+    }
+}
