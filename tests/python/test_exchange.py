@@ -85,7 +85,7 @@ def test_a_mesh_for_viewers_opens_with_its_colours(tmp_path: Path) -> None:
     surface, _ = sp.example_surface(3)
     surface.save(tmp_path / "a.ply", double=True)
     sp.Surface(surface.vertices + [0, 0, 1], surface.faces).save(tmp_path / "b.ply", double=True)
-    for ending in ("glb", "vtk", "shape.gii"):
+    for ending in ("glb", "vtk", "vtp", "shape.gii"):
         spharm("compare", tmp_path / "a.ply", tmp_path / "b.ply", "-o", tmp_path / f"c.{ending}")
     (mesh,) = trimesh.load(tmp_path / "c.glb", process=False).geometry.values()
     assert np.allclose(mesh.vertices, surface.vertices + [0, 0, 1], atol=1e-4)

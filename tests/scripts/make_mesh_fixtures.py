@@ -742,6 +742,10 @@ def check(directory):
     assert np.array_equal(colored.point_data["error"], (np.arange(12) / 8).astype(np.float32))
     assert np.array_equal(colored.point_data["red"], np.arange(12)) and np.all(colored.point_data["blue"] == 7)
 
+    valued = pyvista.read(directory / "attributes.vtp")
+    same("attributes.vtp", valued.points, valued.regular_faces, vertices)
+    assert np.array_equal(valued.point_data["error"], np.arange(12) / 8)
+
     signal = np.arange(36.0).reshape(12, 3) / 7.0
     arrays = nib.load(directory / "out.func.gii").agg_data()
     assert np.array_equal(np.array(arrays).T, signal.astype(np.float32))

@@ -51,8 +51,8 @@ pub(crate) struct Cli {
     pub(super) samples: usize,
     /// Write the reconstruction coloured by distance
     ///
-    /// .ply and .glb: the reconstruction with each vertex's distance as a value and as a colour; .vtk: with the value;
-    /// .shape.gii, .func.gii: only the values. Distances are measured to the corresponding vertex or, with
+    /// .ply and .glb: the reconstruction with each vertex's distance as a value and as a colour; .vtk and .vtp: with
+    /// the value; .shape.gii, .func.gii: only the values. Distances are measured to the corresponding vertex or, with
     /// --surface-distance, to the original surface.
     #[arg(short, long, value_name = "OUT.glb", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,

@@ -74,7 +74,7 @@ impl Maps {
 
     /// Returns whether the format is a mesh with values and colours, rather than values alone.
     pub(super) fn painted(&self) -> bool {
-        ["ply", "glb", "vtk"].iter().any(|ending| self.format.eq_ignore_ascii_case(ending))
+        ["ply", "glb", "vtk", "vtp"].iter().any(|ending| self.format.eq_ignore_ascii_case(ending))
     }
 
     /// Writes the maps from the geometry at the sphere's vertices.

@@ -36,7 +36,7 @@ use super::plan::Plan;
     &[
         "Maps are NAME.mean-curvature.shape.gii, NAME.gaussian-curvature..., NAME.shape-index..., NAME.curvedness..., \
          NAME.area-element...; with --format csv one table, NAME.geometry.csv, which has directions, positions and normals, \
-         too. With --format glb, ply or vtk they are the surface with values, and colours from the 2nd to the 98th percentile.",
+         too. With --format glb, ply, vtk or vtp they are the surface with values, and colours from the 2nd to the 98th percentile.",
         help::SIGNALS,
     ],
 ))]

@@ -5,7 +5,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use spharm_surface::Signal;
-use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, write_mesh, write_ply, write_signal};
+use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, write_mesh, write_painted, write_ply, write_signal};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<PathBuf> = std::env::args_os().skip(1).map(PathBuf::from).collect();
@@ -39,6 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let colors: Vec<[u8; 3]> = (0..n).map(|i| [i as u8, 0, 7]).collect();
     let attributes = PlyAttributes { scalar: Some(("error", &error)), colors: Some(&colors) };
     write_ply(folder.join("attributes.ply"), &mesh, &attributes, &single)?;
+    write_painted(folder.join("attributes.vtp"), &mesh, &attributes, &single)?;
 
     let values: Vec<f64> = (0..3 * n).map(|i| i as f64 / 7.0).collect();
     let first = values.iter().step_by(3).copied().collect();

@@ -4,12 +4,12 @@ use std::path::Path;
 
 use super::choose::{Output, check_output, to_write_mesh};
 use super::ply::PlyAttributes;
-use super::{WriteOptions, check, glb, ply, vtk, write_new, write_signal};
+use super::{WriteOptions, check, glb, ply, vtk, vtkxml, write_new, write_signal};
 use crate::error::SurfaceError;
 use crate::mesh::{Mesh, Signal};
 
 /// Endings of file names that [`write_painted`] accepts.
-pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".shape.gii", ".func.gii"];
+pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".vtp", ".shape.gii", ".func.gii"];
 
 /// Writes a PLY file with a value and a colour per vertex, for viewers such as MeshLab and CloudCompare.
 ///
@@ -34,9 +34,9 @@ pub fn write_ply(
     write_new(path, options.overwrite, |out| ply::write(out, mesh, attributes, options.double))
 }
 
-/// Writes one value per vertex in the form that viewers of each format display. `.ply` and `.glb` contain the mesh
-/// with values and colours, `.vtk` the mesh with the values as `POINT_DATA`. `.shape.gii` and `.func.gii` contain only
-/// the values, to be displayed on a surface with the same vertices.
+/// Writes one value per vertex in the form that viewers of each format display. `.ply` and `.glb` contain the mesh with
+/// values and colours, `.vtk` and `.vtp` the mesh with the values as `POINT_DATA`. `.shape.gii` and `.func.gii` contain
+/// only the values, to be displayed on a surface with the same vertices.
 ///
 /// # Errors
 ///
@@ -63,6 +63,9 @@ pub fn write_painted(
     }
     if ends_in(".vtk") {
         return write_new(path, options.overwrite, |out| vtk::write(out, mesh, attributes.scalar));
+    }
+    if ends_in(".vtp") {
+        return write_new(path, options.overwrite, |out| vtkxml::write(out, mesh, attributes.scalar));
     }
     check::fits_f32(path, &mesh.vertices, to_write_mesh(path)?)?;
     write_new(path, options.overwrite, |out| glb::write(out, mesh, attributes))
