@@ -34,3 +34,20 @@ compilers() {
   rustup target add "$(triple "$1")"
 }
 version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
+
+# One folder: program, its two other names, manual pages, completions. The arguments after folder and program are a command
+# that runs the program.
+stage() {
+  local folder=$1 program=$2 shell; shift 2
+  rm -rf "$folder"
+  install -D -m 755 "$program" "$folder/bin/${program##*/}"
+  if [[ $program != *.exe ]]; then ln -s spharm "$folder/bin/basis-build"; ln -s spharm "$folder/bin/fit"; fi
+  mkdir -p "$folder/share/man/man1"
+  (cd "$folder" && "$@" man share/man/man1)
+  gzip -9n "$folder"/share/man/man1/*.1
+  for shell in bash:bash-completion/completions/spharm zsh:zsh/site-functions/_spharm fish:fish/vendor_completions.d/spharm.fish; do
+    mkdir -p "$folder/share/$(dirname "${shell#*:}")"
+    "$@" completions "${shell%%:*}" > "$folder/share/${shell#*:}"
+  done
+  install -D -m 644 -t "$folder/share/doc/spharm" README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE
+}

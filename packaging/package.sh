@@ -3,10 +3,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 out=$PWD/target/packages
-version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
+. packaging/common.sh
 name=spharm-$version-$(uname -m)-linux
-
-say() { printf '\n== %s\n' "$*" >&2; }
 
 # Wheel and source distribution. zig links against the glibc of 2018, so that the wheel installs nearly everywhere.
 wheel() {
@@ -17,25 +15,9 @@ wheel() {
   target/python/bin/maturin sdist -o "$out"
 }
 
-# One folder: program, its two other names, manual pages, completions.
-stage() {
-  local folder=$1
-  rm -rf "$folder"
-  install -D -m 755 target/release/spharm "$folder/bin/spharm"
-  ln -s spharm "$folder/bin/basis-build"; ln -s spharm "$folder/bin/fit"
-  mkdir -p "$folder/share/man/man1"
-  "$folder/bin/spharm" man "$folder/share/man/man1"
-  gzip -9n "$folder"/share/man/man1/*.1
-  for shell in bash:bash-completion/completions/spharm zsh:zsh/site-functions/_spharm fish:fish/vendor_completions.d/spharm.fish; do
-    mkdir -p "$folder/share/$(dirname "${shell#*:}")"
-    "$folder/bin/spharm" completions "${shell%%:*}" > "$folder/share/${shell#*:}"
-  done
-  install -D -m 644 -t "$folder/share/doc/spharm" README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE
-}
-
 tarball() {
   say "tarball"
-  stage "target/stage/$name"
+  stage "target/stage/$name" target/release/spharm "$PWD/target/release/spharm"
   tar -C target/stage --owner=0 --group=0 -czf "$out/$name.tar.gz" "$name"
 }
 
@@ -45,7 +27,7 @@ debian() {
   if [ "$(target/deny/bin/cargo-deb --version 2>/dev/null)" != "$deb_version" ]; then
     cargo install -q cargo-deb --locked --version "$deb_version" --root target/deny --debug
   fi
-  stage target/stage/deb
+  stage target/stage/deb target/release/spharm "$PWD/target/release/spharm"
   target/deny/bin/cargo-deb -p spharm-tools --no-build --no-strip -o "$out/"
 }
 deb_version=3.8.0

@@ -124,23 +124,18 @@ unit_tests() {
 
 # Packs the program for people: an archive with the program, manual pages, completions and documents, in target/packages.
 pack() {
-  local platform=$1 name folder suffix=
+  local platform=$1 name
   case $platform in
     musl) name=spharm-$version-x86_64-linux-musl ;;
     arm64) name=spharm-$version-aarch64-linux ;;
-    windows) name=spharm-$version-x86_64-windows suffix=.exe ;;
+    windows) name=spharm-$version-x86_64-windows ;;
   esac
-  folder=$out/pack/$name
   say "$platform: $name"
-  rm -rf "$folder"; mkdir -p "$folder/man" "$folder/completions" target/packages
-  cp "$(binary "$platform")" "$folder/spharm$suffix"
-  cp README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE "$folder/"
-  (cd "$folder" && on "$platform" man man)
-  for shell in bash zsh fish powershell; do on "$platform" completions "$shell" > "$folder/completions/spharm.$shell"; done
+  mkdir -p "$out/pack" target/packages
+  stage "$out/pack/$name" "$(binary "$platform")" on "$platform"
   if [ "$platform" = windows ]; then
     (cd "$out/pack" && "$PWD_OF_REPOSITORY/target/venv/bin/python" -m zipfile -c "$PWD_OF_REPOSITORY/target/packages/$name.zip" "$name")
   else
-    ln -s spharm "$folder/fit"; ln -s spharm "$folder/basis-build"
     tar -C "$out/pack" --owner=0 --group=0 -czf "target/packages/$name.tar.gz" "$name"
   fi
 }

@@ -30,7 +30,12 @@ if grep -q "^## ${wanted//./\\.} (not released" CHANGELOG.md; then problems+=("C
 grep -q '^repository = ""' Cargo.toml && problems+=("Cargo.toml: the repository's address is missing")
 git rev-parse -q --verify "refs/tags/v$wanted" >/dev/null && problems+=("the tag v$wanted exists")
 [ -z "$(git status --porcelain)" ] || problems+=("there are uncommitted changes")
-[ -n "$(ls "$out"/*.whl 2>/dev/null)" ] || problems+=("target/packages has no wheel: run ./run package, ./run platforms and ./run wheels first")
+# What `./run package`, `./run platforms` and `./run wheels` make.
+for file in "spharm_rs-$wanted.tar.gz" "spharm_rs-$wanted-*-manylinux_*_x86_64.whl" "spharm-$wanted-x86_64-linux.tar.gz" "spharm_$wanted-*.deb" \
+  "spharm-$wanted-x86_64-linux-musl.tar.gz" "spharm-$wanted-aarch64-linux.tar.gz" "spharm-$wanted-x86_64-windows.zip" \
+  "spharm_rs-$wanted-*-musllinux_*_x86_64.whl" "spharm_rs-$wanted-*-manylinux_*_aarch64.whl" "spharm_rs-$wanted-*-win_amd64.whl"; do
+  compgen -G "$out/$file" >/dev/null || problems+=("target/packages has no $file")
+done
 
 if [ ${#problems[@]} -gt 0 ]; then
   printf 'missing: %s\n' "${problems[@]}" >&2
@@ -49,7 +54,7 @@ mv spharm_bin.cdx.json "$out/spharm-$wanted.cdx.json"
 # The tool writes one document beside the manifest of every crate.
 git ls-files --others --exclude-standard -- '*.cdx.json' | xargs -r rm --
 say "checksums"
-(cd "$out" && find . -maxdepth 1 -type f ! -name SHA256SUMS -printf '%P\n' | sort | xargs sha256sum | tee SHA256SUMS)
+(cd "$out" && find . -maxdepth 1 -type f -name "*$wanted*" -printf '%P\n' | sort | xargs sha256sum | tee SHA256SUMS)
 say "packages for the registry of crates"
 python3 .ci/publish.py
 
@@ -63,7 +68,7 @@ cat <<END
 What remains to be done by hand:
   git push origin v$wanted
   cargo publish --workspace
-  target/python/bin/python -m twine upload target/packages/spharm_rs-$wanted*.whl target/packages/spharm_rs-$wanted.tar.gz
-  the other files of target/packages beside the notes, where the repository keeps its releases
+  pipx run twine upload target/packages/spharm_rs-$wanted*.whl target/packages/spharm_rs-$wanted.tar.gz
+  the files that target/packages/SHA256SUMS lists, and SHA256SUMS, where the repository keeps its releases
   the version and checksum in packaging/recipes
 END

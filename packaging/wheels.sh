@@ -19,6 +19,8 @@ wheel() {
   esac
   compilers "$platform"
   say "$platform: wheel"
+  # Otherwise the compiler for ARM64 would link in place of zig.
+  unset CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER
   PATH="$python:$PATH" maturin build --release --target "$(triple "$platform")" "${zig[@]}" --compatibility "$compatible" \
     --no-default-features --compression-level 9 -o "$out"
 }
@@ -32,7 +34,7 @@ path() {
   esac
 }
 
-# Debian's Python for ARM64, with the libraries that it needs, unpacked into a folder of its own. The system's list of
+# Debian 12's Python for ARM64, with the libraries that it needs, unpacked into a folder of its own. The system's list of
 # packages isn't touched.
 python_for_arm64() {
   root=$PWD/target/platforms/python-arm64
@@ -50,7 +52,7 @@ python_for_arm64() {
 }
 
 try() {
-  local file folder
+  local file folder libraries
   file=$(path "$1")
   folder=$(mktemp -d)
   case $1 in
@@ -65,12 +67,14 @@ print(platform.machine(), sp.fit(sp.example_surface(3)[0], max_degree=8))') ;;
     musl)
       say "musl: needed libraries"
       "$python/python" -m zipfile -e "$file" "$folder"
-      needed "$(readelf -d "$folder"/spharm_rs/_core*.so | sed -n 's/.*NEEDED.*\[\(.*\)\]/\1/p')" 'libc\.so|libgcc_s\.so\.1' ;;
+      libraries=$(readelf -d "$folder"/spharm_rs/_core*.so | sed -n 's/.*NEEDED.*\[\(.*\)\]/\1/p')
+      needed "$libraries" 'libc\.so|libgcc_s\.so\.1' ;;
     windows)
       say "windows: needed libraries"
       "$python/python" -m zipfile -e "$file" "$folder"
-      needed "$(x86_64-w64-mingw32-objdump -p "$folder"/spharm_rs/_core*.pyd | sed -n 's/.*DLL Name: //p')" \
-        'python3\.dll|KERNEL32\.dll|ntdll\.dll|msvcrt\.dll|USERENV\.dll|WS2_32\.dll|ADVAPI32\.dll|api-ms-win-.*|bcryptprimitives\.dll|bcrypt\.dll|POWRPROF\.dll|powrprof\.dll|pdh\.dll|PSAPI\.DLL|SHELL32\.dll|ole32\.dll|OLEAUT32\.dll|NETAPI32\.dll|Secur32\.dll|USER32\.dll|combase\.dll' ;;
+      libraries=$(x86_64-w64-mingw32-objdump -p "$folder"/spharm_rs/_core*.pyd | sed -n 's/.*DLL Name: //p')
+      needed "$libraries" \
+        'python3\.dll|KERNEL32\.dll|ntdll\.dll|msvcrt\.dll|USERENV\.dll|WS2_32\.dll|ADVAPI32\.dll|api-ms-win-.*|bcryptprimitives\.dll|bcrypt\.dll|POWRPROF\.dll|powrprof\.dll|pdh\.dll|PSAPI\.DLL|SHELL32\.dll|ole32\.dll|OLEAUT32\.dll|NETAPI32\.dll|s[e]cur32\.dll|USER32\.dll|combase\.dll' ;;
   esac
   rm -r "$folder"
 }
@@ -78,6 +82,7 @@ print(platform.machine(), sp.fit(sp.example_surface(3)[0], max_degree=8))') ;;
 # Prints the libraries that a wheel needs. Fails if one of them isn't part of the system or of Python.
 needed() {
   local others
+  [ -n "$1" ] || { echo "error: the wheel's module names no library" >&2; exit 1; }
   tr '\n' ' ' <<<"$1"; echo
   others=$(grep -viEx "$2" <<<"$1" || true)
   [ -z "$others" ] || { echo "error: the wheel needs $others" >&2; exit 1; }

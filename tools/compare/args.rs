@@ -14,7 +14,8 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 /// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): in the input's unit, and
 /// after scaling both surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).
 /// With --surface-distance it also prints the distances between the surfaces themselves, which are also defined for
-/// surfaces with different triangles. A model in place of a mesh is evaluated, and compared by surface distance.
+/// surfaces with different triangles. A model in place of a mesh is evaluated at 163,842
+/// vertices, and compared by surface distance.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

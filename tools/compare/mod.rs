@@ -59,8 +59,8 @@ fn work(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
     let budget = cli.memory.budget(cli.threads.count());
     budget.check_inputs("compare", [cli.original.as_path(), &cli.reconstruction])?;
-    let [first, second] = [Surface::read(&cli.original)?, Surface::read(&cli.reconstruction)?];
-    // A model is evaluated at the vertices of an icosphere, which have no counterparts in another surface.
+    let [first, second] = [Surface::read(&cli.original)?.finest(), Surface::read(&cli.reconstruction)?.finest()];
+    // A model is evaluated at the vertices of an icosphere, which have no counterparts in a mesh.
     let surface_distance = cli.surface_distance || first.is_model() || second.is_model();
     let evaluating = first.bytes_to_evaluate().max(second.bytes_to_evaluate());
     budget.check(format_args!("compare {}", cli.original.display()), evaluating)?;

@@ -7,7 +7,7 @@ mod settings;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use serde_json::{Map, json};
 use spharm::parametrize::volume::is_volume;
 use spharm::{FitParams, Preparation, Sphere};
@@ -109,6 +109,9 @@ fn options(cli: &Cli, params: FitParams) -> Result<Options> {
 fn preparation(input: &Input) -> Result<Preparation> {
     let (reading, label_surface) = (input.volume.reading(), input.label_surface.surface(&input.volume)?);
     let Input { fix, wrap, cut_handles, largest_repair, .. } = *input;
+    if let Some(volume) = input.surface.iter().find(|path| wrap.is_some() && is_volume(path)) {
+        bail!("{}: --wrap is for meshes; --fix repairs a volume's label", volume.display());
+    }
     Ok(Preparation { reading, label_surface, fix, wrap, cut_handles, largest_repair })
 }
 

@@ -68,6 +68,9 @@ pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Mon
 /// Refuses arguments that don't apply to an input.
 fn check(cli: &Cli, input: &Path) -> Result<()> {
     let volume = is_volume(input);
+    if volume && cli.wrap.is_some() {
+        bail!("{}: --wrap is for meshes; --fix repairs a volume's label", input.display());
+    }
     let by_cald = !volume && !matches!(cli.method, MethodName::Conformal | MethodName::Stretch);
     if !by_cald && (cli.area.is_some() || cli.max_degree.is_some()) {
         bail!("--area and --max-degree can only be used for meshes, with --method cald, auto or deform");

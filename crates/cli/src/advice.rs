@@ -209,7 +209,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
 
 /// Returns the advice for a mesh that a repair doesn't close.
 fn of_wrap() -> String {
-    format!("--wrap {USUAL_VOXELS} fits the closed surface around it")
+    format!("--wrap {USUAL_VOXELS} takes the closed surface around it")
 }
 
 /// Returns the flags with which a mesh is repaired.

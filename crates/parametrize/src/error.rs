@@ -31,6 +31,15 @@ pub enum ParametrizeError {
         mending: Option<Box<Mending>>,
     },
 
+    /// The mesh has coordinates or vertex numbers that describe no surface, or a label's surface isn't a ball.
+    #[error("not a closed, clean surface of genus zero: {problems}; {remedy}")]
+    InvalidMesh {
+        /// The problem with its count.
+        problems: String,
+        /// Advice to the user.
+        remedy: &'static str,
+    },
+
     /// The map isn't one to one: it has folds.
     #[error(
         "the {method} map to the sphere is not one to one: {flipped} of {triangles} triangles are flipped and \

@@ -20,11 +20,11 @@ impl Flaws {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::BadSurface`] for coordinates that aren't finite or indices out of range.
+    /// [`ParametrizeError::InvalidMesh`] for coordinates that aren't finite or indices out of range.
     pub(crate) fn of(mesh: &Mesh) -> Result<Self, ParametrizeError> {
         let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
         let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
-        let bad = |problems, remedy| Err(ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None });
+        let bad = |problems, remedy| Err(ParametrizeError::InvalidMesh { problems, remedy });
         if infinite > 0 {
             let problem = counted(infinite, "vertex has", "vertices have", "NaN or infinite coordinates");
             return bad(problem, "repair the coordinates and export the mesh again");

@@ -90,7 +90,7 @@ fn with_advice(error: &Error) -> String {
         let percent = percent_to_allow(repair)?;
         Some(format!("largest_repair={:.2}", 0.01 * f64::from(percent)))
     };
-    const AROUND: &str = "takes the closed surface around it";
+    let around = || format!("spharm_rs.repair(surface, wrap={USUAL_VOXELS}) takes the closed surface around it");
     let advice = match error {
         Error::Parametrize(ParametrizeError::BadSurface { mending: Some(mending), .. }) => {
             let largest = largest(&mending.repair).map(|largest| format!(", {largest}")).unwrap_or_default();
@@ -101,11 +101,11 @@ fn with_advice(error: &Error) -> String {
             Some("cut_handles=True cuts the handles".to_owned())
         }
         Error::Parametrize(ParametrizeError::LargeRepair { repair, succeeds: true, .. }) => {
-            largest(repair).map(|largest| format!("{largest} allows it, and wrap={USUAL_VOXELS} {AROUND}"))
+            largest(repair).map(|largest| format!("{largest} allows it, and {}", around()))
         }
         Error::Parametrize(
             ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::LargeRepair { .. },
-        ) => Some(format!("wrap={USUAL_VOXELS} {AROUND}")),
+        ) => Some(around()),
         _ => None,
     };
     advice.map_or_else(|| error.to_string(), |advice| format!("{error}; {advice}"))

@@ -46,14 +46,14 @@ pub fn percent_to_allow(repair: &MeshRepair) -> Option<u32> {
 }
 
 impl Preparation {
-    /// Returns the changes that apply to a surface: none for a surface with a sphere, and default settings for volumes
-    /// if the surface isn't extracted from a label.
+    /// Returns the changes that apply to a surface: none for a surface with a sphere, default settings for volumes if
+    /// the surface isn't extracted from a label, and no wrap if it is.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
             (true, _) => Self::default(),
             (false, None) => Self { reading: VolumeReading::default(), ..self },
-            (false, Some(_)) => self,
+            (false, Some(_)) => Self { wrap: None, ..self },
         }
     }
 

@@ -58,7 +58,7 @@ pub(super) fn unprepared(
         differences.extend(differ.map(|(setting, found, wanted)| Difference { setting, found, wanted }));
     }
     if recorded.wrap != wanted.wrap {
-        let named = |wrap: Option<usize>| wrap.map_or("no".to_owned(), |voxels| format!("at {voxels} voxels"));
+        let named = |wrap: Option<usize>| wrap.map_or("none".to_owned(), |voxels| format!("of {voxels} voxels"));
         let (found, wanted) = (named(recorded.wrap), named(wanted.wrap));
         differences.push(Difference { setting: "wrap", found, wanted });
         return differences;

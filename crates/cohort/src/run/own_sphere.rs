@@ -94,9 +94,12 @@ impl Work<'_> {
         let read = self.reader.read(&row.surface, item.record.label, monitor);
         // Errors of files name them; those of repairs and cuts don't.
         let surface = read.map_err(|error| match error {
-            Error::Parametrize(ParametrizeError::BadSurface { .. } | ParametrizeError::LargeRepair { .. }) => {
-                RunError::from(error).of(&item.record)
-            }
+            Error::Parametrize(
+                ParametrizeError::BadSurface { .. }
+                | ParametrizeError::InvalidMesh { .. }
+                | ParametrizeError::NothingToWrap { .. }
+                | ParametrizeError::LargeRepair { .. },
+            ) => RunError::from(error).of(&item.record),
             error => error.into(),
         })?;
         if share.is_some() {

@@ -49,6 +49,9 @@ pub(super) fn contents(file: &File, bytes: u64) -> Result<Contents, String> {
     let footer = read(&mut input, at, length)?;
     let footer = root_as_footer(&footer).map_err(|error| error.to_string())?;
     let schema = footer.schema().ok_or("a footer without columns")?;
+    if !schema.endianness().equals_to_target_endianness() {
+        return Err("numbers in the byte order of another kind of processor".to_owned());
+    }
     let schema = try_fb_to_schema(schema).map_err(|error| error.to_string())?;
     let mut blocks = Vec::new();
     for block in footer.recordBatches().into_iter().flatten() {
@@ -94,7 +97,8 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<u64, Strin
     let batch = message.header_as_record_batch().ok_or("a block without rows")?;
     let compressed = batch.compression().is_some();
     let rows = u64::try_from(batch.length()).map_err(|_| "a block with a negative number of rows")?;
-    let mut all = 0_u64;
+    // The block is read whole, and its compressed buffers are expanded.
+    let mut all = place.end - place.start;
     for buffer in batch.buffers().into_iter().flatten() {
         let at = u64::try_from(buffer.offset()).ok().and_then(|offset| place.body.checked_add(offset));
         let length = u64::try_from(buffer.length()).unwrap_or(u64::MAX);
@@ -122,7 +126,7 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<u64, Strin
 }
 
 fn read(input: &mut BufReader<&File>, at: u64, length: usize) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
+    let mut bytes = Vec::with_capacity(length);
     input.seek(SeekFrom::Start(at)).map_err(|error| error.to_string())?;
     input.take(length as u64).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.len() == length { Ok(bytes) } else { Err("the end of the file".to_owned()) }

@@ -1,7 +1,8 @@
 //! Checks the sizes declared in the pages of a Parquet file, before the crate `parquet` relies on them.
 //!
 //! A Parquet file stores each column of a row group as a sequence of pages. A page is a header with the compressed and
-//! uncompressed sizes, followed by the compressed bytes. `parquet` allocates both declared sizes, up to 2 GiB each.
+//! uncompressed sizes, followed by the compressed bytes. `parquet` allocates both declared sizes, up to 2 GiB each, and
+//! a dictionary's declared number of values; it panics if a page refers to a dictionary that is missing.
 //! Source: Apache Parquet format, "Data Pages", and `PageHeader` in `parquet.thrift`; Apache Thrift, "Thrift Compact
 //! protocol encoding".
 
@@ -51,7 +52,7 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
     let end = |(start, length): (u64, u64)| Some((start, start.checked_add(length).filter(|&end| end <= bytes)?));
     let (mut at, end) = range.and_then(end).ok_or_else(|| format!("a column at byte {start}, outside the file"))?;
     let mut input = BufReader::new(file);
-    let (mut page_most, mut dictionary) = (0, 0);
+    let (mut page_most, mut dictionary) = (0, None);
     while at < end {
         input.seek(SeekFrom::Start(at)).map_err(|error| error.to_string())?;
         let mut header = Compact { input: input.by_ref().take((end - at).min(HEADER)), read: 0 };
@@ -68,16 +69,25 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         }
         let both = compressed + expanded;
         if page.kind == DICTIONARY {
-            dictionary = both;
+            // `pages` reads columns of text as well as of numbers, each value of which has at least one byte.
+            let values = u64::try_from(page.values).ok().filter(|&values| values <= expanded);
+            let values = values.ok_or_else(|| format!("a dictionary of {} values in {expanded} bytes", page.values))?;
+            dictionary = Some(both.saturating_add(8 * values));
         } else {
+            if dictionary.is_none() && DICTIONARY_ENCODINGS.contains(&page.encoding) {
+                return Err(format!("a page at byte {body} that needs a dictionary, which the column lacks"));
+            }
             page_most = both.max(page_most);
         }
     }
-    Ok(page_most.saturating_add(dictionary))
+    Ok(page_most.saturating_add(dictionary.unwrap_or(0)))
 }
 
 /// Code of the page type for dictionaries.
 const DICTIONARY: i64 = 2;
+
+/// Codes of the encodings whose pages refer to a dictionary.
+const DICTIONARY_ENCODINGS: [i64; 2] = [2, 8];
 
 /// The fields of a page header that the check needs.
 #[derive(Debug, Default, PartialEq)]
@@ -85,6 +95,9 @@ struct Page {
     kind: i64,
     expanded: i64,
     compressed: i64,
+    /// Number of values, and code of their encoding.
+    values: i64,
+    encoding: i64,
 }
 
 /// Reader of structures in Thrift's compact protocol.
@@ -105,6 +118,11 @@ impl<R: Read> Compact<R> {
                 1 => &mut page.kind,
                 2 => &mut page.expanded,
                 3 => &mut page.compressed,
+                // The headers of data pages, dictionaries, and data pages of version 2.
+                5 | 7 | 8 if kind == STRUCT => {
+                    (page.values, page.encoding) = self.values(if field == 8 { 4 } else { 2 })?;
+                    continue;
+                }
                 _ => {
                     self.skip(kind, DEPTH)?;
                     continue;
@@ -119,6 +137,20 @@ impl<R: Read> Compact<R> {
             }
         }
         if found == [true; 3] { Ok(page) } else { Err(invalid("its type or a size is missing")) }
+    }
+
+    /// Reads the header of a kind of pages. Returns the number of values and the encoding, the field `encoding`.
+    fn values(&mut self, encoding: i64) -> io::Result<(i64, i64)> {
+        let (mut found, mut last) = ((0, 0), 0);
+        while let Some((field, kind)) = self.field(last)? {
+            last = field;
+            match field {
+                1 if kind == I32 => found.0 = self.integer()?,
+                _ if field == encoding && kind == I32 => found.1 = self.integer()?,
+                _ => self.skip(kind, DEPTH)?,
+            }
+        }
+        Ok(found)
     }
 
     /// Reads the beginning of a field. Returns its number and type; `None` at the end of the structure. `last` is the
@@ -241,10 +273,10 @@ mod tests {
         // Header of a data page of 300 bytes, compressed to 40, with a checksum and a nested structure of a list, a
         // string and a boolean. Other bytes follow the header.
         let text: Vec<u8> = [&[0x18, 3][..], b"abc"].concat();
-        let inner = [&[0x15, 2, 0x19, 0x25, 2, 4][..], &text, &[0x11, 0][..]].concat();
+        let inner = [&[0x15, 6, 0x15, 16, 0x19, 0x25, 2, 4][..], &text, &[0x11, 0][..]].concat();
         let header = [&[0x15, 0, 0x15, 0xd8, 4, 0x15, 80, 0x15, 1, 0x1c][..], &inner, &[0][..]].concat();
         let (page, length) = read(&[&header[..], &[9, 9, 9]].concat());
-        assert_eq!(page.unwrap(), Page { kind: 0, expanded: 300, compressed: 40 });
+        assert_eq!(page.unwrap(), Page { kind: 0, expanded: 300, compressed: 40, values: 3, encoding: 8 });
         assert_eq!(length, header.len() as u64);
         for end in 0..header.len() {
             assert!(read(&header[..end]).0.is_err(), "{end}");

@@ -168,10 +168,16 @@ fn kind(schema: &SchemaDescriptor, leaf: usize) -> String {
     if !schema.get_column_root(leaf).is_primitive() {
         return "group".to_owned();
     }
+    let physical =
+        if column.max_rep_level() > 0 { "repeated " } else { "" }.to_owned() + &column.physical_type().to_string();
     match column.logical_type_ref() {
-        Some(logical) => format!("{} ({logical:?})", column.physical_type()),
-        None if column.converted_type() == ConvertedType::NONE => column.physical_type().to_string(),
-        None => format!("{} ({})", column.physical_type(), column.converted_type()),
+        // The debug format is the type's name, followed by its parameters.
+        Some(logical) => {
+            let logical = format!("{logical:?}");
+            format!("{physical} ({})", logical.split('(').next().unwrap_or_default())
+        }
+        None if column.converted_type() == ConvertedType::NONE => physical,
+        None => format!("{physical} ({})", column.converted_type()),
     }
 }
 

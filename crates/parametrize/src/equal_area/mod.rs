@@ -40,7 +40,7 @@ use targets::Targets;
 ///
 /// # Errors
 ///
-/// [`BadSurface`](ParametrizeError::BadSurface) for a surface that isn't a single closed surface of genus 0;
+/// [`InvalidMesh`](ParametrizeError::InvalidMesh) for a surface that isn't a single closed surface of genus 0;
 /// [`NotBijective`](ParametrizeError::NotBijective) if folds remain; [`Argument`](ParametrizeError::Argument) if memory
 /// doesn't suffice for the linear systems; [`Interrupted`](ParametrizeError::Interrupted).
 pub fn equal_area(
@@ -57,7 +57,7 @@ pub fn equal_area(
             quads.pinched_edges()
         );
         let remedy = "repair the label";
-        return Err(ParametrizeError::BadSurface { problems, handles: 0, remedy, mending: None });
+        return Err(ParametrizeError::InvalidMesh { problems, remedy });
     }
     monitor.check()?;
     let start = initial::positions(quads)?;

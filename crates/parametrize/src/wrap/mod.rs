@@ -36,7 +36,7 @@ pub const VOXELS: std::ops::RangeInclusive<usize> = 16..=512;
 pub const USUAL_VOXELS: usize = 128;
 /// Voxels of background around the mesh.
 const MARGIN: usize = 2;
-/// Bytes per voxel: 8 for the winding number, 8 for the distance, 17 for the volume, and 30 while it is repaired.
+/// Bytes per voxel: 1 for its side, 8 for its distance, 17 in the volume, and 37 while the volume is repaired.
 const BYTES_PER_VOXEL: u64 = 63;
 
 /// Returns a closed surface of genus zero around a mesh, and a report with the mesh's changes. `voxels` is the number
@@ -46,8 +46,9 @@ const BYTES_PER_VOXEL: u64 = 63;
 ///
 /// [`Argument`](ParametrizeError::Argument) for another number of voxels;
 /// [`NoRoomToWrap`](ParametrizeError::NoRoomToWrap) if memory doesn't suffice;
-/// [`NothingToWrap`](ParametrizeError::NothingToWrap) for a mesh that encloses no voxel; [`BadSurface`](ParametrizeError::BadSurface) for a mesh that encloses no voxel, or has
-/// coordinates that aren't finite or triangles with invalid indices; [`Interrupted`](ParametrizeError::Interrupted).
+/// [`NothingToWrap`](ParametrizeError::NothingToWrap) for a mesh that encloses no voxel;
+/// [`InvalidMesh`](ParametrizeError::InvalidMesh) for coordinates that aren't finite and indices out of range;
+/// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mesh, MeshRepair), ParametrizeError> {
     if !VOXELS.contains(&voxels) {
         return Err(ParametrizeError::Argument {

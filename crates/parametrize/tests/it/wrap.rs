@@ -69,6 +69,43 @@ fn overlapping_parts_become_their_union() {
     cald(&outer, &CaldParams::default(), &Silent).unwrap();
 }
 
+/// A box of six panels that don't share vertices, one of them a dome that bends inwards: flat and concave panels keep
+/// their sides. Inside out as a whole, it is turned.
+#[test]
+fn panels_keep_their_sides() {
+    let mut panels = Vec::new();
+    for axis in 0..3 {
+        for side in [0.0, 1.0] {
+            // Panels have different numbers of cells, so that their rims have few vertices in common.
+            let cells = 3 + 2 * axis as u32 + side as u32;
+            let at = |i: u32, j: u32| {
+                let (u, v) = (f64::from(i) / f64::from(cells), f64::from(j) / f64::from(cells));
+                let inwards = if axis == 2 && side == 1.0 { 3.0 * u * (1.0 - u) * v * (1.0 - v) } else { 0.0 };
+                let mut point = [0.0; 3];
+                (point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]) = (side - inwards, u, v);
+                point
+            };
+            let vertices = (0..=cells).flat_map(|i| (0..=cells).map(move |j| at(i, j))).collect();
+            let quads = (0..cells).flat_map(|i| (0..cells).map(move |j| i * (cells + 1) + j));
+            let faces = quads.flat_map(|a| {
+                let (b, c, d) = (a + cells + 1, a + cells + 2, a + 1);
+                let outward = if side == 1.0 { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] };
+                outward.into_iter()
+            });
+            panels.push(Mesh::new(vertices, faces.collect()));
+        }
+    }
+    let mut all = joined(&panels);
+    let expected = 1.0 - 3.0 / 36.0;
+    for _ in 0..2 {
+        let (closed, report) = wrap(&all, 40, &Silent).unwrap();
+        assert_sphere(&closed);
+        assert!((volume(&closed) - expected).abs() < 0.01, "{} for {expected}", volume(&closed));
+        assert!(report.wrap.unwrap().hidden_area < 1e-3, "{report}");
+        all.faces.iter_mut().for_each(|face| face.swap(1, 2));
+    }
+}
+
 /// A ball without a third of its triangles, at random and at one side, is closed; where there is a surface, the wrap
 /// lies on it. Triangles don't have to share vertices.
 #[test]
@@ -139,7 +176,7 @@ fn what_has_no_inside_is_refused() {
     assert!(matches!(wrap(&point, 32, &Silent), Err(ParametrizeError::NothingToWrap { .. })));
     assert!(wrap(&Mesh::default(), 32, &Silent).is_err());
     let beyond = Mesh::new(vec![[0.0; 3]; 3], vec![[0, 1, 3]]);
-    assert!(matches!(wrap(&beyond, 32, &Silent), Err(ParametrizeError::BadSurface { .. })));
+    assert!(matches!(wrap(&beyond, 32, &Silent), Err(ParametrizeError::InvalidMesh { .. })));
     let sphere = ball([0.0; 3], 1.0);
     for voxels in [0, 15, 513, usize::MAX] {
         let error = wrap(&sphere, voxels, &Silent).unwrap_err().to_string();

@@ -185,8 +185,9 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     (mesh, found)
 }
 
-/// Welds a mesh, and turns its triangles so that each piece is wound alike, and outwards as far as an open piece has an
-/// outside. Returns the mesh with all its pieces and vertices, and the changes.
+/// Welds a mesh, and turns its triangles so that each piece is wound alike, closed pieces outwards, and open pieces as
+/// they are given or, if they are inside out as a whole, the other way. Returns the mesh with all its pieces and
+/// vertices, and the changes.
 ///
 /// # Panics
 ///
@@ -195,7 +196,10 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
 pub fn orient_outward(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
     let mut faces = welded(mesh, &mut found);
-    found.turned = sheets::orient(&mesh.vertices, &mut faces) + sheets::turn_outward(&mesh.vertices, &mut faces);
+    let given = faces.clone();
+    sheets::orient(&mesh.vertices, &mut faces);
+    sheets::turn_outward(&mesh.vertices, &mut faces);
+    found.turned = given.iter().zip(&faces).filter(|(given, face)| given != face).count();
     (Mesh { vertices: mesh.vertices.clone(), faces, meta: mesh.meta.clone() }, found)
 }
 

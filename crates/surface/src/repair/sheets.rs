@@ -231,36 +231,38 @@ pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     count
 }
 
-/// Turns each piece that encloses a negative volume as seen from its centre. Returns the number of triangles turned.
-pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
+/// Turns each closed piece that is wound inwards, and all open pieces together if they enclose a negative volume as
+/// seen from their centre. A single open piece, such as a flat side of a box or the inside of a bowl, doesn't show
+/// which side is outside.
+pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) {
+    const ALL_OPEN: u32 = u32::MAX;
+    let joined = pairs(faces, &sides(faces));
     let mut pieces = UnionFind::new(faces.len());
-    for (side, &other) in (0..).zip(&pairs(faces, &sides(faces))).filter(|(_, other)| **other != OPEN) {
+    for (side, &other) in (0..).zip(&joined).filter(|(_, other)| **other != OPEN) {
         pieces.join(side / 3, other / 3);
     }
-    let mut members: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    let open = (0..).zip(&joined).filter(|(_, other)| **other == OPEN);
+    let open: HashSet<u32> = open.map(|(side, _)| pieces.root(side / 3)).collect();
+    let mut groups: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for f in 0..faces.len() {
-        members.entry(pieces.root(f as u32)).or_default().push(f);
+        let root = pieces.root(f as u32);
+        groups.entry(if open.contains(&root) { ALL_OPEN } else { root }).or_default().push(f);
     }
-    let mut count = 0;
-    for piece in members.into_values() {
+    for group in groups.into_values() {
         let corners = |f: usize| faces[f].map(|v| vertices[v as usize]);
         let weighted = |f: usize| {
             let [a, b, c] = corners(f);
             let area = area_of(vertices, &faces[f]);
             [0, 1, 2].map(|k| area * (a[k] + b[k] + c[k]) / 3.0)
         };
-        let area: f64 = piece.iter().map(|&f| area_of(vertices, &faces[f])).sum();
-        let sum = piece.iter().fold([0.0; 3], |sum, &f| add(sum, weighted(f)));
+        let area: f64 = group.iter().map(|&f| area_of(vertices, &faces[f])).sum();
+        let sum = group.iter().fold([0.0; 3], |sum, &f| add(sum, weighted(f)));
         let centre = scale(sum, 1.0 / area.max(f64::MIN_POSITIVE));
         let volume = |f: usize| dot(sub(corners(f)[0], centre), face_normal(corners(f)));
-        if piece.iter().map(|&f| volume(f)).sum::<f64>() < 0.0 {
-            count += piece.len();
-            for f in piece {
-                faces[f].swap(1, 2);
-            }
+        if group.iter().map(|&f| volume(f)).sum::<f64>() < 0.0 {
+            group.into_iter().for_each(|f| faces[f].swap(1, 2));
         }
     }
-    count
 }
 
 /// Keeps the piece with the largest area, of those that don't touch along joined sides; in case of ties, the first
