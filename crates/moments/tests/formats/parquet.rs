@@ -116,6 +116,9 @@ fn pages_of_parquet() {
     }
 }
 
+/// A column's line of the schema, its values, and the numbers that they mean.
+type Case<'a> = (&'static str, Values, &'a dyn Fn(usize) -> f64);
+
 /// Integers of all widths are read as they are meant: unsigned ones aren't negative above the middle of their range.
 #[test]
 fn integers_of_parquet() {
@@ -126,7 +129,7 @@ fn integers_of_parquet() {
         || vec![("required double x", place(0)), ("required double y", place(1)), ("required double z", place(2))];
     let small = |i: usize| (i % 251) as i32 - 125;
     let large = |i: usize| (i as i64 - 500) << 53;
-    let cases: [(&'static str, Values, &dyn Fn(usize) -> f64); 7] = [
+    let cases: [Case<'_>; 7] = [
         ("required int32 f", Values::Int32((0..ROWS).map(|i| Some(small(i))).collect()), &|i| f64::from(small(i))),
         ("optional int32 f (INTEGER(8,true))", Values::Int32((0..ROWS).map(|i| Some(small(i))).collect()), &|i| {
             f64::from(small(i))

@@ -63,7 +63,7 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
     let count = frame.size.iter().map(|&n| n as u64).product::<u64>();
     check_room(count.saturating_mul(BYTES_PER_VOXEL))
         .map_err(|room| ParametrizeError::NoRoomToWrap { voxels, room })?;
-    let (given, mut found) = orient_outward(&frame.into_voxels(surface));
+    let (given, mut found) = orient_outward(&frame.in_voxels(surface));
     let tree = TriangleTree::new(&given);
     let values = signed_distances(&given, &tree, frame.size, monitor)?;
     let body = LabelVolume::of_values(frame.size, &values, VoxelValues::Level(0.0), Affine::IDENTITY);
@@ -116,7 +116,7 @@ impl Frame {
         Self { origin: sub(add(low, high), scale(middle, voxel)), voxel, size }
     }
 
-    fn into_voxels(&self, surface: &Mesh) -> Mesh {
+    fn in_voxels(&self, surface: &Mesh) -> Mesh {
         let placed = surface.vertices.iter().map(|&v| sub(v, self.origin).map(|x| x / self.voxel)).collect();
         Mesh::new(placed, surface.faces.clone())
     }

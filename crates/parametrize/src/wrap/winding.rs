@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 
 use spharm_surface::Mesh;
 
-use crate::geometry::{Vec3, cross, dot, sub};
+use crate::geometry::{Vec3, add, cross, dot, sub};
 
 /// Largest number of triangles in a leaf of the tree.
 const LEAF: usize = 8;
@@ -61,10 +61,8 @@ impl WindingNumbers {
             let normal = area_normal(corners);
             let size = dot(normal, normal).sqrt();
             area += size;
-            for k in 0..3 {
-                node.dipole[k] += normal[k];
-                node.centre[k] += size * centroid(corners, k);
-            }
+            node.dipole = add(node.dipole, normal);
+            node.centre = add(node.centre, [0, 1, 2].map(|k| size * centroid(corners, k)));
         }
         let count = own.len().max(1) as f64;
         for k in 0..3 {
