@@ -18,7 +18,7 @@ MAY_LACK: dict[Any, set[str]] = {
     reports.MapReport: {
         "quad_area_deviation", "handles", "sphere", "repair", "mesh_repair", "distance_rms", "distance_max", "self_intersections",
     },
-    reports.RepairReport: {"problems"},
+    reports.RepairReport: {"problems", "wrap"},
     reports.Denoised: {"left_out"},
     reports.SolverStep: {"left"},
 }  # fmt: skip
@@ -70,6 +70,8 @@ def test_reports_have_the_types_keys(study: Study) -> None:
     assert isinstance(fits["surface"]["solver"]["steps"], list) and "surface_distance" in fits["bare"]
     mended = sp.repair((surface.vertices, surface.faces[1:]))
     assert flaws(mended.report, reports.RepairReport, "repair") == []
+    wrapped = sp.repair(surface, wrap=24).report
+    assert flaws(wrapped, reports.RepairReport, "wrap") == [] and wrapped["wrap"]["voxels"] == 24
     mapped = sp.parametrize(surface)
     for made in (mapped, sp.resample(surface, mapped.sphere, sp.icosphere(4))):
         assert flaws(made.report, reports.MapReport, "map") == []
