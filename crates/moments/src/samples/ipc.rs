@@ -68,10 +68,9 @@ pub(super) fn contents(file: &File, bytes: u64) -> Result<Contents, String> {
 ///
 /// Returns a description of the problem.
 pub(super) fn read_block(file: &File, block: &Block) -> Result<Vec<u8>, String> {
-    let length = i64::from(block.metaDataLength()).checked_add(block.bodyLength());
-    let place = u64::try_from(block.offset()).ok().zip(length.and_then(|length| usize::try_from(length).ok()));
-    let (at, length) = place.ok_or("a block outside the file")?;
-    read(&mut BufReader::new(file), at, length)
+    let place = place(block, u64::MAX).ok_or("a block outside the file")?;
+    let length = usize::try_from(place.end - place.start).map_err(|_| "a block that is too large")?;
+    read(&mut BufReader::new(file), place.start, length)
 }
 
 /// Byte offsets of a block's metadata and buffers, checked to lie within the file.

@@ -5,9 +5,10 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use spharm_surface::io::Scalar;
 use spharm_surface::npy;
 
-use super::records::{Field, Kind, Records, Stream};
+use super::records::{Field, Records, Stream};
 use crate::MomentsError;
 use crate::moments::Shard;
 
@@ -120,7 +121,7 @@ fn of_samples(found: &npy::Header) -> Option<Header> {
         _ => return None,
     };
     let (mut fields, mut names, mut at) = (Vec::new(), Vec::new(), 0);
-    let mut add = |name: Option<&String>, kind: Kind, little: bool| {
+    let mut add = |name: Option<&String>, kind: Scalar, little: bool| {
         fields.push(Field { at, kind, little });
         names.push(name.cloned());
         at += kind.size();
@@ -136,18 +137,18 @@ fn of_samples(found: &npy::Header) -> Option<Header> {
     Some(Header { length, rows, names, fields, row: at, fortran })
 }
 
-fn kind_of(kind: char, size: usize) -> Option<Kind> {
+fn kind_of(kind: char, size: usize) -> Option<Scalar> {
     Some(match (kind, size) {
-        ('f', 8) => Kind::F64,
-        ('f', 4) => Kind::F32,
-        ('i', 1) => Kind::I8,
-        ('u', 1) => Kind::U8,
-        ('i', 2) => Kind::I16,
-        ('u', 2) => Kind::U16,
-        ('i', 4) => Kind::I32,
-        ('u', 4) => Kind::U32,
-        ('i', 8) => Kind::I64,
-        ('u', 8) => Kind::U64,
+        ('f', 8) => Scalar::F64,
+        ('f', 4) => Scalar::F32,
+        ('i', 1) => Scalar::I8,
+        ('u', 1) => Scalar::U8,
+        ('i', 2) => Scalar::I16,
+        ('u', 2) => Scalar::U16,
+        ('i', 4) => Scalar::I32,
+        ('u', 4) => Scalar::U32,
+        ('i', 8) => Scalar::I64,
+        ('u', 8) => Scalar::U64,
         _ => return None,
     })
 }

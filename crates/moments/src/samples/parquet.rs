@@ -130,19 +130,8 @@ fn leaf(schema: &SchemaDescriptor, column: usize) -> Result<usize, String> {
 fn is_number(column: &ColumnDescriptor) -> bool {
     match column.physical_type() {
         Type::FLOAT | Type::DOUBLE => true,
-        Type::INT32 | Type::INT64 => match column.logical_type_ref() {
-            Some(logical) => matches!(logical, LogicalType::Integer(_)),
-            None => column.converted_type() == ConvertedType::NONE || integer(column.converted_type()).is_some(),
-        },
+        Type::INT32 | Type::INT64 => sign(column).is_some(),
         _ => false,
-    }
-}
-
-/// Returns whether a column of integers stores unsigned ones.
-fn is_unsigned(column: &ColumnDescriptor) -> bool {
-    match column.logical_type_ref() {
-        Some(LogicalType::Integer(integer)) => !integer.is_signed,
-        _ => integer(column.converted_type()) == Some(Sign::Unsigned),
     }
 }
 
@@ -152,13 +141,17 @@ enum Sign {
     Unsigned,
 }
 
-/// Returns the kind of integers that a column's older description of its type states, if it does.
-fn integer(kind: ConvertedType) -> Option<Sign> {
-    use ConvertedType::{INT_8, INT_16, INT_32, INT_64, UINT_8, UINT_16, UINT_32, UINT_64};
-    match kind {
-        INT_8 | INT_16 | INT_32 | INT_64 => Some(Sign::Signed),
-        UINT_8 | UINT_16 | UINT_32 | UINT_64 => Some(Sign::Unsigned),
-        _ => None,
+/// Returns the sign of the integers in a column; `None` if the integers stand for something else. The type is stated as
+/// a logical type or, in older files, as a converted type.
+fn sign(column: &ColumnDescriptor) -> Option<Sign> {
+    use ConvertedType::{INT_8, INT_16, INT_32, INT_64, NONE, UINT_8, UINT_16, UINT_32, UINT_64};
+    match (column.logical_type_ref(), column.converted_type()) {
+        (Some(LogicalType::Integer(integer)), _) if integer.is_signed => Some(Sign::Signed),
+        (Some(LogicalType::Integer(_)), _) => Some(Sign::Unsigned),
+        (Some(_), _) => None,
+        (None, NONE | INT_8 | INT_16 | INT_32 | INT_64) => Some(Sign::Signed),
+        (None, UINT_8 | UINT_16 | UINT_32 | UINT_64) => Some(Sign::Unsigned),
+        (None, _) => None,
     }
 }
 
@@ -201,7 +194,7 @@ impl Column {
             ColumnReader::DoubleColumnReader(reader) => reader.skip_records(skip)?,
             _ => 0,
         };
-        let (unsigned, optional) = (is_unsigned(&descriptor), descriptor.max_def_level() > 0);
+        let (unsigned, optional) = (sign(&descriptor) == Some(Sign::Unsigned), descriptor.max_def_level() > 0);
         Ok(Self { reader, unsigned, optional })
     }
 

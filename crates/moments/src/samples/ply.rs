@@ -5,8 +5,10 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use spharm_surface::io::Scalar;
+
 use super::csv;
-use super::records::{Field, Kind, Records, Stream};
+use super::records::{Field, Records, Stream};
 use super::table::Table;
 use crate::MomentsError;
 use crate::moments::Shard;
@@ -110,14 +112,14 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
             }
             ["property", kind, name] if vertices == Some(true) => {
                 let kind = match kind {
-                    "char" | "int8" => Kind::I8,
-                    "uchar" | "uint8" => Kind::U8,
-                    "short" | "int16" => Kind::I16,
-                    "ushort" | "uint16" => Kind::U16,
-                    "int" | "int32" => Kind::I32,
-                    "uint" | "uint32" => Kind::U32,
-                    "float" | "float32" => Kind::F32,
-                    "double" | "float64" => Kind::F64,
+                    "char" | "int8" => Scalar::I8,
+                    "uchar" | "uint8" => Scalar::U8,
+                    "short" | "int16" => Scalar::I16,
+                    "ushort" | "uint16" => Scalar::U16,
+                    "int" | "int32" => Scalar::I32,
+                    "uint" | "uint32" => Scalar::U32,
+                    "float" | "float32" => Scalar::F32,
+                    "double" | "float64" => Scalar::F64,
                     _ => return unclear("a number's type"),
                 };
                 header.fields.push(Field { at: header.row, kind, little: true });

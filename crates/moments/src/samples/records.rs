@@ -4,44 +4,20 @@
 use std::io::{self, Read};
 use std::path::PathBuf;
 
+use spharm_surface::io::Scalar;
+
 use super::table::Table;
 use crate::MomentsError;
 
 /// Number of bytes decoded at a time. They fit into a core's L2 cache.
 const CACHED: usize = 1 << 18;
 
-/// The type of a number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    I64,
-    U64,
-    F32,
-    F64,
-}
-
-impl Kind {
-    pub(super) fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::I32 | Self::U32 | Self::F32 => 4,
-            Self::I64 | Self::U64 | Self::F64 => 8,
-        }
-    }
-}
-
 /// A field of a row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Field {
     /// Offset in bytes of the field's first byte in the row.
     pub(super) at: usize,
-    pub(super) kind: Kind,
+    pub(super) kind: Scalar,
     pub(super) little: bool,
 }
 
@@ -159,15 +135,15 @@ fn decode<'a>(bytes: &[u8], row: usize, field: Field, out: impl Iterator<Item = 
         }
     }
     match field.kind {
-        Kind::I8 => each(bytes, row, field, out, |b| i8::from_le_bytes(b).into()),
-        Kind::U8 => each(bytes, row, field, out, |b| u8::from_le_bytes(b).into()),
-        Kind::I16 => each(bytes, row, field, out, |b| i16::from_le_bytes(b).into()),
-        Kind::U16 => each(bytes, row, field, out, |b| u16::from_le_bytes(b).into()),
-        Kind::I32 => each(bytes, row, field, out, |b| i32::from_le_bytes(b).into()),
-        Kind::U32 => each(bytes, row, field, out, |b| u32::from_le_bytes(b).into()),
-        Kind::I64 => each(bytes, row, field, out, |b| i64::from_le_bytes(b) as f64),
-        Kind::U64 => each(bytes, row, field, out, |b| u64::from_le_bytes(b) as f64),
-        Kind::F32 => each(bytes, row, field, out, |b| f32::from_le_bytes(b).into()),
-        Kind::F64 => each(bytes, row, field, out, f64::from_le_bytes),
+        Scalar::I8 => each(bytes, row, field, out, |b| i8::from_le_bytes(b).into()),
+        Scalar::U8 => each(bytes, row, field, out, |b| u8::from_le_bytes(b).into()),
+        Scalar::I16 => each(bytes, row, field, out, |b| i16::from_le_bytes(b).into()),
+        Scalar::U16 => each(bytes, row, field, out, |b| u16::from_le_bytes(b).into()),
+        Scalar::I32 => each(bytes, row, field, out, |b| i32::from_le_bytes(b).into()),
+        Scalar::U32 => each(bytes, row, field, out, |b| u32::from_le_bytes(b).into()),
+        Scalar::I64 => each(bytes, row, field, out, |b| i64::from_le_bytes(b) as f64),
+        Scalar::U64 => each(bytes, row, field, out, |b| u64::from_le_bytes(b) as f64),
+        Scalar::F32 => each(bytes, row, field, out, |b| f32::from_le_bytes(b).into()),
+        Scalar::F64 => each(bytes, row, field, out, f64::from_le_bytes),
     }
 }

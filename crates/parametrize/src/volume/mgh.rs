@@ -60,7 +60,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let layout = Layout { size, scalar, little_endian: false, scaling: None };
     let skipped = layout.bytes().saturating_mul(frame as u64);
     if layout.bytes().saturating_add(skipped) > most {
-        let bits = 8 * scalar.width();
+        let bits = 8 * scalar.size();
         let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
         return Err(not_mgh(found));
     }

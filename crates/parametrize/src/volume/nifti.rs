@@ -48,7 +48,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let offset = (f64::from(header.vox_offset).max(352.0) as u64).saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
         let [x, y, z] = size;
-        let bits = 8 * scalar.width();
+        let bits = 8 * scalar.size();
         let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
         return Err(not_nifti(&found));
     }

@@ -98,7 +98,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let start = header.long(168).max(HEADER as i64 + 4) as u64;
     let offset = start.saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
-        let bits = 8 * scalar.width();
+        let bits = 8 * scalar.size();
         let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
         return Err(not_nifti(found));
     }

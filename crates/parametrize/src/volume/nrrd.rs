@@ -67,14 +67,14 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let little_endian = match header.get("endian").map(str::to_ascii_lowercase).as_deref() {
         Some("little") => true,
         Some("big") => false,
-        None if scalar.width() == 1 => true,
+        None if scalar.size() == 1 => true,
         other => return Err(source.wrong("endian: little or big", other.unwrap_or("none").to_owned())),
     };
     let layout = Layout { size, scalar, little_endian, scaling: None };
     let other = header.get("datafile").map(|name| beside(source, name)).transpose()?;
     let values = other.as_deref().or(bytes.get(start..)).unwrap_or_default();
     let too_many = |most: u64| {
-        let bits = 8 * scalar.width();
+        let bits = 8 * scalar.size();
         let found = format!("at most {most} bytes of values for {x} x {y} x {z} voxels of {bits} bits");
         Err(source.wrong("a value for each voxel of the header", found))
     };

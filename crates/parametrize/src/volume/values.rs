@@ -4,6 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use spharm_monitor::{Stage, number};
+pub(super) use spharm_surface::io::Scalar;
 use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
@@ -135,47 +136,20 @@ impl<'a> Collector<'a> {
 /// Accepted probabilities, with an allowance for rounding by the program that wrote them.
 const PROBABILITIES: std::ops::RangeInclusive<f64> = -1e-3..=1.0 + 1e-3;
 
-/// The type of a voxel's value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scalar {
-    U8,
-    I8,
-    U16,
-    I16,
-    U32,
-    I32,
-    U64,
-    I64,
-    F32,
-    F64,
-}
-
-impl Scalar {
-    /// Returns the number of bytes per value.
-    pub(super) fn width(self) -> usize {
-        match self {
-            Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
-            Self::U32 | Self::I32 | Self::F32 => 4,
-            Self::U64 | Self::I64 | Self::F64 => 8,
-        }
-    }
-
-    /// Converts the little-endian bytes of a value to a number. Bytes beyond the value's width are ignored.
-    fn number(self, raw: [u8; 8]) -> f64 {
-        let [a, b, c, d, ..] = raw;
-        match self {
-            Self::U8 => f64::from(a),
-            Self::I8 => f64::from(i8::from_le_bytes([a])),
-            Self::U16 => f64::from(u16::from_le_bytes([a, b])),
-            Self::I16 => f64::from(i16::from_le_bytes([a, b])),
-            Self::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
-            Self::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
-            Self::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
-            Self::U64 => u64::from_le_bytes(raw) as f64,
-            Self::I64 => i64::from_le_bytes(raw) as f64,
-            Self::F64 => f64::from_le_bytes(raw),
-        }
+/// Converts the little-endian bytes of a value to a number. Bytes beyond the value's width are ignored.
+fn value_of(scalar: Scalar, raw: [u8; 8]) -> f64 {
+    let [a, b, c, d, ..] = raw;
+    match scalar {
+        Scalar::U8 => f64::from(a),
+        Scalar::I8 => f64::from(i8::from_le_bytes([a])),
+        Scalar::U16 => f64::from(u16::from_le_bytes([a, b])),
+        Scalar::I16 => f64::from(i16::from_le_bytes([a, b])),
+        Scalar::U32 => f64::from(u32::from_le_bytes([a, b, c, d])),
+        Scalar::I32 => f64::from(i32::from_le_bytes([a, b, c, d])),
+        Scalar::F32 => f64::from(f32::from_le_bytes([a, b, c, d])),
+        Scalar::U64 => u64::from_le_bytes(raw) as f64,
+        Scalar::I64 => i64::from_le_bytes(raw) as f64,
+        Scalar::F64 => f64::from_le_bytes(raw),
     }
 }
 
@@ -214,7 +188,7 @@ const CHUNK: usize = 1 << 20;
 impl Layout {
     /// Returns the number of bytes of all values.
     pub(super) fn bytes(&self) -> u64 {
-        self.size.iter().fold(self.scalar.width() as u64, |bytes, &n| bytes.saturating_mul(n as u64))
+        self.size.iter().fold(self.scalar.size() as u64, |bytes, &n| bytes.saturating_mul(n as u64))
     }
 
     /// Reads the values from a stream. The caller must have checked that the file can contain [`bytes`](Self::bytes)
@@ -222,7 +196,7 @@ impl Layout {
     pub(super) fn read(&self, source: &Source<'_>, mut stream: impl Read) -> Result<Voxels, ParametrizeError> {
         let (path, monitor) = (source.path, source.monitor);
         let mut voxels = Collector::new(source, self.size);
-        voxels.check_room(self.bytes() / self.scalar.width() as u64)?;
+        voxels.check_room(self.bytes() / self.scalar.size() as u64)?;
         monitor.begin(Stage::bytes("reading"), self.bytes());
         let mut left = self.bytes();
         let mut bytes = Vec::with_capacity(CHUNK);
@@ -236,9 +210,9 @@ impl Layout {
                 return Err(cut_short(path, &format!("{there} of {} bytes of values", self.bytes())));
             }
             if self.scaling.is_none() && bytes.iter().all(|&byte| byte == 0) {
-                voxels.background(bytes.len() / self.scalar.width())?;
+                voxels.background(bytes.len() / self.scalar.size())?;
             } else {
-                for raw in bytes.chunks_exact(self.scalar.width()) {
+                for raw in bytes.chunks_exact(self.scalar.size()) {
                     voxels.push(self.value(raw))?;
                 }
             }
@@ -255,7 +229,7 @@ impl Layout {
         if !self.little_endian {
             raw[..bytes.len()].reverse();
         }
-        let value = self.scalar.number(raw);
+        let value = value_of(self.scalar, raw);
         self.scaling.map_or(value, |(slope, intercept)| slope * value + intercept)
     }
 }

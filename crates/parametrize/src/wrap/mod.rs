@@ -77,8 +77,8 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
     let mut mesh = outer.quads.triangles(|_| false);
     snap(&mut mesh, &given, &tree, 1.0);
     let params = SurfaceDistanceParams::default();
-    let (_, hidden) = directed_distance(&given, &mesh, 1.0, &params, monitor)?;
-    let (distance, bridged) = directed_distance(&mesh, &given, 1.0, &params, monitor)?;
+    let (_, hidden) = directed_distance(&given, &TriangleTree::new(&mesh), 1.0, &params, monitor)?;
+    let (distance, bridged) = directed_distance(&mesh, &tree, 1.0, &params, monitor)?;
     found.wrap = Some(Wrap {
         voxels,
         voxel: frame.voxel,

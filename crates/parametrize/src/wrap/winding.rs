@@ -13,8 +13,9 @@
 use std::f64::consts::PI;
 
 use spharm_surface::Mesh;
+use spharm_surface::geometry::{bounds, face_normal};
 
-use crate::geometry::{Vec3, add, cross, dot, sub};
+use crate::geometry::{Vec3, add, cross, dot, scale, sub};
 
 /// Largest number of triangles in a leaf of the tree.
 const LEAF: usize = 8;
@@ -58,7 +59,7 @@ impl WindingNumbers {
         let mut node = Node { centre: [0.0; 3], far: 0.0, dipole: [0.0; 3], nodes: 1, triangles: range.clone() };
         let mut area = 0.0;
         for corners in &*own {
-            let normal = area_normal(corners);
+            let normal = scale(face_normal(*corners), 0.5);
             let size = dot(normal, normal).sqrt();
             area += size;
             node.dipole = add(node.dipole, normal);
@@ -75,7 +76,7 @@ impl WindingNumbers {
         self.nodes.push(node);
         if range.len() > LEAF {
             let own = &mut self.triangles[range.clone()];
-            let (low, high) = spharm_surface::geometry::bounds(own.as_flattened().iter().copied());
+            let (low, high) = bounds(own.as_flattened().iter().copied());
             let axis = (0..3).max_by(|&a, &b| (high[a] - low[a]).total_cmp(&(high[b] - low[b]))).unwrap_or(0);
             let middle = own.len() / 2;
             own.select_nth_unstable_by(middle, |a, b| centroid(a, axis).total_cmp(&centroid(b, axis)));
@@ -113,11 +114,6 @@ fn square(v: Vec3) -> f64 {
 
 fn centroid(corners: &[Vec3; 3], k: usize) -> f64 {
     (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0
-}
-
-/// Returns a triangle's normal, whose length is the triangle's area.
-fn area_normal([a, b, c]: &[Vec3; 3]) -> Vec3 {
-    cross(sub(*b, *a), sub(*c, *a)).map(|x| 0.5 * x)
 }
 
 /// Returns the solid angle that a triangle covers as seen from a point, positive if the triangle is clockwise as seen

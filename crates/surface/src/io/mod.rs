@@ -86,6 +86,7 @@ pub use mask::read_mask;
 pub use memory::bytes_to_read;
 pub use painted::{PAINTED, write_painted, write_ply};
 pub use ply::PlyAttributes;
+pub use scalar::Scalar;
 use spec::{Context, Writer};
 pub use spec::{FormatSpec, Precision};
 

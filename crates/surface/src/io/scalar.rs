@@ -3,9 +3,10 @@
 use super::bytes::{Cursor, Endian};
 use super::flaw::Flaw;
 
-/// The type of a number.
+/// The type of a number in binary data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Scalar {
+#[expect(missing_docs, reason = "the variants are named like Rust's types")]
+pub enum Scalar {
     I8,
     U8,
     I16,
@@ -20,7 +21,8 @@ pub(super) enum Scalar {
 
 impl Scalar {
     /// Returns the number of bytes of a number.
-    pub(super) fn size(self) -> usize {
+    #[must_use]
+    pub fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
             Self::I16 | Self::U16 => 2,

@@ -159,8 +159,8 @@ pub fn surface_distance_at(
     Ok(SurfaceDistance { mean, rms: square.sqrt(), percentile95, hausdorff, forward, backward, bound, scale })
 }
 
-/// Returns the distances from the points of one surface to another, and the share of the first surface's area that
-/// lies farther than `limit` from the other.
+/// Returns the distances from the points of a surface to another, whose triangles are in a tree, and the share of the
+/// first surface's area that lies farther than `limit` from the other.
 ///
 /// # Errors
 ///
@@ -171,12 +171,12 @@ pub fn surface_distance_at(
 /// When a triangle's index is out of range.
 pub fn directed_distance(
     from: &Mesh,
-    to: &Mesh,
+    to: &TriangleTree,
     limit: f64,
     params: &SurfaceDistanceParams,
     monitor: &dyn Monitor,
 ) -> Result<(Directed, f64), SurfaceError> {
-    let samples = Samples::towards(from, &TriangleTree::new(to), params, monitor)?;
+    let samples = Samples::towards(from, to, params, monitor)?;
     let beyond = samples.weighted.iter().filter(|(distance, _)| *distance > limit).map(|(_, area)| area);
     Ok((samples.summary(), beyond.sum::<f64>() / samples.area))
 }

@@ -236,13 +236,10 @@ pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
 /// which side is outside.
 pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) {
     const ALL_OPEN: u32 = u32::MAX;
-    let joined = pairs(faces, &sides(faces));
-    let mut pieces = UnionFind::new(faces.len());
-    for (side, &other) in (0..).zip(&joined).filter(|(_, other)| **other != OPEN) {
-        pieces.join(side / 3, other / 3);
-    }
-    let open = (0..).zip(&joined).filter(|(_, other)| **other == OPEN);
-    let open: HashSet<u32> = open.map(|(side, _)| pieces.root(side / 3)).collect();
+    let sides = sides(faces);
+    let mut pieces = pieces(faces, &sides);
+    let open = by_edge(&sides).filter(|edge| edge.len() != 2).flatten();
+    let open: HashSet<u32> = open.map(|side| pieces.root(side.2 / 3)).collect();
     let mut groups: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
     for f in 0..faces.len() {
         let root = pieces.root(f as u32);

@@ -4,70 +4,42 @@
 //! an array, or of zeros if there is none. All bounds are checked before memory is allocated.
 
 use super::super::budget::Budget;
+use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::Flaw;
+use super::super::scalar::Scalar;
 use super::container::Buffer;
 use super::document::{Accessor, BufferView, Document, Primitive, Sparse};
 
-/// The types of components, by glTF's codes.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Component {
-    I8,
-    U8,
-    I16,
-    U16,
-    U32,
-    F32,
+/// Returns the type of components that has glTF's code.
+fn component(code: u64) -> Result<Scalar, Flaw> {
+    Ok(match code {
+        5120 => Scalar::I8,
+        5121 => Scalar::U8,
+        5122 => Scalar::I16,
+        5123 => Scalar::U16,
+        5125 => Scalar::U32,
+        5126 => Scalar::F32,
+        other => return Err(Flaw::new("a componentType from 5120 to 5126", other.to_string())),
+    })
 }
 
-impl Component {
-    fn parse(code: u64) -> Result<Self, Flaw> {
-        Ok(match code {
-            5120 => Self::I8,
-            5121 => Self::U8,
-            5122 => Self::I16,
-            5123 => Self::U16,
-            5125 => Self::U32,
-            5126 => Self::F32,
-            other => return Err(Flaw::new("a componentType from 5120 to 5126", other.to_string())),
-        })
-    }
+fn is_unsigned(component: Scalar) -> bool {
+    matches!(component, Scalar::U8 | Scalar::U16 | Scalar::U32)
+}
 
-    fn size(self) -> usize {
-        match self {
-            Self::I8 | Self::U8 => 1,
-            Self::I16 | Self::U16 => 2,
-            Self::U32 | Self::F32 => 4,
-        }
-    }
+/// Returns the number in the first bytes; 0 if bytes are missing, but callers pass enough.
+fn number(component: Scalar, bytes: &[u8]) -> f64 {
+    component.read(&mut Cursor::new(bytes), Endian::Little).unwrap_or(0.0)
+}
 
-    fn is_unsigned(self) -> bool {
-        matches!(self, Self::U8 | Self::U16 | Self::U32)
-    }
-
-    /// Returns the number in the first bytes. Bytes that are missing count as zero; callers pass enough.
-    fn number(self, bytes: &[u8]) -> f64 {
-        let mut four = [0; 4];
-        four.iter_mut().zip(bytes.iter().take(self.size())).for_each(|(to, &from)| *to = from);
-        let [a, b, ..] = four;
-        match self {
-            Self::I8 => (a as i8).into(),
-            Self::U8 => a.into(),
-            Self::I16 => i16::from_le_bytes([a, b]).into(),
-            Self::U16 => u16::from_le_bytes([a, b]).into(),
-            Self::U32 => u32::from_le_bytes(four).into(),
-            Self::F32 => f32::from_le_bytes(four).into(),
-        }
-    }
-
-    /// Returns the divisor of normalised integers (section 3.11).
-    fn most(self) -> f64 {
-        match self {
-            Self::I8 => 127.0,
-            Self::U8 => 255.0,
-            Self::I16 => 32767.0,
-            Self::U16 => 65535.0,
-            Self::U32 | Self::F32 => 1.0,
-        }
+/// Returns the divisor of normalised integers (section 3.11).
+fn most(component: Scalar) -> f64 {
+    match component {
+        Scalar::I8 => 127.0,
+        Scalar::U8 => 255.0,
+        Scalar::I16 => 32767.0,
+        Scalar::U16 => 65535.0,
+        _ => 1.0,
     }
 }
 
@@ -81,20 +53,20 @@ impl Arrays<'_> {
     /// Returns the positions of an accessor.
     pub(super) fn positions(
         &self,
-        number: usize,
+        accessor: usize,
         primitive: &Primitive,
         budget: &mut Budget,
     ) -> Result<Vec<[f64; 3]>, Flaw> {
-        let accessor = self.accessor(number)?;
-        let component = Component::parse(accessor.component_type)?;
-        let is_integer = matches!(component, Component::I8 | Component::U8 | Component::I16 | Component::U16);
-        if accessor.kind != "VEC3" || component != Component::F32 && !(is_integer && self.document.is_quantized()) {
+        let accessor = self.accessor(accessor)?;
+        let kind = component(accessor.component_type)?;
+        let is_integer = matches!(kind, Scalar::I8 | Scalar::U8 | Scalar::I16 | Scalar::U16);
+        if accessor.kind != "VEC3" || kind != Scalar::F32 && !(is_integer && self.document.is_quantized()) {
             return Err(found_type("positions of three 32-bit floats", accessor));
         }
-        let size = component.size();
+        let size = kind.size();
         let coordinate = |bytes: &[u8]| {
-            let value = component.number(bytes);
-            if accessor.normalized { (value / component.most()).max(-1.0) } else { value }
+            let value = number(kind, bytes);
+            if accessor.normalized { (value / most(kind)).max(-1.0) } else { value }
         };
         self.values(accessor, 3 * size, primitive, budget, |bytes| {
             let mut position = [0.0; 3];
@@ -104,13 +76,18 @@ impl Arrays<'_> {
     }
 
     /// Returns the indices of an accessor.
-    pub(super) fn indices(&self, number: usize, primitive: &Primitive, budget: &mut Budget) -> Result<Vec<u32>, Flaw> {
-        let accessor = self.accessor(number)?;
-        let component = Component::parse(accessor.component_type)?;
-        if accessor.kind != "SCALAR" || !component.is_unsigned() {
+    pub(super) fn indices(
+        &self,
+        accessor: usize,
+        primitive: &Primitive,
+        budget: &mut Budget,
+    ) -> Result<Vec<u32>, Flaw> {
+        let accessor = self.accessor(accessor)?;
+        let kind = component(accessor.component_type)?;
+        if accessor.kind != "SCALAR" || !is_unsigned(kind) {
             return Err(found_type("indices of unsigned whole numbers", accessor));
         }
-        self.values(accessor, component.size(), primitive, budget, |bytes| component.number(bytes) as u32)
+        self.values(accessor, kind.size(), primitive, budget, |bytes| number(kind, bytes) as u32)
     }
 
     /// Returns the elements of an accessor, each converted from `size` bytes. The budget covers accessors of zeros,
@@ -132,14 +109,14 @@ impl Arrays<'_> {
             (None, None) => return Err(primitive.without_data()),
         };
         let Some(Sparse { count, indices, values: replaced }) = &accessor.sparse else { return Ok(values) };
-        let component = Component::parse(indices.component_type)?;
-        if !component.is_unsigned() {
+        let kind = component(indices.component_type)?;
+        if !is_unsigned(kind) {
             return Err(Flaw::new("sparse indices of unsigned whole numbers", indices.component_type.to_string()));
         }
-        let places = self.elements(indices.buffer_view, indices.byte_offset, *count, component.size())?;
+        let places = self.elements(indices.buffer_view, indices.byte_offset, *count, kind.size())?;
         let replaced = self.elements(replaced.buffer_view, replaced.byte_offset, *count, size)?;
         for (place, bytes) in places.zip(replaced) {
-            let place = component.number(place) as usize;
+            let place = number(kind, place) as usize;
             let length = values.len();
             let value = values.get_mut(place);
             *value.ok_or_else(|| Flaw::new(format!("sparse indices below {length}"), place.to_string()))? =
