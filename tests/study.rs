@@ -126,7 +126,7 @@ fn a_study_that_is_killed_is_continued_to_the_same_bytes() {
     succeed(&mut study(whole.path(), &[]));
     let killed = site();
     let mut interrupted = 0;
-    for moment in 0..times(8) {
+    for moment in 0..times(5) {
         let mut child = study(killed.path(), &["-q"])
             .stdout(std::process::Stdio::piped())
             .stderr(std::process::Stdio::piped())

@@ -1,6 +1,6 @@
 //! Tests fits of surfaces, as opposed to fits of their vertices.
 
-use ndarray::{Array2, s};
+use ndarray::{Array1, Array2, Axis, concatenate, s};
 use serde_json::Value;
 use spharm::{
     Error, FitParams, Kind, Model, Objective, Preconditioner, Signal, Smoothness, Sphere, Target, fit, fit_many,
@@ -46,26 +46,12 @@ fn by_midpoints(surface: &Mesh, sphere: &Sphere, max_degree: usize) -> Array2<f6
     }
     let directions = spharm::Directions::from_vertices(&places).unwrap();
     let columns = (max_degree + 1).pow(2);
-    let basis: Vec<Array2<f64>> = (0..columns)
-        .map(|k| {
-            let unit = Array2::from_shape_fn((columns, 1), |(row, _)| f64::from(u8::from(row == k)));
-            spharm::harmonics::synthesis(&directions, unit.view()).unwrap()
-        })
-        .collect();
-    let inner = |a: &dyn Fn(usize) -> f64, b: &dyn Fn(usize) -> f64| {
-        (0..weights.len()).map(|i| weights[i] * a(i) * b(i)).sum::<f64>()
-    };
+    let basis = spharm::harmonics::synthesis(&directions, Array2::eye(columns).view()).unwrap();
+    let weighted = &basis * &Array1::from_vec(weights).insert_axis(Axis(1));
     // Solve the normal equations by elimination on the augmented matrix, without pivoting, because the matrix is
     // nearly the identity.
-    let mut rows = Array2::zeros((columns, columns + 3));
-    for k in 0..columns {
-        for other in 0..columns {
-            rows[[k, other]] = inner(&|i| basis[k][[i, 0]], &|i| basis[other][[i, 0]]);
-        }
-        for axis in 0..3 {
-            rows[[k, columns + axis]] = inner(&|i| basis[k][[i, 0]], &|i| targets[i][axis]);
-        }
-    }
+    let functions = concatenate![Axis(1), basis, ndarray::arr2(&targets)];
+    let mut rows = weighted.t().dot(&functions);
     for k in 0..columns {
         let pivot = rows.row(k).to_owned() / rows[[k, k]];
         for other in 0..columns {

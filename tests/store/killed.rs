@@ -73,7 +73,7 @@ fn a_killed_build_leaves_nothing_half_written_and_a_rerun_completes_it() {
     let site = Site::new();
     let mut random = Random(2);
     let (mut killed, mut partly) = (0, 0);
-    for round in 1..=times(200) {
+    for round in 1..=times(60) {
         let store = site.store(round);
         let mut child = site.start(&store);
         // Choose a random moment in the build, more often in its second half, in which files are published.
@@ -96,7 +96,7 @@ fn a_build_that_is_asked_to_stop_stops_cleanly_and_a_rerun_completes_it() {
     let site = Site::new();
     let mut random = Random(3);
     let mut stopped = 0;
-    for (round, signal) in (1..=times(60)).zip([Signal::TERM, Signal::INT, Signal::HUP].into_iter().cycle()) {
+    for (round, signal) in (1..=times(30)).zip([Signal::TERM, Signal::INT, Signal::HUP].into_iter().cycle()) {
         let store = site.store(round);
         let mut child = site.start(&store);
         // The build creates folders only after it has installed its signal handlers, and files once it computes.

@@ -96,7 +96,7 @@ fn clearing_away_spares_what_is_being_written() {
         }
         let params = BuildParams { max_degree: FILES - 1, ..BuildParams::default() };
         let build = || -> Result<(), StoreError> {
-            for _ in 0..times(400) {
+            for _ in 0..times(100) {
                 std::fs::write(&abandoned, "").expect("a file");
                 build(store, &directions(ROWS), &params, &Silent)?;
                 for degree in 0..FILES {
