@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
+from ._model import Model
 from ._progress import Progress, callback
-from ._surface import Path, as_surface
+from ._surface import Path, Surface, as_surface, icosphere
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ def compare(
     surface: Any,
     other: Any,
     *,
-    surface_distance: bool = False,
+    surface_distance: bool | None = None,
     samples: int = 100_000,
     mask: ArrayLike | Path | None = None,
     memory: int | str | None = None,
@@ -59,10 +60,11 @@ def compare(
 
     Parameters
     ----------
-    surface, other : Surface or what `as_surface` takes
-        Meshes with the same triangles, unless ``surface_distance`` is True.
-    surface_distance : bool
-        Also measure the distance over the entire surfaces, which may have different triangles.
+    surface, other : Model, Surface, or what `as_surface` takes
+        Two models are compared at the vertices of one icosphere; a model and a mesh over the model's sphere, if it has the
+        mesh's triangles, or else on an icosphere of 163,842 vertices.
+    surface_distance : bool, optional
+        Whether to measure the distance over the entire surfaces; by default only if their triangles differ.
     samples : int
         Approximate number of points on each surface for ``surface_distance``.
     mask : array_like of bool, (n,), or path, optional
@@ -87,11 +89,11 @@ def compare(
     >>> import spharm_rs as sp
     >>> surface, sphere = sp.example_surface(4)
     >>> model = sp.fit(surface, sphere, 15)
-    >>> found = sp.compare(surface, model.surface(), surface_distance=True)
+    >>> found = sp.compare(surface, model, surface_distance=True)
     >>> found.msd < 1e-3 and found.surface["rms"] <= found.rms
     True
     """
-    first, second = as_surface(surface), as_surface(other)
+    first, second = _surfaces(surface, other)
     arrays = first.vertices, first.faces, second.vertices, second.faces
     kept = _arrays.mask(mask, len(first.vertices))
     corresponding = len(first.vertices) == len(second.vertices) and np.array_equal(first.faces, second.faces)
@@ -99,7 +101,7 @@ def compare(
         raise ValueError(f"mask: expected meshes with the same triangles, found {first!r} and {second!r}")
     between: dict[str, Any] | None = None
     each: Floats | None = None
-    if surface_distance:
+    if not corresponding if surface_distance is None else surface_distance:
         count = _arrays.threads(threads)
         text, each = _core.surface_distance(
             *arrays,
@@ -116,7 +118,30 @@ def compare(
     if not corresponding and between is None:
         raise ValueError(
             f"other: the triangles of {second!r} differ from the triangles of {first!r}; "
-            "surface_distance=True compares surfaces with different triangles"
+            "surface_distance=True, the default, compares surfaces with different triangles"
         )
     (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays, kept)
     return Distances(msd, xsd, rms, largest, scale, by_vertex if each is None else each, between)
+
+
+#: Subdivisions of the icosphere on which models are compared: 163,842 vertices, as by ``spharm compare``.
+_LEVEL = 7
+
+
+def _surfaces(surface: Any, other: Any) -> tuple[Surface, Surface]:
+    """Returns the compared surfaces; corresponding ones for two models, and for a model over the sphere of the mesh."""
+    models = [isinstance(one, Model) for one in (surface, other)]
+    if all(models):
+        sphere = icosphere(_LEVEL)
+        return surface.surface(sphere), other.surface(sphere)
+    if models[0]:
+        mesh = as_surface(other)
+        return _over(surface, mesh), mesh
+    mesh = as_surface(surface)
+    return mesh, _over(other, mesh) if models[1] else as_surface(other)
+
+
+def _over(model: Model, mesh: Surface) -> Surface:
+    own = model.sphere
+    same = own is not None and len(own.vertices) == len(mesh.vertices) and np.array_equal(own.faces, mesh.faces)
+    return model.surface(own if same else _LEVEL)

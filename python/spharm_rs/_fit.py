@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +16,7 @@ from ._parametrize import Parametrization
 from ._progress import Progress, callback
 from ._repair import changes_of, named_change
 from ._store import Store
-from ._surface import Path, as_surface, named_icosphere
+from ._surface import Path, as_surface, named_icosphere, read_signal
 from ._transform import Transform
 from ._warnings import warn
 from .reports import FitReport
@@ -88,6 +88,20 @@ def _sphere_of(vertices: int, triangles: Any, sphere: Any) -> tuple[Any, Any, bo
     if directions is not None and faces is None:
         faces = triangles
     return directions, faces, parametrized
+
+
+def _read(target: Any, sphere: Any) -> tuple[Floats, Any]:
+    """Returns the positions and triangles of a mesh; or, given a sphere and a file that has no mesh, its signal and None."""
+    try:
+        mesh = as_surface(target)
+    except errors.MeshError as error:
+        if sphere is None or not isinstance(target, (str, os.PathLike)):
+            raise
+        try:
+            return read_signal(target), None
+        except (errors.SpharmError, OSError, ValueError):
+            raise error from None
+    return mesh.vertices, mesh.faces
 
 
 def _model(fitted: Any) -> Model:
@@ -244,8 +258,8 @@ def fit(
     if isinstance(surface, np.ndarray):
         values, is_surface = _arrays.channels("surface", surface), surface.ndim == 2 and surface.shape[1] == 3
     else:
-        mesh = as_surface(surface)
-        values, triangles, is_surface = mesh.vertices, mesh.faces, True
+        values, triangles = _read(surface, sphere)
+        is_surface = triangles is not None
     if isinstance(sphere, (int, float, np.number)):
         raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")
     directions, faces, parametrized = _sphere_of(len(values), triangles, sphere)
@@ -364,6 +378,7 @@ def solve(
     weights: str | ArrayLike = "uniform",
     mask: ArrayLike | Path | None = None,
     smoothness: float | str | None = None,
+    stderr: bool = False,
     tolerance: float = 1e-10,
     max_iterations: int = 3000,
     preconditioner: str = "auto",
@@ -380,7 +395,7 @@ def solve(
     values : array_like of float, (n,) or (n, c)
     max_degree : int, optional
         Required with directions; by default the transform's.
-    weights, mask, smoothness, tolerance, max_iterations, preconditioner, memory, threads, progress
+    weights, mask, smoothness, stderr, tolerance, max_iterations, preconditioner, memory, threads, progress
         As for `fit`.
 
     Returns
@@ -388,7 +403,8 @@ def solve(
     coefficients : ndarray of float, (K,) or (K, c)
         Of the shape of the values, as `Transform.adjoint` has it.
     report : dict
-        ``report["solver"]`` contains iterations, optimality and condition.
+        ``report["solver"]`` contains iterations, optimality and condition; with ``stderr``, ``report["standard_errors"]``
+        the standard errors of the coefficients, of their shape, which `spectra.spectrum` takes as ``errors``.
 
     Examples
     --------
@@ -416,6 +432,7 @@ def solve(
         weights=weights,
         mask=mask,
         smoothness=smoothness,
+        stderr=stderr,
         tolerance=tolerance,
         max_iterations=max_iterations,
         preconditioner=preconditioner,
@@ -425,9 +442,12 @@ def solve(
     # The transform is planned, but perhaps to another degree, or too coarsely.
     planned = isinstance(transform, Transform) and transform._inner.serves(degree)
     at = transform._inner if isinstance(transform, Transform) and planned else directions
-    coefficients, text, problems = _core.solve(at, array, settings=settings, progress=callback(progress))
+    coefficients, deviations, text, problems = _core.solve(at, array, settings=settings, progress=callback(progress))
     for kind, problem in problems:
         warn([problem], getattr(errors, kind))
     report: FitReport = json.loads(text)
     report["warnings"] = [problem for _, problem in problems]
-    return coefficients[:, 0] if np.ndim(values) == 1 else coefficients, report
+    shaped: Callable[[Floats], Floats] = (lambda array: array[:, 0]) if np.ndim(values) == 1 else (lambda array: array)
+    if deviations is not None:
+        report["standard_errors"] = shaped(deviations)
+    return shaped(coefficients), report

@@ -17,6 +17,7 @@ from ._parametrize import Parametrization, Seam
 from ._picture import Picture, picture
 from ._spectra_degree import sums
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
+from ._warnings import warn
 from .reports import FitReport
 
 #: Endings of meshes, which models aren't written as.
@@ -368,7 +369,31 @@ def seam_of(sphere: Any) -> Seam:
 def sampling(sphere: Any) -> tuple[Any, Any]:
     """Returns directions and triangles (None if absent) of an icosphere's level, a sphere, or directions."""
     whole = isinstance(sphere, (int, np.integer)) and not isinstance(sphere, bool)
-    return sphere_arrays(icosphere(int(sphere)) if whole else named_icosphere(sphere))[:2]
+    if whole:
+        sphere = icosphere(int(sphere))
+        return sphere.vertices, sphere.faces
+    sphere = named_icosphere(sphere)
+    directions, faces, _ = sphere_arrays(sphere)
+    if faces is not None and not isinstance(sphere, (Model, Parametrization)):
+        _warn_of_radii(directions)
+    return directions, faces
+
+
+#: The spread of a sphere's radii, relative to the largest, above which there is a warning, as for `fit`.
+_RADIUS_SPREAD = 0.01
+
+
+def _warn_of_radii(vertices: Floats) -> None:
+    radii = np.linalg.norm(vertices, axis=1)
+    low, high = (float(radii.min()), float(radii.max())) if len(radii) else (0.0, 0.0)
+    if high - low > _RADIUS_SPREAD * high:
+        percent = 100 * (high - low) / high
+        warn(
+            [
+                f"the sphere: the radii range from {low:.4f} to {high:.4f} ({percent:.1f} % apart); "
+                "check that this is a sphere centred at the origin"
+            ]
+        )
 
 
 def directions_at(at: Any) -> Floats | None:

@@ -300,6 +300,34 @@ class TestResult:
         name = "p" if self.p_fwe is None else "p_fwe"
         return f"TestResult({self.kind}, {self.meaning}, {len(self.p)} vertices, least {name} {least.min():.3g})"
 
+    @property
+    def t(self) -> Floats:
+        """The statistic of a t test, (V,)."""
+        if self.kind != "t":
+            raise AttributeError(f"t: this result has {self.kind}, as the attribute statistic")
+        return self.statistic
+
+    def to_nilearn(self, values: str = "statistic", *, hemisphere: str = "left") -> Any:
+        """Returns a map of the result on `surface` as nilearn's ``SurfaceImage``.
+
+        Parameters
+        ----------
+        values : str
+            Attribute with a number for each vertex, as for `picture`.
+        hemisphere : {"left", "right"}
+        """
+        surface, found = self._map(values)
+        return surface.to_nilearn(found, hemisphere=hemisphere)
+
+    def _map(self, values: str) -> tuple[Surface, Floats]:
+        if self.surface is None:
+            raise ValueError("surface: expected the surface of the values, which group_test takes as surface=, found None")
+        found = getattr(self, values, None) if values in self.__dataclass_fields__ else None
+        if not isinstance(found, np.ndarray) or found.shape != self.p.shape:
+            names = [name for name in self.__dataclass_fields__ if np.shape(getattr(self, name)) == self.p.shape]
+            raise ValueError(f"values: expected one of {', '.join(names)}; found {values!r}")
+        return self.surface, found
+
     def picture(
         self,
         values: str = "statistic",
@@ -324,17 +352,12 @@ class TestResult:
         -------
         Picture
         """
-        if self.surface is None:
-            raise ValueError("surface: expected the surface of the values, which group_test takes as surface=, found None")
-        found = getattr(self, values, None) if values in self.__dataclass_fields__ else None
-        if not isinstance(found, np.ndarray) or found.shape != self.p.shape:
-            names = [name for name in self.__dataclass_fields__ if np.shape(getattr(self, name)) == self.p.shape]
-            raise ValueError(f"values: expected one of {', '.join(names)}; found {values!r}")
+        surface, found = self._map(values)
         if level is not None:
             if self.p_fwe is None:
                 raise ValueError("level: expected a result with p_fwe, found one without relabellings")
             found = np.where(self.p_fwe <= level, found, np.nan)
-        return draw(self.surface, found, limits=limits, label=f"{values}, {self.meaning}", size=size, view=view)
+        return draw(surface, found, limits=limits, label=f"{values}, {self.meaning}", size=size, view=view)
 
 
 def group_test(

@@ -17,16 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays
 from ._arrays import Floats
-from .convert import degree_of, degrees_and_orders
+from .convert import NORMALIZATIONS, degree_of, norms_over_4pi
 
 Degrees = NDArray[np.intp]
 
 _UNITS = ("per_l", "per_lm", "per_dlogl")
 _CONVENTIONS = ("power", "energy", "l2norm")
-_NORMALIZATIONS = ("orthonormal", "ortho", "4pi", "schmidt", "unnorm")
-
-#: The largest degree at which the norm of an unnormalised harmonic is a float64.
-_MOST_UNNORMALISED = 150
 
 
 class AsArray:
@@ -143,23 +139,6 @@ def sums(array: Floats) -> Floats:
     return found
 
 
-def _norms(degree: int, normalization: str) -> Floats:
-    """Returns the norm of each harmonic over that of a 4 pi-normalised one, (K, 1)."""
-    degrees, orders = degrees_and_orders(degree)
-    if normalization == "4pi":
-        return np.ones((len(degrees), 1))
-    if normalization in ("orthonormal", "ortho"):
-        return np.full((len(degrees), 1), 1 / np.sqrt(4 * np.pi))
-    if normalization == "schmidt":
-        return np.asarray(1 / np.sqrt(2.0 * degrees + 1))[:, np.newaxis]
-    if degree > _MOST_UNNORMALISED:
-        raise ValueError(f"coefficients: expected degrees up to {_MOST_UNNORMALISED} for unnorm, found degree {degree}")
-    # The mean square of P_lm cos(m phi) is (l + m)! / (l - m)! / (2 l + 1), and half of it for m > 0.
-    logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, 2 * degree + 1)))])
-    square = logs[degrees + abs(orders)] - logs[degrees - abs(orders)] - np.log(2.0 * degrees + 1)
-    return np.asarray(np.exp((square - np.where(orders == 0, 0, np.log(2))) / 2))[:, np.newaxis]
-
-
 def _pair(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats, tuple[int, ...]]:
     """Returns the coefficients of two fields to the lower of their degrees, and the shape of a result by degree."""
     (first, degree), (second, other) = _coefficients("a", a), _coefficients("b", b)
@@ -202,12 +181,12 @@ def _scale(degree: int, unit: str, convention: str, base: float) -> Floats:
 
 
 def _scaled_norms(degree: int, normalization: str, convention: str) -> Floats:
-    _choice("normalization", normalization, _NORMALIZATIONS)
+    _choice("normalization", normalization, NORMALIZATIONS)
     if convention != "l2norm":
-        return _norms(degree, normalization)
+        return norms_over_4pi(degree, normalization)
     if normalization == "unnorm":
         raise ValueError("convention: expected power or energy for coefficients of unnorm, found 'l2norm'")
-    return _norms(degree, "4pi")
+    return norms_over_4pi(degree, "4pi")
 
 
 def spectrum(

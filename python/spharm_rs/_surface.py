@@ -139,9 +139,9 @@ def as_surface(mesh: Any) -> Surface:
     Parameters
     ----------
     mesh : object
-        A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``), nilearn
-        (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one hemisphere), pyvista (``.points``, ``.regular_faces``), meshio (``.points``,
-        ``.cells_dict["triangle"]``); or a GIfTI image of nibabel.
+        A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``; also a ``Scene``), nilearn
+        (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one hemisphere), pyvista (``.points``,
+        ``.regular_faces``), meshio (``.points``, ``.cells_dict["triangle"]``); or a GIfTI image of nibabel.
 
     Returns
     -------
@@ -179,6 +179,9 @@ def as_surface(mesh: Any) -> Surface:
         if "triangle" not in mesh.cells_dict:
             raise ValueError(f"surface: this mesh has no triangles, only {sorted(mesh.cells_dict)}")
         return Surface(mesh.points, mesh.cells_dict["triangle"])
+    # A scene of trimesh, such as of a GLB file, with its meshes at their places.
+    if hasattr(mesh, "geometry") and hasattr(mesh, "to_mesh"):
+        return as_surface(mesh.to_mesh())
     if hasattr(mesh, "points") and hasattr(mesh, "regular_faces"):
         return Surface(mesh.points, mesh.regular_faces)
     # A nilearn image has a mesh of one or two parts.

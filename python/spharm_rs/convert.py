@@ -9,7 +9,8 @@ format          array
 ==============  =====================================================================================================
 ``complex``     complex (K, c), row ``l**2 + l + m``: orthonormal, with the Condon-Shortley phase, as SciPy's
                 ``sph_harm_y``
-``pyshtools``   real (c, 2, L + 1, L + 1): ``SHCoeffs.from_array(.., normalization="ortho", csphase=1)`` of each channel
+``pyshtools``   real (c, 2, L + 1, L + 1): ``SHCoeffs.from_array(.., normalization="ortho", csphase=1)`` of each channel;
+                other normalisations by `to_pyshtools` and `from_pyshtools`
 ``healpy``      complex (c, (L + 1) (L + 2) / 2): ``alm`` of healpy and ducc0, m by m
 ``s2fft``       complex (c, L + 1, 2 L + 1): ``flm`` of s2fft, orders from -L
 ``spharm_mat``  complex (K, c): ``fvec`` of SPHARM-MAT, which is ``complex``
@@ -136,24 +137,85 @@ def from_complex(array: ArrayLike) -> Floats:
     return found
 
 
-def to_pyshtools(coefficients: ArrayLike) -> Floats:
-    """Converts to orthonormal coefficients with ``csphase=1``, (c, 2, L + 1, L + 1)."""
+def to_pyshtools(coefficients: ArrayLike, *, normalization: str = "ortho", csphase: int = 1) -> Floats:
+    """Converts to pyshtools' coefficients, (c, 2, L + 1, L + 1).
+
+    Parameters
+    ----------
+    coefficients : array_like of float, (K, c)
+    normalization : {"ortho", "4pi", "schmidt", "unnorm"}
+        That of the result, pyshtools' own default being ``"4pi"``. ``"unnorm"`` to degree 150.
+    csphase : {1, -1}
+        -1 for coefficients of harmonics with the Condon-Shortley phase.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from spharm_rs import convert
+    >>> constant = np.sqrt(4 * np.pi) * np.eye(1)
+    >>> convert.to_pyshtools(constant, normalization="4pi")[0, 0].round(12).tolist()
+    [[1.0]]
+    """
     a, degree = _canonical(coefficients)
+    a = a * _pyshtools_factors(degree, normalization, csphase)
     degrees, orders = degrees_and_orders(degree)
     found = np.zeros((a.shape[1], 2, degree + 1, degree + 1))
     found[:, (orders < 0).astype(int), degrees, abs(orders)] = a.T
     return found
 
 
-def from_pyshtools(array: ArrayLike) -> Floats:
-    """Converts orthonormal coefficients with ``csphase=1``, (2, L + 1, L + 1) or (c, 2, L + 1, L + 1), to canonical
-    ones."""
+def from_pyshtools(array: ArrayLike, *, normalization: str = "ortho", csphase: int = 1) -> Floats:
+    """Converts pyshtools' coefficients, (2, L + 1, L + 1) or (c, 2, L + 1, L + 1), to canonical ones.
+
+    Parameters
+    ----------
+    array : array_like of float
+    normalization, csphase
+        Those of the array, as for `to_pyshtools`; ``SHCoeffs`` has them as attributes.
+    """
     found = _arrays.real("pyshtools", array, "(c, 2, L + 1, L + 1)")
     found = found[np.newaxis] if found.ndim == 3 else found
     if found.ndim != 4 or found.shape[1] != 2 or found.shape[2] != found.shape[3]:
         raise ValueError(f"pyshtools: expected shape (c, 2, L + 1, L + 1), found {found.shape}")
     degrees, orders = degrees_and_orders(found.shape[2] - 1)
-    return np.ascontiguousarray(found[:, (orders < 0).astype(int), degrees, abs(orders)].T)
+    canonical = found[:, (orders < 0).astype(int), degrees, abs(orders)].T
+    return np.ascontiguousarray(canonical / _pyshtools_factors(found.shape[2] - 1, normalization, csphase))
+
+
+def _pyshtools_factors(degree: int, normalization: str, csphase: int) -> Floats:
+    """Returns the factors from canonical coefficients to pyshtools' of a normalisation and phase, (K, 1)."""
+    if normalization not in NORMALIZATIONS:
+        raise ValueError(f"normalization: expected one of {', '.join(NORMALIZATIONS)}; found {normalization!r}")
+    if csphase not in (1, -1):
+        raise ValueError(f"csphase: expected 1 or -1, found {csphase!r}")
+    orthonormal = normalization in ("ortho", "orthonormal")  # exactly 1
+    factors = np.ones((1, 1)) if orthonormal else 1 / (norms_over_4pi(degree, normalization) * np.sqrt(4 * np.pi))
+    orders = degrees_and_orders(degree)[1][:, np.newaxis]
+    return factors if csphase == 1 else factors * np.where(orders % 2, -1.0, 1.0)
+
+
+#: pyshtools' names of normalisations, and ``"orthonormal"`` for ``"ortho"``.
+NORMALIZATIONS = ("orthonormal", "ortho", "4pi", "schmidt", "unnorm")
+
+#: The largest degree at which the norm of an unnormalised harmonic is a float64.
+_MOST_UNNORMALISED = 150
+
+
+def norms_over_4pi(degree: int, normalization: str) -> Floats:
+    """Returns the norm of each harmonic over that of a 4 pi-normalised one, (K, 1)."""
+    degrees, orders = degrees_and_orders(degree)
+    if normalization == "4pi":
+        return np.ones((len(degrees), 1))
+    if normalization in ("orthonormal", "ortho"):
+        return np.full((len(degrees), 1), 1 / np.sqrt(4 * np.pi))
+    if normalization == "schmidt":
+        return np.asarray(1 / np.sqrt(2.0 * degrees + 1))[:, np.newaxis]
+    if degree > _MOST_UNNORMALISED:
+        raise ValueError(f"coefficients: expected degrees up to {_MOST_UNNORMALISED} for unnorm, found degree {degree}")
+    # The mean square of P_lm cos(m phi) is (l + m)! / (l - m)! / (2 l + 1), and half of it for m > 0.
+    logs = np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, 2 * degree + 1)))])
+    square = logs[degrees + abs(orders)] - logs[degrees - abs(orders)] - np.log(2.0 * degrees + 1)
+    return np.asarray(np.exp((square - np.where(orders == 0, 0, np.log(2))) / 2))[:, np.newaxis]
 
 
 def _healpy_rows(degree: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

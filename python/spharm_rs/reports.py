@@ -330,6 +330,8 @@ class FitReport(TypedDict):
     resolved: Optional[float]
     #: Fits of moments alone: search for the smoothness by cross-validation.
     gcv: Any
+    #: `spharm_rs.solve` with ``stderr`` alone: standard errors of the coefficients, an array of their shape.
+    standard_errors: Any
     #: `spharm_rs.shape.mean` alone: root mean square distance of each model from the mean, (s,), and that of all, in the
     #: models' unit.
     distances: Any

@@ -1,12 +1,13 @@
 """Spectra of signals on the sphere, as in geodesy and cosmology.
 
-From latitudes and longitudes to directions; power, cross-power, admittance and correlation by degree, of coefficients
+From latitudes and longitudes to directions, and from coefficients to grids; power, cross-power, admittance and correlation by degree, of coefficients
 such as those of `spharm_rs.solve`; and the spectrum of a field that was observed on a part of the sphere.
 
 ===========================  ======================================================================================
 in                           is
 ===========================  ======================================================================================
 pyshtools ``spectrum``       `spectrum`, of coefficients converted by ``convert.from_pyshtools``
+pyshtools ``expand``         `grid`
 pyshtools ``SHAdmitCorr``    `admittance` and `correlation`
 healpy ``alm2cl``            ``spectrum(.., unit="per_lm", convention="energy")``, the C_l of cosmology
 healpy ``anafast``, masked   `pseudo_spectrum`
@@ -35,6 +36,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays
 from ._arrays import Floats
+from ._spectra_angles import angles, unit_vectors
 from ._spectra_degree import (
     Admittance,
     Correlation,
@@ -45,6 +47,7 @@ from ._spectra_degree import (
     finite,
     spectrum,
 )
+from ._spectra_grid import Grid, grid
 from ._spectra_mask import (
     BandPowers,
     PseudoSpectrum,
@@ -58,6 +61,7 @@ __all__ = [
     "Admittance",
     "BandPowers",
     "Correlation",
+    "Grid",
     "PseudoSpectrum",
     "Spectrum",
     "admittance",
@@ -67,32 +71,11 @@ __all__ = [
     "decoupled_cross_spectrum",
     "decoupled_spectrum",
     "directions",
+    "grid",
     "latitude_longitude",
     "pseudo_spectrum",
     "spectrum",
 ]
-
-#: The excess over a range, in radians, that the rounding of a float32 explains.
-_ROUNDING = 1e-6
-
-
-def _angles(what: str, values: ArrayLike, least: float, most: float, degrees: bool) -> Floats:
-    """Returns angles in radians, given in degrees or radians, within a range given in degrees."""
-    unit = "degrees" if degrees else "radians"
-    array = _arrays.real(what, values, "(n,)")
-    if array.ndim != 1:
-        raise ValueError(f"{what}: expected shape (n,), found {array.shape}")
-    bad = ~np.isfinite(array)
-    if bad.any():
-        raise ValueError(f"{what}: expected finite {unit}, found NaN or infinity in row {int(bad.argmax())}")
-    radians = np.radians(array) if degrees else array
-    low, high = np.radians(least), np.radians(most)
-    bad = (radians < low - _ROUNDING) | (radians > high + _ROUNDING)
-    if bad.any():
-        bounds = f"{least:g} to {most:g}" if degrees else f"{low:.4g} to {high:.4g}"
-        raise ValueError(f"{what}: expected {unit} from {bounds}, found a number outside in row {int(bad.argmax())}")
-    return np.clip(radians, low, high)
-
 
 def directions(
     latitude: ArrayLike | None = None,
@@ -131,16 +114,16 @@ def directions(
     if (latitude is None) == (colatitude is None):
         raise ValueError(f"latitude, colatitude: expected one of them, found {'none' if latitude is None else 'both'}")
     if latitude is not None:
-        what, angle = "latitude", _angles("latitude", latitude, -90, 90, degrees)
+        what, angle = "latitude", angles("latitude", latitude, -90, 90, degrees)
         z, across = np.sin(angle), np.cos(angle)
     else:
         assert colatitude is not None
-        what, angle = "colatitude", _angles("colatitude", colatitude, 0, 180, degrees)
+        what, angle = "colatitude", angles("colatitude", colatitude, 0, 180, degrees)
         z, across = np.cos(angle), np.sin(angle)
-    phi = _angles("longitude", longitude, -360, 360, degrees)
+    phi = angles("longitude", longitude, -360, 360, degrees)
     if len(phi) != len(z):
         raise ValueError(f"longitude: expected shape ({len(z)},), as of {what}; found ({len(phi)},)")
-    return np.stack([across * np.cos(phi), across * np.sin(phi), z], axis=1)
+    return unit_vectors(z, across, phi)
 
 
 def latitude_longitude(directions: ArrayLike, *, degrees: bool = True) -> tuple[Floats, Floats]:

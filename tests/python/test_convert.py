@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +28,36 @@ def coefficients(degree: int) -> np.ndarray:
 def test_there_and_back(format: str, degree: int) -> None:
     a = coefficients(degree)
     assert np.abs(convert.from_(format, convert.to(format, a)) - a).max() <= 1e-14 * np.abs(a).max()
+
+
+# Degree, order, normalisation, and the function at colatitude theta and longitude phi of which pyshtools' coefficient is 1.
+FUNCTIONS = [
+    (1, 0, "4pi", lambda theta, phi: np.sqrt(3) * np.cos(theta)),
+    (1, 1, "4pi", lambda theta, phi: np.sqrt(3) * np.sin(theta) * np.cos(phi)),
+    (1, 0, "schmidt", lambda theta, phi: np.cos(theta)),
+    (2, -1, "schmidt", lambda theta, phi: np.sqrt(3) * np.sin(theta) * np.cos(theta) * np.sin(phi)),
+    (2, 1, "unnorm", lambda theta, phi: 3 * np.sin(theta) * np.cos(theta) * np.cos(phi)),
+    (2, 2, "unnorm", lambda theta, phi: 3 * np.sin(theta) ** 2 * np.cos(2 * phi)),
+    (1, 1, "ortho", lambda theta, phi: np.sqrt(3 / (4 * np.pi)) * np.sin(theta) * np.cos(phi)),
+]
+
+
+@pytest.mark.parametrize("degree, order, normalization, function", FUNCTIONS)
+def test_normalisations_and_phases_of_pyshtools(degree: int, order: int, normalization: str, function: Any) -> None:
+    unit = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, np.newaxis]
+    values = function(np.arccos(unit[:, 2]), np.arctan2(unit[:, 1], unit[:, 0]))
+    for csphase, sign in [(1, 1.0), (-1, -1.0 if order % 2 else 1.0)]:
+        given = np.zeros((2, 4, 4))
+        given[int(order < 0), degree, abs(order)] = sign
+        a = convert.from_pyshtools(given, normalization=normalization, csphase=csphase)
+        assert np.allclose(sp.Model(a, surface=False).evaluate(unit)[:, 0], values, atol=1e-13)
+        assert np.allclose(convert.to_pyshtools(a, normalization=normalization, csphase=csphase)[0], given, atol=1e-14)
+
+
+@pytest.mark.parametrize("wrong", [{"normalization": "full"}, {"csphase": 0}])
+def test_wrong_normalisations_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        convert.to_pyshtools(coefficients(2), **wrong)
 
 
 def test_complex_coefficients_are_scipys() -> None:

@@ -352,3 +352,18 @@ def test_a_sphere_that_may_be_none_is_warned_of(study: Study) -> None:
         sp.fit(surface, surface, 5)
     with pytest.raises(ValueError, match="check that this is a sphere"):
         sp.fit(surface, surface, 5, strict=True)
+
+
+def test_a_file_of_values_is_a_signal_over_a_sphere(study: Study, tmp_path: Path) -> None:
+    surface, sphere = study
+    height = surface.vertices[:, 2]
+    sp.write_signal(tmp_path / "height.csv", height)
+    sp.write_signal(tmp_path / "height.shape.gii", height, double=True)
+    for name in ("height.csv", "height.shape.gii"):
+        model = sp.fit(tmp_path / name, sphere, 6)
+        assert not model.is_surface and np.allclose(model.coefficients, sp.fit(height, sphere, 6).coefficients, atol=1e-9)
+    with pytest.raises(sp.MeshError):
+        sp.fit(tmp_path / "height.csv", max_degree=6)
+    (tmp_path / "none.ply").write_text("ply\nnone\n")
+    with pytest.raises(sp.MeshError, match="none.ply"):
+        sp.fit(tmp_path / "none.ply", sphere, 6)

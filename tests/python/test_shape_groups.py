@@ -218,6 +218,7 @@ def test_two_groups_are_tested_as_by_scipy(values: Any) -> None:
     a, b = values[6:], values[:6]
     found = sp.shape.test(values, GROUPS)
     expected = stats.ttest_ind(a, b)
+    assert np.array_equal(found.t, found.statistic)
     assert found.kind == "t" and found.freedom == (10,) and found.meaning == "a - b" and found.levels == {"a": 6, "b": 6}
     assert np.allclose(found.statistic, expected.statistic, rtol=1e-11) and np.allclose(found.p, expected.pvalue, rtol=1e-10)
     assert np.allclose(found.q, stats.false_discovery_control(expected.pvalue), rtol=1e-10)
@@ -355,6 +356,12 @@ def test_models_are_tested_as_by_the_program(group: list[sp.Model], tmp_path: Pa
         # genfromtxt drops the hyphens in the header's names.
         assert np.allclose(program[name.replace("_", "")], getattr(found, name), rtol=1e-6, atol=1e-9), name
     assert found.mean is not None and rmsd(found.mean, sp.shape.mean(group)) < 1e-14
+    image = found.to_nilearn("p_fwe", hemisphere="right")
+    assert found.p_fwe is not None and found.surface is not None
+    assert np.array_equal(image.data.parts["right"], found.p_fwe)
+    assert np.array_equal(image.mesh.parts["right"].coordinates, found.surface.vertices)
+    with pytest.raises(ValueError, match="values: expected one of statistic"):
+        found.to_nilearn("meaning")
 
 
 def test_studies_that_say_nothing_are_refused_or_warned_of(values: Any) -> None:

@@ -284,3 +284,32 @@ def test_wrong_pairs_are_refused() -> None:
         spectra.cross_spectrum(A, B, errors=np.ones(25))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"errors\[1\]: expected the coefficients' shape"):
         spectra.cross_spectrum(A, B, errors=(np.ones(25), np.ones(4)))
+
+
+def test_grids_are_the_function_at_latitudes_and_longitudes() -> None:
+    latitude, longitude = np.array([80.0, 0.0, -35.0]), np.array([-20.0, 0.0, 100.0, 359.0])
+    found = spectra.grid(A, latitude, longitude)
+    north, east = np.meshgrid(latitude, longitude, indexing="ij")
+    at = spectra.directions(north.ravel(), east.ravel())
+    assert found.values.shape == (3, 4)
+    assert np.allclose(found.values.ravel(), sp.Model(A, surface=False).evaluate(at)[:, 0], atol=1e-13)
+    assert np.array_equal(found.latitude, latitude) and np.array_equal(found.longitude, longitude)
+
+
+def test_the_default_grid_is_pyshtools_and_determines_the_coefficients() -> None:
+    found = spectra.grid(np.stack([A, B], axis=1))
+    assert found.values.shape == (10, 20, 2)
+    assert np.allclose(found.latitude, 90 - 18 * np.arange(10)) and np.allclose(found.longitude, 18 * np.arange(20))
+    north, east = np.meshgrid(found.latitude, found.longitude, indexing="ij")
+    at = spectra.directions(north.ravel(), east.ravel())
+    again, _ = sp.solve(at, found.values.reshape(-1, 2), 4)
+    assert np.allclose(again, np.stack([A, B], axis=1), atol=1e-8)
+    named = spectra.grid(sp.Model(np.stack([A, B], axis=1))).to_xarray()
+    assert named.dims == ("latitude", "longitude", "channel")
+    assert float(named.sel(latitude=0, longitude=90)[0]) == pytest.approx(found.values[5, 5, 0])
+
+
+@pytest.mark.parametrize("wrong", [{"latitude": [91.0]}, {"longitude": [[1.0]]}, {"latitude": [np.nan]}])
+def test_wrong_grids_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="itude: expected"):
+        spectra.grid(A, **wrong)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,6 +32,7 @@ HOLDERS = {
     "pair": lambda s: (s.vertices, s.faces),
     "lists": lambda s: [s.vertices.tolist(), s.faces.tolist()],
     "trimesh": lambda s: trimesh.Trimesh(s.vertices, s.faces, process=False),
+    "scene of trimesh": lambda s: trimesh.Scene(trimesh.Trimesh(s.vertices, s.faces, process=False)),
     "meshio": lambda s: meshio.Mesh(s.vertices, [("triangle", s.faces)]),
     "pyvista": lambda s: SimpleNamespace(points=s.vertices, regular_faces=s.faces),
     "nilearn": lambda s: s.to_nilearn(),
@@ -150,8 +152,10 @@ def test_distances_are_those_of_the_definition(study: Study) -> None:
     assert found.surface is not None and found.surface["hausdorff"] <= 0.5
     other = sp.compare(surface, sp.icosphere(2), surface_distance=True)
     assert np.isnan(other.msd) and len(other.per_vertex) == 162
-    with pytest.raises(ValueError):
-        sp.compare(surface, sp.icosphere(2))
+    same = sp.compare(surface, sp.icosphere(2))
+    assert same.surface == other.surface and sp.compare(surface, moved).surface is None
+    with pytest.raises(ValueError, match="other: the triangles of"):
+        sp.compare(surface, sp.icosphere(2), surface_distance=False)
     kept = surface.vertices[:, 2] > 0
     half = sp.Surface(surface.vertices + np.outer(kept, [0.5, 0, 0]), surface.faces)
     part, rest = (sp.compare(surface, half, surface_distance=True, mask=mask) for mask in (kept, ~kept))
@@ -159,6 +163,29 @@ def test_distances_are_those_of_the_definition(study: Study) -> None:
     assert part.surface is not None and rest.surface is not None and part.surface["rms"] > 0.1 > rest.surface["rms"]
     with pytest.raises(ValueError, match="mask: expected meshes with the same triangles"):
         sp.compare(surface, sp.icosphere(2), surface_distance=True, mask=kept)
+
+
+def test_models_are_compared_with_each_other_and_with_meshes(study: Study) -> None:
+    surface, sphere = study
+    model = sp.fit(surface, sphere, 12)
+    assert sp.compare(surface, model).rms == sp.compare(surface, model.surface()).rms
+    assert sp.compare(model, surface).scale == sp.compare(model.surface(), surface).scale
+    shifted = sp.Model(model.coefficients + np.eye(169)[:, :1] * np.sqrt(4 * np.pi))
+    found = sp.compare(model, shifted)
+    assert found.rms == pytest.approx(np.sqrt(3)) and len(found.per_vertex) == 163_842
+    # Over another mesh, the model is a surface of its own.
+    other = sp.compare(sp.icosphere(3), model)
+    assert other.surface is not None and len(other.per_vertex) == 163_842
+
+
+def test_a_mesh_that_is_no_sphere_is_doubted(study: Study) -> None:
+    surface, sphere = study
+    model = sp.fit(surface, sphere, 4)
+    with pytest.warns(sp.SpharmWarning, match="the sphere: the radii range from .* this is a sphere centred at the origin"):
+        model.surface(surface)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model.surface(sp.Surface(3 * sphere.vertices, sphere.faces))
 
 
 def test_what_memory_doesnt_allow_is_refused(study: Study) -> None:

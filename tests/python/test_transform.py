@@ -78,3 +78,14 @@ def test_solves_with_a_transform_take_its_plan_or_make_their_own() -> None:
         sp.solve(transform, values, memory="1MiB")
     with pytest.raises(ValueError, match="3000 directions"):
         sp.solve(transform, values[:5])
+
+
+def test_standard_errors_of_samples_are_those_of_a_fit() -> None:
+    surface, sphere = sp.example_surface(4)
+    height = surface.vertices[:, 2]
+    _, report = sp.solve(sphere.vertices, height, 6, stderr=True)
+    fitted = sp.fit(height, sphere.vertices, 6, stderr=True).standard_errors
+    assert fitted is not None and np.array_equal(report["standard_errors"], fitted[:, 0])
+    _, of_two = sp.solve(sp.Transform(sphere.vertices, 6), surface.vertices[:, :2], stderr=True)
+    assert of_two["standard_errors"].shape == (49, 2)
+    assert "standard_errors" not in sp.solve(sphere.vertices, height, 6)[1]

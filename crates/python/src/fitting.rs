@@ -211,7 +211,8 @@ enum Given<'a> {
 }
 
 /// A solution as returned to Python: coefficients, (K, c), report as JSON, and warnings as (kind, text).
-type Solution<'py> = (Bound<'py, PyArray2<f64>>, String, Vec<(&'static str, String)>);
+type Solution<'py> =
+    (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
 /// Directions of samples.
 #[derive(FromPyObject)]
@@ -259,7 +260,8 @@ pub(crate) fn solve<'py>(
         }
     };
     let report = report_of_call(&fit, &many, None);
-    Ok((fit.coefficients.values().to_owned().into_pyarray(py), report.to_string(), warnings))
+    let errors = fit.standard_errors.map(|errors| errors.into_pyarray(py));
+    Ok((fit.coefficients.values().to_owned().into_pyarray(py), errors, report.to_string(), warnings))
 }
 
 /// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere.

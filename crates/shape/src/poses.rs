@@ -64,7 +64,7 @@ impl fmt::Display for PosesDiffer {
         write!(
             f,
             "the surfaces are not aligned: averaging the first-order ellipsoids keeps {:.2} of the size, 1 would be \
-             perfect alignment; align the surfaces first",
+             perfect alignment; align the surfaces first, or fit them over one common sphere if their vertices correspond",
             self.left
         )
     }

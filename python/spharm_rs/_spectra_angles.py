@@ -1,0 +1,36 @@
+"""Angles on the sphere, and the unit vectors that they stand for."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _arrays
+from ._arrays import Floats
+
+#: The excess over a range, in radians, that the rounding of a float32 explains.
+_ROUNDING = 1e-6
+
+
+def angles(what: str, values: ArrayLike, least: float, most: float, degrees: bool) -> Floats:
+    """Returns angles in radians, given in degrees or radians, within a range given in degrees."""
+    unit = "degrees" if degrees else "radians"
+    array = _arrays.real(what, values, "(n,)")
+    if array.ndim != 1:
+        raise ValueError(f"{what}: expected shape (n,), found {array.shape}")
+    bad = ~np.isfinite(array)
+    if bad.any():
+        raise ValueError(f"{what}: expected finite {unit}, found NaN or infinity in row {int(bad.argmax())}")
+    radians = np.radians(array) if degrees else array
+    low, high = np.radians(least), np.radians(most)
+    bad = (radians < low - _ROUNDING) | (radians > high + _ROUNDING)
+    if bad.any():
+        bounds = f"{least:g} to {most:g}" if degrees else f"{low:.4g} to {high:.4g}"
+        raise ValueError(f"{what}: expected {unit} from {bounds}, found a number outside in row {int(bad.argmax())}")
+    return np.clip(radians, low, high)
+
+
+def unit_vectors(z: Floats, across: Floats, longitude: Floats) -> Floats:
+    """Returns unit vectors from their z, their distances from the z axis, and longitudes in radians; (..., 3)."""
+    x, y = across * np.cos(longitude), across * np.sin(longitude)
+    return np.stack([x, y, np.broadcast_to(z, x.shape)], axis=-1)
