@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Measures the Python package against required limits: `./run bench python [--rounds N]`.
 
-Speed is compared with `examples/peer` on the same arrays, in turn; interrupts and forks are repeated as often as
+Speed is compared with `examples/peer` and with ducc0 on the same arrays, in turn; interrupts and forks are repeated as often as
 requested.
 """
 
@@ -90,6 +90,31 @@ def reported(rows, rounds):
         rows.bar(f"solve with a Transform, {what}, over its report", statistics.median(solving), 1.15)
         rows.bar(f"solve of directions, {what}, over planning and 1.15 solves", statistics.median(bare), 1)
         rows.bar(f"fit of arrays, {what}, over its report", statistics.median(fitting), 1.15)
+
+
+def beside_ducc0(rows, rounds):
+    """Compares least squares of one channel with ducc0's, in turn: ours with a plan, which ducc0 can't keep."""
+    import ducc0
+
+    for n, degree, limit in [(10**6, 100, 0.1), (10**7, 500, 0.1), (10**7, 1000, 0.12)]:
+        at = fibonacci(n)
+        values = 1 + 0.3 * at[:, 0] - 0.1 * at[:, 1] * at[:, 2] + np.random.default_rng(0).normal(0, 0.01, n)
+        location = np.stack([np.arccos(at[:, 2]), np.arctan2(at[:, 1], at[:, 0]) % (2 * np.pi)], axis=1)
+        transform = sp.Transform(at, degree)
+        sp.solve(transform, values)  # plans the moments, which later calls share
+        settings = {"lmax": degree, "loc": location, "spin": 0, "nthreads": os.cpu_count(), "maxiter": 500}
+        ratios, ours, theirs, off = [], [], [], 0.0
+        for _ in range(rounds if n < 10**7 else 1):
+            mine, (found, _) = timed(lambda: sp.solve(transform, values, tolerance=1e-7))
+            other, analysed = timed(lambda: ducc0.sht.pseudo_analysis_general(map=values[None].copy(), epsilon=1e-7, **settings))
+            ours.append(mine)
+            theirs.append(other)
+            ratios.append(mine / other)
+            off = max(off, np.abs(sp.convert.from_healpy(analysed[0])[:, 0] - found).max() / np.abs(found).max())
+        what = f"n = {n:,}, L = {degree}"
+        print(f"{what}: {statistics.median(ours):.3f} s, ducc0 {statistics.median(theirs):.3f} s; coefficients differ by {off:.1e}")
+        rows.bar(f"solve with a Transform, {what}, over ducc0", statistics.median(ratios), limit)
+        del transform
 
 
 def timed(work):
@@ -216,6 +241,7 @@ def main():
     print(f"{platform.machine()} {cpu}, {os.cpu_count()} cores, Python {platform.python_version()}, NumPy {np.__version__}")
     rows = Rows()
     reported(rows, arguments.rounds)
+    beside_ducc0(rows, arguments.rounds)
     speed(rows, arguments.rounds)
     memory(rows)
     interpreter(rows)

@@ -61,8 +61,8 @@ def compare(
     Parameters
     ----------
     surface, other : Model, Surface, or what `as_surface` takes
-        Two models are compared at the vertices of one icosphere; a model and a mesh over the model's sphere, if it has the
-        mesh's triangles, or else on an icosphere of 163,842 vertices.
+        Two models are compared at equal directions, the vertices of an icosphere; a model and a mesh at the mesh's vertices
+        if the model was fitted to it, or else on an icosphere of 163,842 vertices.
     surface_distance : bool, optional
         Whether to measure the distance over the entire surfaces; by default only if their triangles differ.
     samples : int
@@ -93,7 +93,7 @@ def compare(
     >>> found.msd < 1e-3 and found.surface["rms"] <= found.rms
     True
     """
-    first, second = _surfaces(surface, other)
+    first, second = _surfaces(surface, other, threads)
     arrays = first.vertices, first.faces, second.vertices, second.faces
     kept = _arrays.mask(mask, len(first.vertices))
     corresponding = len(first.vertices) == len(second.vertices) and np.array_equal(first.faces, second.faces)
@@ -118,7 +118,7 @@ def compare(
     if not corresponding and between is None:
         raise ValueError(
             f"other: the triangles of {second!r} differ from the triangles of {first!r}; "
-            "surface_distance=True, the default, compares surfaces with different triangles"
+            "without surface_distance=False, the distance between the surfaces is measured"
         )
     (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays, kept)
     return Distances(msd, xsd, rms, largest, scale, by_vertex if each is None else each, between)
@@ -128,20 +128,32 @@ def compare(
 _LEVEL = 7
 
 
-def _surfaces(surface: Any, other: Any) -> tuple[Surface, Surface]:
-    """Returns the compared surfaces; corresponding ones for two models, and for a model over the sphere of the mesh."""
-    models = [isinstance(one, Model) for one in (surface, other)]
-    if all(models):
+def _surfaces(surface: Any, other: Any, threads: int | None) -> tuple[Surface, Surface]:
+    """Returns the compared surfaces: corresponding ones for two models, and for a model over the sphere of the mesh."""
+    for name, one in (("surface", surface), ("other", other)):
+        if isinstance(one, Model) and not one.is_surface:
+            raise ValueError(f"{name}: expected a surface, found a model of a signal, {one!r}")
+    first, second = (None if isinstance(one, Model) else as_surface(one) for one in (surface, other))
+    if first is None and second is None and (_is_cut(surface) or _is_cut(other)):
+        return _evaluated(surface, None, threads), _evaluated(other, None, threads)
+    if first is None and second is None:
         sphere = icosphere(_LEVEL)
-        return surface.surface(sphere), other.surface(sphere)
-    if models[0]:
-        mesh = as_surface(other)
-        return _over(surface, mesh), mesh
-    mesh = as_surface(surface)
-    return mesh, _over(other, mesh) if models[1] else as_surface(other)
+        return surface.surface(sphere, threads=threads), other.surface(sphere, threads=threads)
+    return (
+        _evaluated(surface, second, threads) if first is None else first,
+        _evaluated(other, first, threads) if second is None else second,
+    )
 
 
-def _over(model: Model, mesh: Surface) -> Surface:
-    own = model.sphere
-    same = own is not None and len(own.vertices) == len(mesh.vertices) and np.array_equal(own.faces, mesh.faces)
-    return model.surface(own if same else _LEVEL)
+def _is_cut(model: Model) -> bool:
+    """Returns whether the model's surface was cut at its handles, so that other spheres have caps over the cuts."""
+    return model._inner.seam is not None
+
+
+def _evaluated(model: Model, mesh: Surface | None, threads: int | None) -> Surface:
+    """Returns a model's surface over its own sphere if it has the mesh's triangles there, or else on an icosphere."""
+    if model.sphere is not None and (mesh is not None or _is_cut(model)):
+        own = model.surface(threads=threads)
+        if _is_cut(model) or (mesh is not None and np.array_equal(own.faces, mesh.faces)):
+            return own
+    return model.surface(_LEVEL, threads=threads)

@@ -150,7 +150,8 @@ def fit(
     Parameters
     ----------
     surface : Surface or what `as_surface` takes, or ndarray of float, (n,) or (n, c)
-        A surface; an array of positions (n, 3) at a sphere's vertices; or a signal on the sphere's vertices.
+        A surface; an array of positions (n, 3) at a sphere's vertices; or a signal on the sphere's vertices, as an array or,
+        given the sphere, as a file that `read_signal` reads.
     sphere : Surface or what `as_surface` takes, Parametrization, Model, or ndarray of float, (n, 3), optional
         A sphere with the same vertices in the same order, of any radius, centred at the origin. Without it the surface
         is first mapped to a sphere, as by `parametrize`; that sphere becomes the model's.
@@ -404,7 +405,7 @@ def solve(
         Of the shape of the values, as `Transform.adjoint` has it.
     report : dict
         ``report["solver"]`` contains iterations, optimality and condition; with ``stderr``, ``report["standard_errors"]``
-        the standard errors of the coefficients, of their shape, which `spectra.spectrum` takes as ``errors``.
+        the standard errors of the coefficients, an array of their shape, which `spectra.spectrum` takes as ``errors``.
 
     Examples
     --------

@@ -398,7 +398,8 @@ def _warn_of_radii(vertices: Floats) -> None:
 
 def directions_at(at: Any) -> Floats | None:
     """Returns directions, (n, 3), given as such or as what `sampling` takes; None for None."""
-    if at is None or isinstance(at, (int, np.integer, str, os.PathLike, Surface, Parametrization, Model)):
+    # Rows of numbers are directions; everything else is a sphere of some kind.
+    if not (isinstance(at, (np.ndarray, list, tuple)) or hasattr(at, "__array__")) or isinstance(at, (np.integer, Model)):
         found: Floats | None = sampling(at)[0]
         return found
     return _arrays.positions("at", at)

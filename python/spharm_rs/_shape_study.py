@@ -304,7 +304,7 @@ class TestResult:
     def t(self) -> Floats:
         """The statistic of a t test, (V,)."""
         if self.kind != "t":
-            raise AttributeError(f"t: this result has {self.kind}, as the attribute statistic")
+            raise AttributeError(f"t: the statistic of this result is {self.kind}; read it as statistic")
         return self.statistic
 
     def to_nilearn(self, values: str = "statistic", *, hemisphere: str = "left") -> Any:
@@ -315,6 +315,10 @@ class TestResult:
         values : str
             Attribute with a number for each vertex, as for `picture`.
         hemisphere : {"left", "right"}
+
+        Returns
+        -------
+        nilearn.surface.SurfaceImage
         """
         surface, found = self._map(values)
         return surface.to_nilearn(found, hemisphere=hemisphere)
@@ -322,7 +326,7 @@ class TestResult:
     def _map(self, values: str) -> tuple[Surface, Floats]:
         if self.surface is None:
             raise ValueError("surface: expected the surface of the values, which group_test takes as surface=, found None")
-        found = getattr(self, values, None) if values in self.__dataclass_fields__ else None
+        found = getattr(self, values, None) if values in ("t", *self.__dataclass_fields__) else None
         if not isinstance(found, np.ndarray) or found.shape != self.p.shape:
             names = [name for name in self.__dataclass_fields__ if np.shape(getattr(self, name)) == self.p.shape]
             raise ValueError(f"values: expected one of {', '.join(names)}; found {values!r}")

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike
 from . import _arrays
 from ._arrays import Floats
 from ._model import Model
+from ._model_tables import channel_names
 from ._spectra_angles import angles, unit_vectors
+from ._spectra_degree import finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,25 +23,30 @@ class Grid:
     Attributes
     ----------
     latitude : ndarray of float, (n,)
-        From the north, in degrees.
+        In degrees, in the order given; by default from the north.
     longitude : ndarray of float, (m,)
         In degrees.
     values : ndarray of float, (n, m) or (n, m, c)
+    channel : list of str
+        Names of the channels: x, y and z of a surface, otherwise numbers from 0; empty for values (n, m).
     """
 
     latitude: Floats
     longitude: Floats
     values: Floats
+    channel: list[str]
 
     def __repr__(self) -> str:
         return f"Grid({len(self.latitude)} latitudes, {len(self.longitude)} longitudes)"
 
     def to_xarray(self) -> Any:
-        """Returns an xarray ``DataArray`` with the coordinates latitude, longitude and, with several channels, channel."""
+        """Returns an xarray ``DataArray`` with the coordinates latitude, longitude and, for values (n, m, c), channel."""
         import xarray
 
-        names = ["latitude", "longitude", "channel"][: self.values.ndim]
-        return xarray.DataArray(self.values, {"latitude": self.latitude, "longitude": self.longitude}, names)
+        coordinates: dict[str, Any] = {"latitude": self.latitude, "longitude": self.longitude}
+        if self.values.ndim == 3:
+            coordinates["channel"] = self.channel
+        return xarray.DataArray(self.values, coordinates, list(coordinates))
 
 
 def grid(
@@ -83,18 +90,24 @@ def grid(
     if isinstance(coefficients, Model):
         model, flat = coefficients, False
     else:
-        model, flat = Model(coefficients, surface=False), np.ndim(coefficients) == 1
+        array = finite("coefficients", _arrays.channels("coefficients", coefficients))
+        model, flat = Model(array, surface=False), np.ndim(coefficients) == 1
     rows = 2 * model.max_degree + 2
     step = 180.0 / rows
     north = _axis("latitude", 90 - step * np.arange(rows) if latitude is None else latitude)
     east = _axis("longitude", step * np.arange(2 * rows) if longitude is None else longitude)
-    theta = angles("latitude", north, -90, 90, degrees=True)
-    phi = angles("longitude", east, -360, 360, degrees=True)
-    at = unit_vectors(np.sin(theta)[:, np.newaxis], np.cos(theta)[:, np.newaxis], phi)
+    elevation = angles("latitude", north, -90, 90, degrees=True)
+    azimuth = angles("longitude", east, -360, 360, degrees=True)
+    at = unit_vectors(np.sin(elevation)[:, np.newaxis], np.cos(elevation)[:, np.newaxis], azimuth)
     values = model.evaluate(at.reshape(-1, 3), threads=threads)
-    shape = (len(north), len(east)) if flat else (len(north), len(east), values.shape[1])
-    return Grid(north, east, values.reshape(shape))
+    if flat:
+        return Grid(north, east, values.reshape(len(north), len(east)), [])
+    names = channel_names(values.shape[1], model.is_surface)
+    return Grid(north, east, values.reshape(len(north), len(east), -1), names)
 
 
 def _axis(what: str, values: ArrayLike) -> Floats:
-    return _arrays.real(what, values, "(n,)").copy()
+    axis = _arrays.real(what, values, "(n,)").copy()
+    if axis.size == 0:
+        raise ValueError(f"{what}: expected at least one angle, found none")
+    return axis

@@ -139,9 +139,10 @@ def as_surface(mesh: Any) -> Surface:
     Parameters
     ----------
     mesh : object
-        A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``; also a ``Scene``), nilearn
-        (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one hemisphere), pyvista (``.points``,
-        ``.regular_faces``), meshio (``.points``, ``.cells_dict["triangle"]``); or a GIfTI image of nibabel.
+        A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``; also a ``Scene``, whose
+        meshes are joined), nilearn (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one
+        hemisphere), pyvista (``.points``, ``.regular_faces``), meshio (``.points``, ``.cells_dict["triangle"]``); or a
+        GIfTI image of nibabel.
 
     Returns
     -------
@@ -181,7 +182,10 @@ def as_surface(mesh: Any) -> Surface:
         return Surface(mesh.points, mesh.cells_dict["triangle"])
     # A scene of trimesh, such as of a GLB file, with its meshes at their places.
     if hasattr(mesh, "geometry") and hasattr(mesh, "to_mesh"):
-        return as_surface(mesh.to_mesh())
+        joined = as_surface(mesh.to_mesh())
+        if len(joined.faces) == 0:
+            raise ValueError("surface: expected a scene with triangles, found none")
+        return joined
     if hasattr(mesh, "points") and hasattr(mesh, "regular_faces"):
         return Surface(mesh.points, mesh.regular_faces)
     # A nilearn image has a mesh of one or two parts.

@@ -144,7 +144,7 @@ def to_pyshtools(coefficients: ArrayLike, *, normalization: str = "ortho", cspha
     ----------
     coefficients : array_like of float, (K, c)
     normalization : {"ortho", "4pi", "schmidt", "unnorm"}
-        That of the result, pyshtools' own default being ``"4pi"``. ``"unnorm"`` to degree 150.
+        That of the result. pyshtools' own default is ``"4pi"``. The largest degree for ``"unnorm"`` is 150.
     csphase : {1, -1}
         -1 for coefficients of harmonics with the Condon-Shortley phase.
 
@@ -175,7 +175,7 @@ def from_pyshtools(array: ArrayLike, *, normalization: str = "ortho", csphase: i
     """
     found = _arrays.real("pyshtools", array, "(c, 2, L + 1, L + 1)")
     found = found[np.newaxis] if found.ndim == 3 else found
-    if found.ndim != 4 or found.shape[1] != 2 or found.shape[2] != found.shape[3]:
+    if found.ndim != 4 or found.shape[1] != 2 or found.shape[2] != found.shape[3] or found.shape[2] == 0:
         raise ValueError(f"pyshtools: expected shape (c, 2, L + 1, L + 1), found {found.shape}")
     degrees, orders = degrees_and_orders(found.shape[2] - 1)
     canonical = found[:, (orders < 0).astype(int), degrees, abs(orders)].T

@@ -1,7 +1,8 @@
 """Spectra of signals on the sphere, as in geodesy and cosmology.
 
-From latitudes and longitudes to directions, and from coefficients to grids; power, cross-power, admittance and correlation by degree, of coefficients
-such as those of `spharm_rs.solve`; and the spectrum of a field that was observed on a part of the sphere.
+From latitudes and longitudes to directions, and from coefficients to grids; power, cross-power, admittance and
+correlation by degree, of coefficients such as those of `spharm_rs.solve`; and the spectrum of a field that was observed
+on a part of the sphere.
 
 ===========================  ======================================================================================
 in                           is
@@ -76,6 +77,7 @@ __all__ = [
     "pseudo_spectrum",
     "spectrum",
 ]
+
 
 def directions(
     latitude: ArrayLike | None = None,

@@ -100,3 +100,10 @@ def test_a_seam_that_does_not_fit_its_sphere_is_refused() -> None:
 def test_reports_are_plain_json(given: sp.Surface) -> None:
     report = sp.parametrize(given, cut_handles=True).report
     assert json.loads(json.dumps(report)) == report
+
+
+def test_a_model_with_handles_is_compared_without_the_caps_of_its_cuts(given: sp.Surface) -> None:
+    model = sp.fit(given, max_degree=16, cut_handles=True)
+    found, of_surface = (sp.compare(given, other, surface_distance=True) for other in (model, model.surface()))
+    assert found.rms == of_surface.rms and found.surface == of_surface.surface
+    assert sp.compare(model, model.truncate(16)).max == 0

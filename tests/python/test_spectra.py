@@ -305,11 +305,18 @@ def test_the_default_grid_is_pyshtools_and_determines_the_coefficients() -> None
     again, _ = sp.solve(at, found.values.reshape(-1, 2), 4)
     assert np.allclose(again, np.stack([A, B], axis=1), atol=1e-8)
     named = spectra.grid(sp.Model(np.stack([A, B], axis=1))).to_xarray()
-    assert named.dims == ("latitude", "longitude", "channel")
+    assert named.dims == ("latitude", "longitude", "channel") and named.channel.values.tolist() == ["0", "1"]
+    shape = spectra.grid(sp.Model(np.eye(4)[:, 1:])).to_xarray()
+    assert np.allclose(shape.sel(channel="y"), shape[..., 1])
     assert float(named.sel(latitude=0, longitude=90)[0]) == pytest.approx(found.values[5, 5, 0])
 
 
-@pytest.mark.parametrize("wrong", [{"latitude": [91.0]}, {"longitude": [[1.0]]}, {"latitude": [np.nan]}])
+@pytest.mark.parametrize(
+    "wrong",
+    [{"latitude": [91.0]}, {"longitude": [[1.0]]}, {"latitude": [np.nan]}, {"longitude": [361.0]}, {"longitude": []}],
+)
 def test_wrong_grids_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match="itude: expected"):
+    with pytest.raises(ValueError, match=f"^{next(iter(wrong))}: expected"):
         spectra.grid(A, **wrong)
+    with pytest.raises(ValueError, match="^coefficients: expected finite numbers"):
+        spectra.grid(np.array([np.nan]))

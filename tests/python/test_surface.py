@@ -67,7 +67,7 @@ def test_an_image_of_nilearn_holds_the_values() -> None:
         ball.to_nilearn(hemisphere="lh")
 
 
-@pytest.mark.parametrize("wrong", [None, 3, "", object(), np.zeros((4, 3)), (1, 2, 3), {}])
+@pytest.mark.parametrize("wrong", [None, 3, "", object(), np.zeros((4, 3)), (1, 2, 3), {}, trimesh.Scene()])
 def test_anything_else_is_refused(wrong: Any) -> None:
     with pytest.raises((ValueError, OSError)):
         sp.as_surface(wrong)
@@ -169,7 +169,11 @@ def test_models_are_compared_with_each_other_and_with_meshes(study: Study) -> No
     surface, sphere = study
     model = sp.fit(surface, sphere, 12)
     assert sp.compare(surface, model).rms == sp.compare(surface, model.surface()).rms
-    assert sp.compare(model, surface).scale == sp.compare(model.surface(), surface).scale
+    assert np.array_equal(sp.compare(model, surface).per_vertex, sp.compare(model.surface(), surface).per_vertex)
+    signal = sp.fit(surface.vertices[:, 0], sphere, 4)
+    for name, pair in {"surface": (signal, surface), "other": (model, signal)}.items():
+        with pytest.raises(ValueError, match=f"^{name}: expected a surface, found a model of a signal"):
+            sp.compare(*pair)
     shifted = sp.Model(model.coefficients + np.eye(169)[:, :1] * np.sqrt(4 * np.pi))
     found = sp.compare(model, shifted)
     assert found.rms == pytest.approx(np.sqrt(3)) and len(found.per_vertex) == 163_842

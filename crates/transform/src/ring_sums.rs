@@ -9,6 +9,10 @@ use multiversion::{multiversion, target::target_cfg_f};
 use crate::lanes::{fused, load};
 use crate::ring_table::{ADJOINT, LANES, SYNTHESIS};
 
+/// Whether 16 rings are summed and two rows are projected at once. ARM64's 32 registers of two numbers hold the sums of
+/// half as many; with more, a sixth of its instructions would move sums to memory and back.
+const WIDE: bool = cfg!(not(target_arch = "aarch64"));
+
 /// Coefficients of a chunk's degrees or pairs of degrees: those of a degree or pair are contiguous, and `stride` values
 /// after those of the previous one.
 #[derive(Clone, Copy)]
@@ -86,7 +90,7 @@ fn sums_of_rings<const C: usize, const FMA: bool, const N: usize>(
     let mut at = 0;
     while at < rings {
         // Without fused products, on old processors, the wider kernel isn't worth its code size.
-        if FMA && rings - at >= 16 {
+        if FMA && WIDE && rings - at >= 16 {
             sums::<16, C, FMA, N>(rows, at, x, &mut out, leading);
             at += 16;
         } else {
@@ -188,32 +192,32 @@ fn projections_to<const C: usize, const FMA: bool>(
 ) {
     let mut k = rows.first;
     while k < rows.end {
+        let twin = k + rows.step;
         // Two rows are processed together, so that they share the loads of h.
-        let twin = if k + rows.step < rows.end { k + rows.step } else { k };
-        let sums = projections::<C, FMA>(rows.table, [k, twin], rings, h);
-        for c in 0..C {
-            x[k * stride + c] += sums[0][c];
+        if WIDE && twin < rows.end {
+            let [first, second] = projections::<C, FMA, 2>(rows.table, [k, twin], rings, h);
+            add(&mut x[k * stride..], first);
+            add(&mut x[twin * stride..], second);
+            k = twin + rows.step;
+        } else {
+            let [sums] = projections::<C, FMA, 1>(rows.table, [k], rings, h);
+            add(&mut x[k * stride..], sums);
+            k = twin;
         }
-        if twin > k {
-            for c in 0..C {
-                x[twin * stride + c] += sums[1][c];
-            }
-        }
-        k += 2 * rows.step;
     }
 }
 
 #[inline(always)]
-fn projections<const C: usize, const FMA: bool>(
+fn projections<const C: usize, const FMA: bool, const R: usize>(
     table: &[f64],
-    rows: [usize; 2],
+    rows: [usize; R],
     rings: usize,
     h: [&[f64]; C],
-) -> [[f64; C]; 2] {
-    let mut lanes = [[[0.0; LANES]; C]; 2];
+) -> [[f64; C]; R] {
+    let mut lanes = [[[0.0; LANES]; C]; R];
     let mut at = 0;
     while at < rings {
-        let r: [[f64; LANES]; 2] = rows.map(|k| load(table, k * ADJOINT.block + at));
+        let r: [[f64; LANES]; R] = rows.map(|k| load(table, k * ADJOINT.block + at));
         for c in 0..C {
             let h: [f64; LANES] = load(h[c], at);
             for (lanes, r) in lanes.iter_mut().zip(&r) {
@@ -228,11 +232,16 @@ fn projections<const C: usize, const FMA: bool>(
     across(&std::hint::black_box(lanes))
 }
 
+#[inline(always)]
+fn add<const C: usize>(x: &mut [f64], sums: [f64; C]) {
+    x[..C].iter_mut().zip(sums).for_each(|(x, sum)| *x += sum);
+}
+
 /// Returns the sums over lanes, adding halves first. This isn't inlined, so that the optimiser keeps the loop's sums in
 /// vectors; otherwise it takes them apart for the code after the loop (measured: a quarter of the speed).
 #[inline(never)]
-fn across<const C: usize>(lanes: &[[[f64; LANES]; C]; 2]) -> [[f64; C]; 2] {
-    let mut sums = [[0.0; C]; 2];
+fn across<const C: usize, const R: usize>(lanes: &[[[f64; LANES]; C]; R]) -> [[f64; C]; R] {
+    let mut sums = [[0.0; C]; R];
     for (sums, lanes) in sums.iter_mut().zip(lanes) {
         for (sum, v) in sums.iter_mut().zip(lanes) {
             let mut four = [0.0; 4];
