@@ -74,7 +74,7 @@ print(platform.machine(), sp.fit(sp.example_surface(3)[0], max_degree=8))') ;;
       "$python/python" -m zipfile -e "$file" "$folder"
       libraries=$(x86_64-w64-mingw32-objdump -p "$folder"/spharm_rs/_core*.pyd | sed -n 's/.*DLL Name: //p')
       needed "$libraries" \
-        'python3\.dll|KERNEL32\.dll|ntdll\.dll|msvcrt\.dll|USERENV\.dll|WS2_32\.dll|ADVAPI32\.dll|api-ms-win-.*|bcryptprimitives\.dll|bcrypt\.dll|POWRPROF\.dll|powrprof\.dll|pdh\.dll|PSAPI\.DLL|SHELL32\.dll|ole32\.dll|OLEAUT32\.dll|NETAPI32\.dll|s[e]cur32\.dll|USER32\.dll|combase\.dll' ;;
+        'python3\.dll|KERNEL32\.dll|ntdll\.dll|msvcrt\.dll|USERENV\.dll|WS2_32\.dll|ADVAPI32\.dll|api-ms-win-.*|bcryptprimitives\.dll|bcrypt\.dll|POWRPROF\.dll|powrprof\.dll|pdh\.dll|PSAPI\.DLL|RPCRT4\.dll|SHELL32\.dll|ole32\.dll|OLEAUT32\.dll|NETAPI32\.dll|s[e]cur32\.dll|USER32\.dll|combase\.dll' ;;
   esac
   rm -r "$folder"
 }
