@@ -95,12 +95,15 @@ def _read(target: Any, sphere: Any) -> tuple[Floats, Any]:
     try:
         mesh = as_surface(target)
     except errors.MeshError as error:
-        if sphere is None or not isinstance(target, (str, os.PathLike)):
+        if not isinstance(target, (str, os.PathLike)):
             raise
         try:
-            return read_signal(target), None
+            signal = read_signal(target)
         except (errors.SpharmError, OSError, ValueError):
             raise error from None
+        if sphere is None:
+            raise errors.MeshError(f"{os.fspath(target)}: a signal is fitted over its sphere; give it as sphere=") from error
+        return signal, None
     return mesh.vertices, mesh.faces
 
 

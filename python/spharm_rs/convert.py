@@ -143,8 +143,8 @@ def to_pyshtools(coefficients: ArrayLike, *, normalization: str = "ortho", cspha
     Parameters
     ----------
     coefficients : array_like of float, (K, c)
-    normalization : {"ortho", "4pi", "schmidt", "unnorm"}
-        That of the result. pyshtools' own default is ``"4pi"``. The largest degree for ``"unnorm"`` is 150.
+    normalization : {"ortho", "orthonormal", "4pi", "schmidt", "unnorm"}
+        That of the result; the first two are the same. pyshtools' own default is ``"4pi"``. The largest degree for ``"unnorm"`` is 150.
     csphase : {1, -1}
         -1 for coefficients of harmonics with the Condon-Shortley phase.
 

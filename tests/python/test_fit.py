@@ -362,7 +362,7 @@ def test_a_file_of_values_is_a_signal_over_a_sphere(study: Study, tmp_path: Path
     for name in ("height.csv", "height.shape.gii"):
         model = sp.fit(tmp_path / name, sphere, 6)
         assert not model.is_surface and np.allclose(model.coefficients, sp.fit(height, sphere, 6).coefficients, atol=1e-9)
-    with pytest.raises(sp.MeshError):
+    with pytest.raises(sp.MeshError, match="height.csv: a signal is fitted over its sphere; give it as sphere="):
         sp.fit(tmp_path / "height.csv", max_degree=6)
     (tmp_path / "none.ply").write_text("ply\nnone\n")
     with pytest.raises(sp.MeshError, match="none.ply: .*PLY"):
