@@ -91,6 +91,13 @@ def mask(values: Any, vertices: int) -> NDArray[np.bool_] | None:
     return np.ascontiguousarray(array)
 
 
+def choice(what: str, value: Any, known: tuple[str, ...]) -> str:
+    """Returns one of the known names."""
+    if value not in known:
+        raise ValueError(f"{what}: expected one of {', '.join(known)}; found {value!r}")
+    return str(value)
+
+
 def on_error(value: Any) -> bool:
     """Returns whether errors are collected rather than raised."""
     if value not in ("raise", "collect"):

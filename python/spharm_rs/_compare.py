@@ -13,7 +13,7 @@ from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model
 from ._progress import Progress, callback
-from ._surface import Path, Surface, as_surface, icosphere
+from ._surface import Path, Surface, as_surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,26 +134,16 @@ def _surfaces(surface: Any, other: Any, threads: int | None) -> tuple[Surface, S
         if isinstance(one, Model) and not one.is_surface:
             raise ValueError(f"{name}: expected a surface, found a model of a signal, {one!r}")
     first, second = (None if isinstance(one, Model) else as_surface(one) for one in (surface, other))
-    if first is None and second is None and (_is_cut(surface) or _is_cut(other)):
-        return _evaluated(surface, None, threads), _evaluated(other, None, threads)
-    if first is None and second is None:
-        sphere = icosphere(_LEVEL)
-        return surface.surface(sphere, threads=threads), other.surface(sphere, threads=threads)
     return (
         _evaluated(surface, second, threads) if first is None else first,
         _evaluated(other, first, threads) if second is None else second,
     )
 
 
-def _is_cut(model: Model) -> bool:
-    """Returns whether the model's surface was cut at its handles, so that other spheres have caps over the cuts."""
-    return model._inner.seam is not None
-
-
 def _evaluated(model: Model, mesh: Surface | None, threads: int | None) -> Surface:
     """Returns a model's surface over its own sphere if it has the mesh's triangles there, or else on an icosphere."""
-    if model.sphere is not None and (mesh is not None or _is_cut(model)):
-        own = model.surface(threads=threads)
-        if _is_cut(model) or (mesh is not None and np.array_equal(own.faces, mesh.faces)):
-            return own
-    return model.surface(_LEVEL, threads=threads)
+    # Over another sphere, a surface whose handles were cut has caps over the cuts.
+    cut = model._inner.seam is not None
+    own = model.sphere
+    of_mesh = own is not None and mesh is not None and np.array_equal(own.faces, mesh.faces)
+    return model.surface(None if cut or of_mesh else _LEVEL, threads=threads)

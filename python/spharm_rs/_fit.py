@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from typing import Any, Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -451,7 +451,7 @@ def solve(
         warn([problem], getattr(errors, kind))
     report: FitReport = json.loads(text)
     report["warnings"] = [problem for _, problem in problems]
-    shaped: Callable[[Floats], Floats] = (lambda array: array[:, 0]) if np.ndim(values) == 1 else (lambda array: array)
+    flat = np.ndim(values) == 1
     if deviations is not None:
-        report["standard_errors"] = shaped(deviations)
-    return shaped(coefficients), report
+        report["standard_errors"] = deviations[:, 0] if flat else deviations
+    return coefficients[:, 0] if flat else coefficients, report

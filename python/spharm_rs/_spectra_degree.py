@@ -108,12 +108,6 @@ class Correlation(AsArray):
     _values: ClassVar[str] = "correlation"
 
 
-def _choice(what: str, value: Any, known: tuple[str, ...]) -> str:
-    if value not in known:
-        raise ValueError(f"{what}: expected one of {', '.join(known)}; found {value!r}")
-    return str(value)
-
-
 def finite(what: str, array: Floats) -> Floats:
     bad = ~np.isfinite(array)
     if bad.any():
@@ -171,17 +165,17 @@ def _scale(degree: int, unit: str, convention: str, base: float) -> Floats:
         raise ValueError(f"base: expected a number above 1, found {base!r}")
     degrees = np.arange(degree + 1)
     scale = np.ones(degree + 1)
-    if _choice("unit", unit, _UNITS) == "per_lm":
+    if _arrays.choice("unit", unit, _UNITS) == "per_lm":
         scale = 1 / (2.0 * degrees + 1)
     elif unit == "per_dlogl":
         scale = degrees * np.log(base)
-    if _choice("convention", convention, _CONVENTIONS) == "energy":
+    if _arrays.choice("convention", convention, _CONVENTIONS) == "energy":
         scale = scale * (4 * np.pi)
     return np.asarray(scale)[:, np.newaxis]
 
 
 def _scaled_norms(degree: int, normalization: str, convention: str) -> Floats:
-    _choice("normalization", normalization, NORMALIZATIONS)
+    _arrays.choice("normalization", normalization, NORMALIZATIONS)
     if convention != "l2norm":
         return norms_over_4pi(degree, normalization)
     if normalization == "unnorm":

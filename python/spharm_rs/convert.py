@@ -144,7 +144,8 @@ def to_pyshtools(coefficients: ArrayLike, *, normalization: str = "ortho", cspha
     ----------
     coefficients : array_like of float, (K, c)
     normalization : {"ortho", "orthonormal", "4pi", "schmidt", "unnorm"}
-        That of the result; the first two are the same. pyshtools' own default is ``"4pi"``. The largest degree for ``"unnorm"`` is 150.
+        That of the result; the first two are the same. pyshtools' own default is ``"4pi"``. The largest degree for
+        ``"unnorm"`` is 150.
     csphase : {1, -1}
         -1 for coefficients of harmonics with the Condon-Shortley phase.
 
@@ -184,12 +185,10 @@ def from_pyshtools(array: ArrayLike, *, normalization: str = "ortho", csphase: i
 
 def _pyshtools_factors(degree: int, normalization: str, csphase: int) -> Floats:
     """Returns the factors from canonical coefficients to pyshtools' of a normalisation and phase, (K, 1)."""
-    if normalization not in NORMALIZATIONS:
-        raise ValueError(f"normalization: expected one of {', '.join(NORMALIZATIONS)}; found {normalization!r}")
+    _arrays.choice("normalization", normalization, NORMALIZATIONS)
     if csphase not in (1, -1):
         raise ValueError(f"csphase: expected 1 or -1, found {csphase!r}")
-    orthonormal = normalization in ("ortho", "orthonormal")  # exactly 1
-    factors = np.ones((1, 1)) if orthonormal else 1 / (norms_over_4pi(degree, normalization) * np.sqrt(4 * np.pi))
+    factors = norms_over_4pi(degree, "ortho") / norms_over_4pi(degree, normalization)
     orders = degrees_and_orders(degree)[1][:, np.newaxis]
     return factors if csphase == 1 else factors * np.where(orders % 2, -1.0, 1.0)
 
