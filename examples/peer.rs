@@ -25,8 +25,8 @@ use spharm_transform::{Transform, TransformParams};
 
 // The program's allocator and kernels, so that the measured rates are the program's.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
-#[path = "../tools/allocator.rs"]
-mod allocator;
+#[global_allocator]
+static ALLOCATOR: spharm_tools::allocator::LargePages = spharm_tools::allocator::LargePages;
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 #[path = "../tools/kernels.rs"]
 mod kernels;
@@ -94,7 +94,7 @@ fn repeat<T>(repeats: usize, mut work: impl FnMut() -> Result<T>) -> Result<(Vec
 
 fn main() -> Result<()> {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
-    allocator::keep_freed(std::env::args_os());
+    spharm_tools::allocator::keep_freed(std::env::args_os());
     rayon::ThreadPoolBuilder::new().num_threads(2).build_global()?;
     match Cli::parse().command {
         Command::Transforms { directions: path, coefficients, max_degree, accuracy, repeats, out } => {

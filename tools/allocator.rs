@@ -1,17 +1,18 @@
 //! Puts large arrays in huge pages, and lets the allocator keep freed memory.
 //!
 //! A fit allocates and drops arrays of megabytes in every step. Each new 4 KiB page costs a page fault and must be
-//! cleared, which took a quarter of the time of a small fit. Therefore arrays of at least [`LARGE`] bytes request pages
+//! cleared, which took a quarter of the time of a small fit. Therefore arrays of at least 4 MiB request pages
 //! of 2 MiB. The system grants them if `/sys/kernel/mm/transparent_hugepage/enabled` is `madvise`, the default of most
-//! distributions. Memory comes from the system's allocator. An array of which only a part is used takes at most one
-//! huge page more than that part.
+//! distributions. Memory comes from the system's allocator. An array that is only partly used takes at most one huge
+//! page more than its used part.
 //!
 //! Smaller arrays are also allocated and dropped in every step. By default the allocator returns their pages to the
 //! system and requests new ones, which took a third of the time of a least-squares fit of a cortex at degree 100.
 //! [`keep_freed`] lets the allocator keep some of the freed pages.
 //!
 //! Only a program may choose its allocator, and the kernels of OpenBLAS (`kernels.rs`); libraries leave both choices to
-//! the program.
+//! the program. Python's extension module, whose allocator allocates only the module's own memory, uses [`LargePages`].
+//! [`keep_freed`] changes settings of the process and is for the program alone.
 
 #![allow(unsafe_code)]
 
@@ -32,10 +33,10 @@ const KEPT: usize = 128 << 20;
 const LARGEST: usize = 32 << 20;
 
 /// Lets the allocator keep freed memory at the end of each thread's heap: a sixteenth of the free memory, shared among
-/// the threads, at most [`KEPT`] for each. Does nothing if that is less than the allocator keeps by default, if the
+/// the threads, at most 128 MiB for each. Does nothing if that is less than the allocator keeps by default, if the
 /// user has set a memory budget, or if the user has configured the allocator. Verbs with a small default budget need no
 /// exception, because they free less memory than is kept.
-pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
+pub fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     let limited = arguments.any(|argument| argument.as_encoded_bytes().starts_with(b"--memory"));
     let set_up = ["GLIBC_TUNABLES", "MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"];
     if limited || set_up.iter().any(|name| std::env::var_os(name).is_some()) {
@@ -53,10 +54,9 @@ pub(crate) fn keep_freed(mut arguments: impl Iterator<Item = OsString>) {
     }
 }
 
-struct LargePages;
-
-#[global_allocator]
-static ALLOCATOR: LargePages = LargePages;
+/// The system's allocator, with huge pages for large arrays.
+#[derive(Debug, Clone, Copy)]
+pub struct LargePages;
 
 /// Requests huge pages within an array, and returns it. A request that the system doesn't grant has no effect.
 fn advised(array: *mut u8, bytes: usize) -> *mut u8 {

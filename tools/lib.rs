@@ -3,6 +3,8 @@
 //! Each verb is a module with its arguments, its calls of the library, and its output. These modules form a library so
 //! that the Python package can include the program; the computations are in the crate `spharm`.
 
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+pub mod allocator;
 mod basis_build;
 mod bids;
 mod compare;
@@ -113,7 +115,7 @@ fn parse_command(arguments: &[String]) -> anyhow::Result<()> {
     Parsed::of(arguments).map(drop).map_err(told)
 }
 
-/// Previews what a `fit` command would do with the rows of a manifest.
+/// Previews a `fit` command on the rows of a manifest.
 fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows::Previewed> {
     match Parsed::of(arguments).map_err(told)?.spharm.verb {
         Verb::Fit(cli) => fit::preview(&cli, manifest),
@@ -124,8 +126,8 @@ fn preview_fit(arguments: &[String], manifest: Manifest) -> anyhow::Result<rows:
 /// Converts clap's error about the arguments of a command to a single line.
 fn told(error: clap::Error) -> anyhow::Error {
     let text = error.to_string().replace("\n\n  tip: ", "; ");
-    let said: Vec<&str> = text.split("\n\nUsage:").next().unwrap_or_default().split_whitespace().collect();
-    let said = said.join(" ");
+    let end = ["\n\nUsage:", "\n\nFor more information"].iter().filter_map(|hint| text.find(hint)).min();
+    let said = text[..end.unwrap_or(text.len())].split_whitespace().collect::<Vec<_>>().join(" ");
     anyhow::anyhow!("{}", said.strip_prefix("error: ").unwrap_or(&said))
 }
 

@@ -7,17 +7,17 @@ use rayon::prelude::*;
 
 use crate::{HarmonicsError, duplicates};
 
-/// An ordered list of unit vectors, (n, 3).
+/// An ordered list of unit vectors (n, 3).
 ///
-/// Vectors are normalised once, when the list is created. Vertices on spheres whose radii differ by a power of two give
-/// the same bits; those on spheres of other radii agree to rounding.
+/// Vectors are normalised once, when the list is created. If the radii of two spheres differ by a factor that is a
+/// power of two, their vertices give bitwise equal directions; for other factors, directions agree up to rounding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Directions {
     vectors: Vec<[f64; 3]>,
     radii: Radii,
 }
 
-/// Smallest and largest distance from the origin among the vertices that directions were made from.
+/// Smallest and largest distance of the original vertices from the origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Radii {
     /// Smallest radius, in the unit of the vertices.
@@ -45,13 +45,13 @@ impl Radii {
 }
 
 impl Directions {
-    /// Computes the directions of `vertices`, (n, 3), as seen from the origin, whatever their radii.
+    /// Computes the directions of `vertices` (n, 3), seen from the origin. The vertices may have any radii.
     ///
     /// # Errors
     ///
-    /// - [`HarmonicsError::Empty`]: there are no vertices.
-    /// - [`HarmonicsError::NotFinite`]: a coordinate is NaN or infinite.
-    /// - [`HarmonicsError::AtOrigin`]: a vertex lies at the origin.
+    /// - [`HarmonicsError::Empty`] if there are no vertices.
+    /// - [`HarmonicsError::NotFinite`] if a coordinate is NaN or infinite.
+    /// - [`HarmonicsError::AtOrigin`] if a vertex lies at the origin.
     pub fn from_vertices(vertices: &[[f64; 3]]) -> Result<Self, HarmonicsError> {
         if vertices.is_empty() {
             return Err(HarmonicsError::Empty);
@@ -59,7 +59,7 @@ impl Directions {
         let mut vectors = vec![[0.0; 3]; vertices.len()];
         let parts = vectors.chunks_mut(PART).zip(vertices.chunks(PART)).enumerate();
         let parts = parts.map(|(part, (units, vertices))| (part * PART, units, vertices));
-        // Outside of a rayon pool the global pool would be used, which a forked process doesn't have.
+        // Outside of a rayon pool, rayon would use its global pool, whose threads don't exist in a forked process.
         let radii: Result<Vec<Radii>, HarmonicsError> = if rayon::current_thread_index().is_some() {
             // Results are collected in the order of the vertices, so that the first error is the one reported.
             let parts: Vec<_> = parts.collect();
@@ -73,12 +73,12 @@ impl Directions {
         Ok(Self { vectors, radii })
     }
 
-    /// Wraps unit vectors, (n, 3), without changing a bit. Use this for directions that have been stored, for example
-    /// in a model.
+    /// Wraps unit vectors (n, 3) without changing a bit. Use this for directions that have been stored, for example in
+    /// a model.
     ///
     /// # Errors
     ///
-    /// The errors of [`from_vertices`](Self::from_vertices), and [`HarmonicsError::NotUnit`]: a squared length
+    /// The errors of [`from_vertices`](Self::from_vertices), and [`HarmonicsError::NotUnit`] if a squared length
     /// differs from 1 by more than 1e-9.
     pub fn from_unit_vectors(vectors: Vec<[f64; 3]>) -> Result<Self, HarmonicsError> {
         let checked = Self::from_vertices(&vectors)?;
@@ -89,12 +89,12 @@ impl Directions {
         Ok(Self { vectors, radii: checked.radii })
     }
 
-    /// Computes the directions of (colatitude, azimuth) pairs, (n, 2), in radians.
+    /// Computes the directions of n pairs (colatitude, azimuth) in radians.
     ///
     /// # Errors
     ///
-    /// - [`HarmonicsError::Empty`]: there are no angles.
-    /// - [`HarmonicsError::NotFinite`]: an angle is NaN or infinite.
+    /// - [`HarmonicsError::Empty`] if there are no angles.
+    /// - [`HarmonicsError::NotFinite`] if an angle is NaN or infinite.
     pub fn from_angles(angles: &[[f64; 2]]) -> Result<Self, HarmonicsError> {
         let vertices: Vec<_> = angles
             .iter()
@@ -105,13 +105,13 @@ impl Directions {
 
     /// Creates n directions spread evenly over the sphere, on a Fibonacci spiral.
     ///
-    /// Direction i has `cos theta = 1 - (2 i + 1) / n` and azimuth `i pi (3 - sqrt 5)`, the golden angle times i. All
-    /// are the centres of bands of equal area, and none is at a pole. R. Swinbank and R. J. Purser, "Fibonacci grids: a
-    /// novel approach to global modelling", Q. J. R. Meteorol. Soc. 132 (2006).
+    /// Direction i has `cos theta = 1 - (2 i + 1) / n` and azimuth `i pi (3 - sqrt 5)`, the golden angle times i. Each
+    /// is at the middle of one of n bands of equal area, and none is at a pole. R. Swinbank and R. J. Purser,
+    /// "Fibonacci grids: a novel approach to global modelling", Q. J. R. Meteorol. Soc. 132 (2006).
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::Empty`]: n is 0.
+    /// [`HarmonicsError::Empty`] if n is 0.
     ///
     /// ```
     /// use spharm_harmonics::Directions;
@@ -143,12 +143,12 @@ impl Directions {
         self.vectors.is_empty()
     }
 
-    /// Returns the unit vectors, (n, 3).
+    /// Returns the unit vectors (n, 3).
     pub fn as_slice(&self) -> &[[f64; 3]] {
         &self.vectors
     }
 
-    /// Returns the range of the radii of the vertices that the directions were made from.
+    /// Returns the smallest and largest radius of the original vertices.
     pub fn radii(&self) -> Radii {
         self.radii
     }
@@ -160,8 +160,11 @@ impl Directions {
     }
 }
 
+/// Squared lengths of vectors whose coordinates' squares neither overflow nor lose digits by underflow.
+const SAFE_SQUARES: std::ops::RangeInclusive<f64> = 1e-200..=1e200;
+
 /// Normalises `vertices` into `units` and returns the range of their radii. `first` is the index of the first vertex,
-/// for errors.
+/// which errors report.
 fn normalise_all(first: usize, units: &mut [[f64; 3]], vertices: &[[f64; 3]]) -> Result<Radii, HarmonicsError> {
     let mut radii = Radii::NONE;
     for (offset, (unit, &vertex)) in units.iter_mut().zip(vertices).enumerate() {
@@ -171,20 +174,29 @@ fn normalise_all(first: usize, units: &mut [[f64; 3]], vertices: &[[f64; 3]]) ->
     Ok(radii)
 }
 
-/// Returns colatitude, in `[0, pi]`, and azimuth, in `[0, 2 pi)`, of a vector of any length, in radians.
+/// Returns the colatitude in `[0, pi]` and the azimuth in `[0, 2 pi)` of a vector of any length, in radians.
 pub fn angles(direction: [f64; 3]) -> [f64; 2] {
     let [x, y, z] = direction;
     let phi = y.atan2(x);
     [x.hypot(y).atan2(z), if phi < 0.0 { phi + std::f64::consts::TAU } else { phi }]
 }
 
-/// Returns the direction of a vector, as a unit vector, and its length. `index` is the vector's position, for errors.
+/// Returns the direction of a vector, as a unit vector, and its length. `index` is the vector's position, which errors
+/// report.
 ///
 /// # Errors
 ///
-/// - [`HarmonicsError::NotFinite`]: a coordinate is NaN or infinite.
-/// - [`HarmonicsError::AtOrigin`]: the vector is zero.
+/// - [`HarmonicsError::NotFinite`] if a coordinate is NaN or infinite.
+/// - [`HarmonicsError::AtOrigin`] if the vector is zero.
 pub fn normalise(vector: [f64; 3], index: usize) -> Result<([f64; 3], f64), HarmonicsError> {
+    let squared = |[x, y, z]: [f64; 3]| x * x + y * y + z * z;
+    // Adding 0.0 turns -0 into +0, so that equal points have equal bits.
+    let divided = |vector: [f64; 3], norm: f64| vector.map(|c| c / norm + 0.0);
+    let square = squared(vector);
+    if SAFE_SQUARES.contains(&square) {
+        let norm = square.sqrt();
+        return Ok((divided(vector, norm), norm));
+    }
     if vector.iter().any(|c| !c.is_finite()) {
         return Err(HarmonicsError::NotFinite { index, found: vector });
     }
@@ -192,13 +204,11 @@ pub fn normalise(vector: [f64; 3], index: usize) -> Result<([f64; 3], f64), Harm
     if largest == 0.0 {
         return Err(HarmonicsError::AtOrigin { index });
     }
-    // The vector is first scaled by a power of two, which is exact, so that the squares neither overflow nor
-    // underflow.
+    // The vector is scaled by a power of two, which is exact, so that the squares neither overflow nor underflow.
     let scale = power_of_two_near(largest);
     let scaled = vector.map(|c| c / scale);
-    let norm = (scaled[0] * scaled[0] + scaled[1] * scaled[1] + scaled[2] * scaled[2]).sqrt();
-    // Adding 0.0 turns -0 into +0, so that equal points have equal bits.
-    Ok((scaled.map(|c| c / norm + 0.0), norm * scale))
+    let norm = squared(scaled).sqrt();
+    Ok((divided(scaled, norm), norm * scale))
 }
 
 fn power_of_two_near(value: f64) -> f64 {
@@ -217,6 +227,17 @@ mod tests {
             assert_eq!(d.as_slice()[0].map(f64::to_bits), [0.0, 0.0, -1.0].map(f64::to_bits));
             let half = std::f64::consts::FRAC_1_SQRT_2;
             assert!((d.as_slice()[1][0] - half).abs() < 1e-15, "{radius}");
+        }
+    }
+
+    #[test]
+    fn scaling_by_powers_of_two_changes_no_bit() {
+        let vector = [0.3, -1.7e-3, 0.9];
+        let bits = |scale: f64| normalise(vector.map(|c| c * scale), 0).unwrap();
+        let (unit, length) = bits(1.0);
+        for exponent in [-900, -340, -330, 330, 340, 900] {
+            let scale = 2f64.powi(exponent);
+            assert_eq!(bits(scale), (unit, length * scale), "2^{exponent}");
         }
     }
 

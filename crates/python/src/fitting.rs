@@ -331,9 +331,7 @@ fn copied(values: ArrayView2<'_, f64>) -> Vec<f64> {
     let Some(values) = values.as_slice() else {
         return values.iter().copied().collect();
     };
-    let mut copy = vec![0.0; values.len()];
-    copy.par_chunks_mut(PART).zip(values.par_chunks(PART)).for_each(|(copy, values)| copy.copy_from_slice(values));
-    copy
+    values.par_iter().with_min_len(PART).copied().collect()
 }
 
 /// Returns the report of a fit as JSON, including the distances at the vertices.

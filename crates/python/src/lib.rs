@@ -61,6 +61,11 @@ use std::ffi::OsString;
 
 use pyo3::prelude::*;
 
+/// Arrays of this module lie in huge pages, as NumPy's own arrays do.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[global_allocator]
+static ALLOCATOR: spharm_tools::allocator::LargePages = spharm_tools::allocator::LargePages;
+
 /// Runs the command-line program with the given arguments, of which the first is the program's name. Returns the exit
 /// code.
 #[pyfunction]
