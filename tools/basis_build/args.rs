@@ -53,7 +53,8 @@ pub(crate) struct Cli {
     #[arg(long, help_heading = OUTPUT)]
     pub(super) yes: bool,
     /// Highest degree, inclusive
-    #[arg(long, value_name = "L", required_unless_present = "factor_only", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
+    #[arg(required_unless_present = "factor_only")]
     pub(super) max_degree: Option<usize>,
     /// Scalar type of the basis
     ///

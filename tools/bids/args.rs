@@ -52,7 +52,7 @@ pub(crate) struct Cli {
     #[arg(long, value_enum, value_name = "HEMI", num_args = 1.., default_values = ["L", "R"], help_heading = METHOD)]
     pub(super) hemi: Vec<Hemi>,
     /// Degree of the models
-    #[arg(long, value_name = "L", default_value_t = 60, help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", default_value_t = 60, help_heading = METHOD)]
     pub(super) max_degree: usize,
     /// Subdivisions of the icosphere on which models are evaluated
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]

@@ -14,8 +14,8 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 /// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): in the input's unit, and
 /// after scaling both surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).
 /// With --surface-distance it also prints the distances between the surfaces themselves, which are also defined for
-/// surfaces with different triangles. A model in place of a mesh is evaluated at 163,842
-/// vertices, and compared by surface distance.
+/// surfaces with different triangles. A model in place of a mesh is evaluated at 163,842 vertices, and compared by
+/// surface distance.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -39,10 +39,10 @@ pub(crate) struct Cli {
     /// Mean, root mean square, 95th percentile and Hausdorff distance, from points all over both surfaces.
     #[arg(long, help_heading = METHOD)]
     pub(super) surface_distance: bool,
-    /// File of the original's vertices to compare: those with nonzero values, or those of a FreeSurfer label
+    /// File that selects the original's vertices to compare: those with nonzero values, or those of a FreeSurfer label
     ///
     /// The reconstruction must have the original's triangles. With --surface-distance, points are on the triangles
-    /// whose three corners are kept, and their distances are those from the entire other surface.
+    /// whose three corners are kept, and their distances are measured to the whole of the other surface.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     pub(super) mask: Option<PathBuf>,
     /// Number of points on each surface, with --surface-distance

@@ -14,13 +14,15 @@ pub(crate) const FORMATS: &str = "Formats:
   mat        SPHARM-MAT: .mat with fvec, vertices, faces, sph_verts; surfaces only
   pyshtools  SHTOOLS: text, one file per channel; orthonormal, csphase 1
   healpy     healpy, ducc0: alm as FITS, one table per channel
-  s2fft      s2fft: .npy (c, L + 1, 2 L + 1), complex; its L is this one plus 1
+  s2fft      s2fft: .npy (c, L + 1, 2 L + 1), complex; L of s2fft is the degree plus 1
   ktch       ktch: .npy (c, K)
   flowshape  FlowShape: .npy (K, c)
   aics       aics-shparam: .json or .csv of a radius, 1 channel; export only
   afni       weighted SPHARM, AFNI: text (L + 1) x (2 L + 1), one file per channel
   csv, json  plain canonical coefficients";
 
+/// Write models in the formats of other packages
+///
 /// Coefficients are converted to the package's harmonics and order of coefficients; text has 17 digits. A model that
 /// the format can't represent is refused.
 #[derive(Debug, Args)]

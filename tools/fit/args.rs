@@ -95,8 +95,8 @@ pub(super) struct Input {
     /// surfaces that bend least; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if more than the
-    /// usual 5 dropped and 25 added
+    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if above
+    /// the usual limits of 5 dropped and 25 added
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
     /// Replace meshes by the closed surface around them, found on a grid of this many voxels along the longest side
@@ -130,7 +130,7 @@ pub(super) struct Input {
     ///
     /// A value for each vertex, or a FreeSurfer label. A surface is fitted on the triangles without ignored corners.
     /// Least squares without --store also ignores vertices of signals without a value (NaN). The model still covers
-    /// the entire sphere.
+    /// the whole sphere.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
@@ -152,7 +152,8 @@ impl Input {
 #[command(next_help_heading = help::METHOD)]
 pub(super) struct MethodArgs {
     /// Highest degree, inclusive [default: chosen, see --accuracy]
-    #[arg(long, value_name = "L", conflicts_with = "accuracy", required_if_eq_any = [("dry_run", "true")])]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", conflicts_with = "accuracy")]
+    #[arg(required_if_eq_any = [("dry_run", "true")])]
     pub(super) max_degree: Option<usize>,
     /// Use the lowest degree with at most this error [default: 0.2%]
     ///

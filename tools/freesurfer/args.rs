@@ -54,7 +54,7 @@ pub(crate) struct Cli {
     #[arg(long, help_heading = help::INPUT)]
     pub(super) strict: bool,
     /// Highest degree, inclusive
-    #[arg(long, value_name = "L", default_value_t = 80, help_heading = help::METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", default_value_t = 80, help_heading = help::METHOD)]
     pub(super) max_degree: usize,
     /// Smoothness penalty [default: 0]
     #[arg(long, value_name = "LAMBDA|auto", help_heading = help::METHOD)]
@@ -110,7 +110,7 @@ impl Hemi {
         }
     }
 
-    /// Returns the hemisphere's label in file names of BIDS.
+    /// Returns the hemisphere's label in BIDS file names.
     pub(super) fn of_bids(self) -> &'static str {
         match self {
             Self::Lh => "hemi-L",

@@ -88,7 +88,7 @@ pub(super) struct Form {
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "0/1", help_heading = INPUT)]
     pub(super) shard: Shard,
     /// Highest degree of fits, inclusive
-    #[arg(long, value_name = "L", required = true, help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", required = true, help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     #[command(flatten)]
     pub(super) output: OutputArgs,

@@ -47,8 +47,8 @@ pub(crate) struct Cli {
     /// larger ones by surfaces that bend least; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if more than the
-    /// usual 5 dropped and 25 added
+    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if above
+    /// the usual limits of 5 dropped and 25 added
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
     pub(super) largest_repair: Option<f64>,
     /// Replace meshes by the closed surface around them, found on a grid of this many voxels along the longest side
@@ -83,7 +83,7 @@ pub(crate) struct Cli {
     ///
     /// At most the degree that two thirds of the vertices determine. Below degree 2 the areas don't adapt. [default:
     /// the degree with half as many functions as vertices, at most 100]
-    #[arg(long, alias = "degree", value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Resample the surface on another sphere
     ///

@@ -30,8 +30,8 @@ pub(crate) struct Cli {
     pub(super) surfaces: Vec<PathBuf>,
     /// Show the result of `spharm shape test` in a folder: mean, effect, statistic and p values
     ///
-    /// A line encloses p values of at most the test's level: family-wise ones, of TFCE if the test had it, or the false
-    /// discovery rate without relabellings.
+    /// A line encloses the vertices with p values of at most the test's level. These are family-wise p values, those of
+    /// TFCE if the test included it; without relabellings, they are false-discovery rates.
     #[arg(
         long,
         value_name = "FOLDER",
@@ -53,8 +53,8 @@ pub(crate) struct Cli {
     pub(super) error: bool,
     /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
-    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If values have both
-    /// signs, colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the last
+    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If any value is
+    /// negative, colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the last
     /// colours, as the scale states. Otherwise colours range from the minimum to the maximum. --range overrides this.
     /// For p values, in files called p, q or p-NAME, -log10 is shown: significant values have the last colours.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
@@ -90,7 +90,8 @@ pub(crate) struct Cli {
     pub(super) view: Vec<Side>,
     /// Number of panels in a row [default: 0 for up to 6 panels, otherwise a square]
     ///
-    /// 0 puts all panels in one row or, with several sides, the views of each surface. The latter is then the default.
+    /// 0 puts all panels in one row. With several sides, 0 is the default, and puts the views of each surface in one
+    /// row.
     #[arg(long, value_name = "N", help_heading = OUTPUT)]
     pub(super) columns: Option<usize>,
     /// Width and height of a panel in pixels

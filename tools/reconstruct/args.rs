@@ -31,7 +31,7 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., help_heading = INPUT)]
     pub(super) model: Vec<PathBuf>,
     /// Highest degree to use [default: the model's]
-    #[arg(long, alias = "degree", value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     #[command(flatten)]
     pub(super) sampling: Sampling,

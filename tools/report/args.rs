@@ -61,7 +61,7 @@ pub(crate) struct Cli {
     /// Status tables, CSV or TSV with a header
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = INPUT)]
     pub(super) status: Vec<PathBuf>,
-    /// Warnings to show at the top, as JSON lists of texts
+    /// Warnings to show at the top, as JSON lists of strings
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) warnings: Vec<PathBuf>,
     /// Text on methods to show, as `spharm study` writes it

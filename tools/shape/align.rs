@@ -82,7 +82,7 @@ pub(super) struct Cli {
     /// Highest degree to compare [default: the lowest of the models']
     ///
     /// The transforms are applied to all degrees.
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "max-degree", value_name = "L", help_heading = METHOD)]
     degree: Option<usize>,
     /// Number of local optima of the search to refine [default: 6, 3 for a group]
     #[arg(long, value_name = "N", help_heading = METHOD)]

@@ -43,7 +43,7 @@ pub(super) struct Cli {
     #[arg(long, value_name = "N", help_heading = METHOD)]
     clusters: Option<usize>,
     /// Highest degree to compare [default: the lowest of the models']
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Compare models scaled to size 1
     #[arg(long, help_heading = METHOD)]
@@ -84,7 +84,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let plan = Plan::new("cluster", &paths, cli.resources.both())?;
     let count = paths.len() as u64;
     let numbers = count * ((1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
-    // Memory of the descriptors, and of two copies of the distances between all pairs of models.
+    // Memory for the descriptors, and for two copies of the distances between all pairs of models.
     let needed = plan.one().saturating_mul(plan.threads as u64).saturating_add(40 * numbers + 8 * count * count);
     plan.check(needed, [])?;
     let pool = cli.resources.threads.pool()?;

@@ -34,7 +34,7 @@ pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
     /// Highest degree [default: the lowest of the models']
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Scale models to size 1
     #[arg(long, help_heading = METHOD)]
@@ -72,7 +72,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let paths = cli.models.paths()?;
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &TABLES)), &cli.report)?;
     let plan = Plan::new("describe", &paths, cli.resources.both())?;
-    // Memory of the descriptors, and of the text of the table's cells.
+    // Memory for the descriptors, and for the text of the table's cells.
     let numbers = (paths.len() * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     plan.check(plan.one().saturating_mul(plan.threads as u64) + 130 * numbers, [])?;
     let pool = cli.resources.threads.pool()?;

@@ -38,7 +38,7 @@ pub(super) struct Cli {
     #[arg(value_name = "FILE.sphz", required = true, help_heading = INPUT)]
     files: Vec<PathBuf>,
     /// Highest degree to expand [default: the model's]
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Accept the beginning of a file, which holds a coarser model
     #[arg(long, help_heading = METHOD)]

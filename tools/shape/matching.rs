@@ -44,7 +44,7 @@ pub(super) struct Cli {
     #[arg(long, value_name = "N", default_value_t = 5, help_heading = METHOD)]
     top: usize,
     /// Highest degree to compare [default: the lowest of the models']
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Compare models scaled to size 1
     #[arg(long, help_heading = METHOD)]
@@ -77,8 +77,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (queries, among) = (cli.queries.paths()?, files(&cli.among)?);
     check(cli.output.iter().map(|path| OutputFile::with_ending(path, "--output", &TABLES)), &cli.report)?;
     let plan = Plan::new("match", &among, cli.resources.both())?;
-    // Memory of the descriptors in three forms (as read, at a common degree, in the library), and of one alignment per
-    // thread.
+    // Memory for the descriptors in three forms (as read, at a common degree, in the library), and for one alignment
+    // per thread.
     let numbers = ((among.len() + queries.len()) * (1 + plan.group.channels) * (plan.group.max_degree + 1)) as u64;
     let aligning = align_bytes(plan.group.max_degree).saturating_add(2 * plan.one());
     plan.check(aligning.saturating_mul(plan.threads as u64) + 40 * numbers, [])?;

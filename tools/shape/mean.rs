@@ -30,7 +30,7 @@ pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
     /// Highest degree [default: the lowest of the models']
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Model to write
     #[arg(short, long, value_name = "OUT.spharm.npz", help_heading = OUTPUT)]

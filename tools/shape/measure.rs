@@ -44,7 +44,7 @@ pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
     /// Highest degree to use [default: the model's]
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Relative change of the area at which the refinement of the grid stops
     #[arg(long, value_name = "T", default_value_t = 1e-7, help_heading = METHOD)]

@@ -42,7 +42,7 @@ pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
     /// Highest degree [default: the lowest of the models']
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Maximum number of modes to write [default: all, one fewer than models]
     #[arg(long, value_name = "N", help_heading = METHOD)]

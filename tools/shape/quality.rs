@@ -46,7 +46,7 @@ pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
     /// Highest degree [default: the lowest of the models']
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Maximum number of modes to measure
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
@@ -183,7 +183,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     Ok(())
 }
 
-/// Returns which vertices of an icosphere are compared.
+/// Returns for each vertex of an icosphere whether it is compared.
 fn mask(path: &Path, subdivisions: u32) -> Result<Vec<bool>> {
     let sampling = masks::sampling(None, subdivisions);
     masks::read(path, &Sphere::icosphere(subdivisions), &sampling, "give the mask's own icosphere by --icosphere")

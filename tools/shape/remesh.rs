@@ -21,7 +21,7 @@ use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree}
 use super::outputs::{check, finish, outputs};
 use super::plan::Plan;
 
-/// Number of integration steps of the relocation of vertices; the error is far below the resolution of a mesh.
+/// Number of integration steps with which vertices are moved; the error is far below the resolution of a mesh.
 const STEPS: usize = 16;
 
 /// Make meshes of models: within a distance, by levels, evenly in area
@@ -66,7 +66,7 @@ pub(super) struct Cli {
 #[group(multiple = false)]
 struct Degree {
     /// Highest degree to use [default: the model's]
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Lowest degree within a root mean square distance of the model, in the model's unit
     #[arg(long, value_name = "D", allow_negative_numbers = true, help_heading = METHOD)]

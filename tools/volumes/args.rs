@@ -61,7 +61,7 @@ pub(crate) struct Cli {
     /// The default lies between 4 and 60. It suits the label of median size in the first volume with any of the
     /// labels: a model of that label resolves one and a half voxels. With --skip-existing, the default is the degree
     /// of the existing table.
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Folder of the models
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]

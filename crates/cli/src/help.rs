@@ -13,7 +13,8 @@ pub const RESOURCES: &str = "Resources";
 
 /// The formats of meshes, for `--help`.
 pub const MESHES: &str = "Meshes: GIfTI (.surf.gii, .gii), FreeSurfer surfaces (lh.*, rh.*), .obj, .ply, .off, .stl, .vtk \
-                          (legacy), .vtp, .glb, .3mf; read also .vtu, .gltf, .wrl, SPHARM-PDM's .meta; .gz may follow.";
+                          (legacy), .vtp, .glb, .3mf; read only: .vtu, .gltf, .wrl, SPHARM-PDM's .meta; each may be \
+                          gzipped (.gz).";
 /// The formats of values on vertices, for `--help`.
 pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files and maps (.mgh, \
                            .mgz), .csv and .tsv (one row per vertex, one column per channel).";

@@ -55,8 +55,8 @@ impl VolumeArgs {
 pub struct LabelSurfaceArgs {
     /// Surface of a label: without the voxels' steps, or the voxels' faces
     ///
-    /// smooth is the surface of least bending within --smooth-radius of the voxels' faces, with the voxels' volume. The
-    /// area of a model of voxels grows with the degree.
+    /// smooth is the surface of least bending within --smooth-radius of the voxels' faces, with the voxels' volume.
+    /// With voxels, the area of a model grows with its degree.
     #[arg(
         long,
         value_name = "smooth|voxels",
@@ -73,7 +73,7 @@ impl LabelSurfaceArgs {
     ///
     /// # Errors
     ///
-    /// [`Usage`] for a smoothing radius with a surface that isn't smooth.
+    /// [`Usage`] if a smoothing radius is given for a surface that isn't smooth.
     pub fn surface(&self, volume: &VolumeArgs) -> Result<LabelSurface, Usage> {
         LabelSurface::named(&self.label_surface, volume.smooth_radius)
             .map_err(|_| Usage::conflict("--smooth-radius is for --label-surface smooth"))

@@ -45,7 +45,7 @@ pub(crate) struct Cli {
     /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`, for the pictures.
     #[arg(long, value_name = "FILE.json", requires = "aligned", help_heading = INPUT)]
     pub(super) frames: Option<PathBuf>,
-    /// Warnings of other commands, as JSON lists of texts; a text `NAME: ...` becomes a flag of the subject NAME
+    /// Warnings of other commands, as JSON lists of strings; a string `NAME: ...` becomes a flag of the subject NAME
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) warnings: Vec<PathBuf>,
     /// Table with the columns id, state and error, for the subjects without a model

@@ -76,7 +76,8 @@ pub(super) struct Cli {
     #[command(flatten, next_help_heading = INPUT)]
     volume: VolumeArgs,
     /// Degree of the models
-    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
+    #[arg(value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_degree: Option<u16>,
     /// Surface to begin with [default: the most typical one]
     ///

@@ -8,7 +8,7 @@ use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 
 use super::super::args::{ReportArgs, Resources};
 
-/// Default number of subdivisions of the icosphere at whose vertices is tested.
+/// Default number of subdivisions of the icosphere at whose vertices the test is made.
 pub(crate) const SUBDIVISIONS: u32 = 5;
 
 /// Test groups, covariates and means at every vertex
@@ -94,8 +94,8 @@ pub(crate) struct Cli {
     /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
-    /// File of the vertices of the sampling to test: those with nonzero values, or those of a FreeSurfer label; given
-    /// several times, the vertices within all masks
+    /// File that selects the vertices to test: those with nonzero values, or those of a FreeSurfer label; if given
+    /// several times, the vertices within all masks are tested
     ///
     /// Masked vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their statistic
     /// is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label
@@ -103,7 +103,7 @@ pub(crate) struct Cli {
     /// places that exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Vec<PathBuf>,
-    /// Regions of the sampling's vertices, for the peaks of clusters: FreeSurfer's .annot, or GIfTI labels
+    /// File of regions that name the peaks of clusters: FreeSurfer's .annot, or GIfTI labels of the sphere's vertices
     #[arg(long, value_name = "FILE", requires = "sphere", help_heading = INPUT)]
     pub(super) annotation: Option<PathBuf>,
     /// Tables of further measures to test in the same way, as `spharm shape measure -o` and `shape pca --scores` write
@@ -126,7 +126,7 @@ pub(crate) struct Cli {
     /// Welch's test, for two groups of unequal variance
     #[arg(long, help_heading = METHOD)]
     pub(super) welch: bool,
-    /// Column of the table whose observations of the same value depend on each other, such as visits of a subject or
+    /// Column of the table in which equal values mark rows that depend on each other, such as visits of a subject or
     /// members of a family: relabellings stay within these blocks
     ///
     /// With an effect within blocks and the blocks as a categorical covariate, this is the paired test or the test of
@@ -163,7 +163,7 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "ALPHA", default_value_t = 0.05, help_heading = METHOD)]
     pub(super) level: f64,
     /// Highest degree to use [default: the lowest of the models']
-    #[arg(long, value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Test at the vertices of a sphere mesh
     #[arg(long, value_name = "SPHERE", conflicts_with = "icosphere", help_heading = METHOD)]
