@@ -129,8 +129,12 @@ fn a_dry_run_of_a_study_looks_at_its_subjects() {
     };
     let good = dry(STUDY);
     assert!(good.status.success() && text(&good).contains("6 models, of which 0 exist"), "{}", text(&good));
-    let high = dry(&STUDY.replace("max_degree = 3", "max_degree = 5000"));
-    assert!(error_line(&high).contains("degree 5000 is above 2000"), "{}", text(&high));
+    let high = STUDY.replace("max_degree = 3", "max_degree = 5000");
+    let refused = dry(&high.replace("[modes]", "[align]\nmethod = \"joint\"\n[modes]"));
+    assert!(error_line(&refused).contains("degree 5000 is above 2000"), "{}", text(&refused));
+    // A value that a later stage would refuse is refused before the fits.
+    let expected = "study.toml: correspond: invalid value '5000' for '--max-degree <L>': 5000 is not in 1..=1000";
+    assert!(error_line(&dry(&high)).ends_with(expected), "{}", text(&dry(&high)));
     // With patterns there is no manifest on disk yet, so the dry run makes it in memory.
     let patterns = "table = \"meshes/ids.tsv\"\nsurface = \"meshes/{id}.ply\"";
     let table = fs::read_to_string(site.path().join("meshes/study.csv")).expect("a table");

@@ -11,7 +11,7 @@
 //! | `provenance`, `methods` | the record of the study, and the paragraph for a paper |
 //! | `stages` | the commands of the study |
 //! | `check`, `emptied` | checks before any command is run, and after the fits |
-//! | `ending` | what a study prints at its end |
+//! | `ending` | the output of a study at its end |
 //! | `stage` | one command, and the decision whether it must run |
 //! | `tidy` | removal of files that no longer belong to the study |
 //! | `warnings` | the warnings at the head of the page |
@@ -105,7 +105,7 @@ pub(crate) fn run(
             utf8(study)?;
             (Plan::read(study, cli.output.clone(), common(cli))?, None)
         }
-        (None, None) => bail!("give the path of STUDY.toml; spharm study init writes a template of it"),
+        (None, None) => bail!("give the path of STUDY.toml; spharm study init writes a template"),
     };
     let study = &plan.file;
     check::check(&plan)?;
@@ -130,6 +130,10 @@ pub(crate) fn run(
     for fits in plan.fits() {
         let fit = plan.fit(&fits, cli.shard, cli.force);
         parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
+    }
+    // Wrong values in the study's file are found before the fits, which take long.
+    for stage in plan.stages(&plan.subjects_planned()).iter().filter(|_| cli.shard.is_none()) {
+        parse(&call.arguments(stage)).with_context(|| format!("{}: {}", study.display(), stage.name))?;
     }
     if cli.dry_run {
         return call.show(preview);
@@ -266,7 +270,8 @@ impl Call<'_> {
         let finished = self.finish();
         print_line(&format!("page: {}", self.plan.page().display()))?;
         let Some(recorded) = self.recorded else { return finished };
-        // Subjects that failed in the recorded run, too, are no difference; others lack results, which are compared.
+        // Failed subjects alone are no difference, because they may have failed in the recorded run too. Otherwise the
+        // comparison finds that their results are missing.
         if let Err(error) = finished {
             self.console.warn(error);
         }
