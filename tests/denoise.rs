@@ -152,5 +152,5 @@ fn the_program_reports_what_it_removed() {
     let refused = fail(&mut plain);
     assert!(refused.contains("smoothness denoise, not default"), "{refused}");
     let few = fail(&mut command(&["--max-degree", "50", "--force"]));
-    assert!(few.contains("2562 vertices for 2601 coefficients"), "{few}");
+    assert!(few.contains("2562 vertices and 2601 coefficients"), "{few}");
 }

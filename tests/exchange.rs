@@ -185,7 +185,7 @@ fn channels_of_a_model_are_of_one_format_and_degree() {
     succeed(&mut site.run("export", &["two.npz", "--to", "pyshtools", "-o", "b.sh"]));
     succeed(&mut site.run("export", &["three.npz", "--to", "csv", "-o", "c.csv"]));
     for (files, expected) in [
-        (["a.x.sh", "c.csv"], "c.csv: the file is a table of coefficients, but a.x.sh is a text file of SHTOOLS"),
+        (["a.x.sh", "c.csv"], "c.csv: the file is a table of coefficients, but a.x.sh is an SHTOOLS text file"),
         (["a.x.sh", "b.y.sh"], "b.y.sh: the file has degree 2, but a.x.sh has degree 3"),
     ] {
         let said = fail(&mut site.run("import", &[files[0], files[1], "-o", "x.npz"]));

@@ -95,9 +95,9 @@ fn unusable_values_and_arguments_are_refused() {
         ),
         (
             &["p.npy", "--threshold", "7"],
-            "values on both sides of the level, found values from 0 to 1.000, all below the level 7",
+            "values both below and above the threshold, found values from 0 to 1.000, all below the threshold 7",
         ),
-        (&["p.npy", "--threshold", "-1"], "all at or above the level -1"),
+        (&["p.npy", "--threshold", "-1"], "all at or above the threshold -1"),
         (&["p.npy", "--threshold", "inf"], "expected a number"),
         (&["p.npy", "--threshold", "0.5", "--probability"], "cannot be used with"),
         (&["p.npy", "--threshold", "0.5", "--smooth-radius", "9"], "expected 0.25 to 4 voxels"),

@@ -49,9 +49,13 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
     assert_eq!(warnings(&mut fit("10", "coarse")), Vec::<String>::new());
     let fine = warnings(&mut fit("12", "fine"));
     let [only] = &fine[..] else { panic!("{fine:?}") };
-    assert!(only.starts_with("a.nii label 1: degree 12 resolves the voxels: ") && only.contains("up to 10"), "{only}");
+    assert!(
+        only.starts_with("a.nii label 1: a model of degree 12 follows the voxels' steps: ")
+            && only.contains("up to 10"),
+        "{only}"
+    );
     let both = warnings(&mut fit("16", "finer"));
-    assert!(both.iter().any(|warning| warning.contains("the voxels of 2 labels (a.nii label 1, b")), "{both:?}");
+    assert!(both.iter().any(|warning| warning.contains("the voxels' steps of 2 labels (a.nii label 1, b")), "{both:?}");
     let steps = |name: &str| steps_of(&Model::read(path(name)).unwrap().provenance);
     assert_eq!(steps("fine/a.1.spharm.npz").map(|steps| steps.suitable_degree), Some(10));
     assert_eq!(steps("fine/b.1.spharm.npz"), None);
@@ -61,7 +65,7 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
     volumes.args(["--label-surface", "voxels"]);
     let found = warnings(&mut volumes);
     assert!(found.iter().any(|warning| warning.starts_with("a.nii label 1, c.nii label 1: these inputs")), "{found:?}");
-    assert!(found.iter().any(|warning| warning.contains("resolves the voxels of 2 labels")), "{found:?}");
+    assert!(found.iter().any(|warning| warning.contains("follow the voxels' steps of 2 labels")), "{found:?}");
 }
 
 #[test]
@@ -81,7 +85,7 @@ fn a_study_of_labels_says_on_its_page_that_they_follow_the_voxels() {
     assert!(output.status.success(), "{}", text(&output));
     let page = fs::read_to_string(site.join("out/report.html")).unwrap();
     let head = page.split_once("class=\"warnings\"").and_then(|(_, rest)| rest.split_once("</section>")).unwrap().0;
-    assert!(head.contains("resolves the voxels of 4 labels (s1, s2, s3, s4)"), "{head}");
+    assert!(head.contains("steps of 4 labels (s1, s2, s3, s4)"), "{head}");
     // The page shows each model beside the surface to which it was fitted.
     assert!(!String::from_utf8_lossy(&output.stderr).contains("without the original surface"), "{}", text(&output));
     for item in items(&page).iter().filter(|item| item.get("reference").is_some()) {

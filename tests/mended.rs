@@ -119,7 +119,10 @@ fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
     for (name, said) in [
         ("bad_suzanne.obj", "at most 5 % is allowed: 2 smaller pieces dropped (5.6 % of the area), 2 holes filled"),
         ("wild/teapot.obj", "3 smaller pieces dropped (2"),
-        ("wild/woody.obj", "--largest-repair 68 allows it, and --wrap 128 takes the closed surface around it"),
+        (
+            "wild/woody.obj",
+            "--largest-repair 68 allows it, and --wrap 128 replaces the mesh by the closed surface around it",
+        ),
     ] {
         let Some(output) = run(name, &[]) else { return };
         let error = error_line(&output);
@@ -140,7 +143,7 @@ fn the_surface_around_several_parts_is_fitted() {
     write_mesh(site.path("parts.ply"), &parts, &WriteOptions::default()).expect("written");
     let fit = ["--surface", "parts.ply", "--max-degree", "8", "-o", "m.spharm.npz"];
     let error = fail(&mut site.run("fit", &[&fit[..], &["--fix"]].concat()));
-    assert!(error.contains("--wrap 128 takes the closed surface around it"), "{error}");
+    assert!(error.contains("--wrap 128 replaces the mesh by the closed surface around it"), "{error}");
     let output = finish(&mut site.run("fit", &[&fit[..], &["--wrap", "48"]].concat()));
     assert!(output.status.success(), "{}", text(&output));
     assert!(

@@ -1,9 +1,9 @@
 //! Chooses the kernels that OpenBLAS uses in this program.
 //!
-//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, from the environment alone. So an
-//! initialiser of this program sets the environment before that one runs. A library must not do so: loaded into a
-//! running process, it would change the environment while other threads read it. Therefore no library crate of this
-//! project does it.
+//! OpenBLAS chooses its kernels in an initialiser that runs before `main`, from the environment alone. Therefore an
+//! initialiser of this program sets the environment before OpenBLAS's initialiser runs. No library crate of this
+//! project does so: a library that is loaded into a running process would change the environment while other threads
+//! read it.
 
 #![allow(unsafe_code)]
 
@@ -26,7 +26,7 @@ extern "C" fn choose_kernels() {
         (false, false) => None,
     };
     let set = |name: &std::ffi::CStr, value: &std::ffi::CStr| {
-        // SAFETY: both texts end in a zero. `setenv` must not run while another thread reads or changes the
+        // SAFETY: both strings end in a zero. `setenv` must not run while another thread reads or changes the
         // environment: this is part of an executable, whose initialisers the loader runs on the process's first thread
         // before `main`, and no initialiser ordered before this one starts a thread.
         unsafe { libc::setenv(name.as_ptr(), value.as_ptr(), 0) };

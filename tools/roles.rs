@@ -1,4 +1,4 @@
-//! The role of each argument that names a file: an input, an output, or an additional report.
+//! Defines the role of each argument that names a file: an input, an output, or an additional report.
 
 use clap::{ArgMatches, Command};
 use spharm_cli::roles::{Role, check, given};

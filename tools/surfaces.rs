@@ -10,10 +10,10 @@ use spharm_surface::Mesh;
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::read_mesh;
 
-/// Number of vertices of a model's mesh for each basis function up to the model's degree.
+/// Minimum number of vertices of a model's mesh for each basis function up to the model's degree.
 const VERTICES: u64 = 4;
 
-/// Subdivisions of the finest icosphere of a model's mesh.
+/// Number of subdivisions of the finest icosphere on which models are evaluated.
 const FINEST: u32 = 7;
 
 /// A surface as it was read.
@@ -38,8 +38,8 @@ impl Surface {
         Ok(Self::Model(Box::new(model), (4..FINEST).find(suits).unwrap_or(FINEST)))
     }
 
-    /// Returns the surface with a model's mesh so fine that its distance from the model is far below that of models
-    /// from their surfaces: 163,842 vertices, whose triangles lie at most 3e-5 of the radius inside a sphere.
+    /// Selects the finest icosphere, of 163,842 vertices, if the surface is a model. The mesh is then much nearer to
+    /// the model than models are to their surfaces: its triangles lie at most 3e-5 of the radius inside a sphere.
     pub(crate) fn finest(self) -> Self {
         match self {
             Self::Mesh(mesh) => Self::Mesh(mesh),
@@ -47,7 +47,7 @@ impl Surface {
         }
     }
 
-    /// Returns whether it is a model.
+    /// Returns whether the surface is a model.
     pub(crate) fn is_model(&self) -> bool {
         matches!(self, Self::Model(..))
     }
@@ -82,7 +82,7 @@ impl Surface {
     }
 }
 
-/// Returns the meshes of surfaces, several of which may be models.
+/// Returns the meshes of surfaces. Models of similar degrees are evaluated on the same icosphere, which is made once.
 pub(crate) fn meshes(surfaces: Vec<Surface>) -> Result<Vec<Mesh>> {
     let mut spheres: HashMap<u32, Sphere> = HashMap::new();
     let mesh = |surface| match surface {

@@ -287,7 +287,7 @@ def test_a_group_is_saved_read_and_pickled(
     odd = sp.shape.correspond([sp.read_surface(path) for path in paths(folder)[:2]], 4, subdivisions=2, rounds=1, refine=False)
     odd.names = ("a/b", "mean")
     assert pickle.loads(pickle.dumps(odd)).names == ("a/b", "mean")
-    with pytest.raises(ValueError, match="names of files"):
+    with pytest.raises(ValueError, match="valid as file names"):
         odd.save(tmp_path / "odd")
     with pytest.raises(OSError, match="group.json"):
         sp.shape.Group.load(tmp_path)

@@ -59,7 +59,7 @@ def test_parts_add_up_travel_and_are_kept(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="1 range of shards is missing: shard 1/3"):
         sp.Moments.merge([parts[0], parts[2]])
     assert sp.Moments.merge([parts[0], parts[2]], partial=True).samples == 5000 - 1667
-    with pytest.raises(ValueError, match="both have samples of shard 0/3"):
+    with pytest.raises(ValueError, match="both contain samples of shard 0/3"):
         sp.Moments.merge([parts[0], parts[0]])
     # The program reads files of moments written by the package.
     for i, part in enumerate(parts):

@@ -123,7 +123,7 @@ def test_a_wrap_is_the_closed_surface_around_all_parts(tmp_path: Path) -> None:
     ball = sp.icosphere(4)
     beside = 0.7 * ball.vertices + [0.9, 0, 0]
     parts = (np.concatenate([ball.vertices, beside]), np.concatenate([ball.faces, ball.faces + len(ball.vertices)]))
-    with pytest.raises(sp.MeshError, match=r"repair\(surface, wrap=128\) takes the closed surface around it"):
+    with pytest.raises(sp.MeshError, match=r"repair\(surface, wrap=128\) replaces the mesh by the closed surface around it"):
         sp.repair(parts)
     wrapped = sp.repair(parts, wrap=64)
     assert characteristic(wrapped.surface) == 2 and wrapped.report["problems"] == []

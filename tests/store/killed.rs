@@ -145,7 +145,7 @@ fn a_build_that_waits_for_another_stops_when_it_is_asked_to() {
     let mut said = std::io::BufReader::new(child.stderr.take().expect("a pipe"));
     let mut line = String::new();
     std::io::BufRead::read_line(&mut said, &mut line).expect("a line");
-    assert!(line.contains("another build is at work on this scheme"), "{line}");
+    assert!(line.contains("another build of this scheme is running; waiting for it to finish"), "{line}");
     kill_process(Pid::from_child(&child), Signal::TERM).expect("a signal");
     assert_eq!(wait(child).status.code(), Some(75));
     assert_eq!(verified(&store).len(), 2);

@@ -1,5 +1,5 @@
-//! The files that make a folder a BIDS derivative: its description, its participants, and the files that validators
-//! must ignore.
+//! The files that make a folder a BIDS derivative: the description, the list of participants, and the list of files
+//! that validators must ignore.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use spharm_cli::inputs::MOST_OWN;
 use spharm_surface::io::write_new;
 
-/// Version of BIDS that the names follow.
+/// Version of BIDS that the file names follow.
 const VERSION: &str = "1.10.0";
 /// Patterns of output file names that aren't part of BIDS, for `.bidsignore`; fMRIPrep and sMRIPrep list theirs too.
 const IGNORED: &str = "*.surf.gii\n*.shape.gii\n*.npz\n*_spectrum.tsv\n*_pial.json\n*_white.json\n*_midthickness.json\n*.html\nlogs/\ngroup_*\n";
@@ -18,7 +18,7 @@ const DESCRIPTION: &str = "dataset_description.json";
 ///
 /// # Errors
 ///
-/// If the folder has the description of another dataset, or can't be written.
+/// If the folder contains the description of another dataset, or can't be written to.
 pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result<()> {
     std::fs::create_dir_all(output.join("logs")).with_context(|| output.display().to_string())?;
     let path = output.join(DESCRIPTION);
@@ -64,7 +64,7 @@ fn is_ours(text: &str) -> bool {
     by.is_some_and(|by| by.iter().any(|tool| tool["Name"] == "spharm"))
 }
 
-/// Writes a text atomically; leaves the file untouched if it already has this text.
+/// Writes a text file atomically; leaves the file untouched if it already has these contents.
 ///
 /// # Errors
 ///

@@ -1,4 +1,4 @@
-//! The surfaces of a dataset and their registered spheres.
+//! Finds the surfaces of a dataset and their registered spheres.
 
 use std::path::{Path, PathBuf};
 
@@ -23,11 +23,11 @@ pub(super) struct Found {
 #[derive(Debug, Default)]
 pub(super) struct Dataset {
     pub(super) found: Vec<Found>,
-    /// Ids of the missing surfaces in the status files, with the reasons why they are missing.
+    /// Missing surfaces: the id that each has in status files, and the reason why it is missing.
     pub(super) missing: Vec<(String, String)>,
 }
 
-/// Folder from which surfaces are read, by its format.
+/// Folder from which surfaces are read; the variant is the folder's format.
 enum Source {
     /// GIfTI files with BIDS names, in `anat` folders.
     Derivative(PathBuf),

@@ -1,4 +1,4 @@
-//! The group level: all models as one array, their modes, and a page.
+//! Runs the group level: writes all models as one array, their modes, and a page.
 
 use std::path::{Path, PathBuf};
 
@@ -77,7 +77,7 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
     text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
 }
 
-/// Returns the models of a hemisphere's surface, sorted by path.
+/// Returns the paths of all subjects' models of a surface of a hemisphere, sorted.
 fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     let ending = format!("_hemi-{}_desc-spharm_{}.npz", hemi.label(), surface.name());
     let mut models = Vec::new();
@@ -93,7 +93,7 @@ fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
     Ok(models)
 }
 
-/// Writes the coefficients, an array of shape (subjects, (L + 1)^2, 3) with L the lowest degree of the models, and the
+/// Writes the coefficients as an array (subjects, (L + 1)^2, 3), where L is the lowest degree of the models, and the
 /// models' names, one per line.
 fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<()> {
     let models = group.iter().map(Model::read).collect::<Result<Vec<_>, _>>()?;

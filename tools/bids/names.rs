@@ -1,4 +1,4 @@
-//! Names of derivatives, following BIDS.
+//! Makes the file names of derivatives, following BIDS.
 
 use std::path::{Path, PathBuf};
 
@@ -40,7 +40,7 @@ impl Found {
         self.file(&format!("desc-spharm{}", self.surface.name()), "spectrum.tsv")
     }
 
-    /// Returns the path of the model evaluated on an icosphere with this number of vertices.
+    /// Returns the path of the model evaluated on an icosphere, given by its numbers of subdivisions and vertices.
     pub(super) fn evaluated(&self, subdivisions: u32, vertices: usize) -> PathBuf {
         let density = density(vertices);
         let middle = format!("space-icosphere{subdivisions}_den-{density}_desc-spharm");

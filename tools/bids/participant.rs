@@ -1,4 +1,4 @@
-//! The participant level: fits models and writes the derivatives of each model.
+//! Runs the participant level: fits models and writes the derivatives of each model.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -149,8 +149,8 @@ impl Logs {
     }
 }
 
-/// Writes the derivatives of a model: its sidecar with the provenance, its spectrum, the surface on the icosphere, and
-/// its distances from the vertices.
+/// Writes the derivatives of a model: the sidecar with the provenance, the spectrum, the surface evaluated on the
+/// icosphere, and the distances between model and surface at the vertices.
 fn derive(cli: &Cli, found: &Found, sphere: &Sphere) -> Result<()> {
     let at = |path: PathBuf| cli.output.join(path);
     let model = Model::read(at(found.model()))?;

@@ -1,4 +1,4 @@
-//! `compare`: measures the distance of two meshes, vertex by vertex and as surfaces.
+//! `compare`: measures the distance between two meshes, vertex by vertex and between the surfaces.
 
 mod args;
 mod output;
@@ -37,7 +37,7 @@ fn check_memory(
     let held: u64 =
         [original, reconstruction].map(|mesh| 24 * mesh.vertices.len() + 12 * mesh.faces.len()).iter().sum::<usize>()
             as u64;
-    // Memory of squared distances, distances and colours.
+    // Memory for squared distances, distances and colours.
     let at_vertices = 20 * reconstruction.vertices.len() as u64;
     if !surface_distance {
         return budget.check(format_args!("compare {}", cli.original.display()), held + at_vertices);
@@ -67,7 +67,7 @@ fn work(cli: &Cli) -> Result<()> {
     let [original, reconstruction] = [first.into_mesh()?, second.into_mesh()?];
     check_memory(cli, surface_distance, &original, &reconstruction, budget)?;
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
-    // Otherwise `compare_at` refuses different triangles.
+    // If neither flag is given, `compare_at` itself refuses meshes with different triangles.
     let corresponds = (cli.mask.is_some() || surface_distance) && correspond(&original, &reconstruction);
     let mask = cli.mask.as_ref().map(|path| read_mask(path, original.vertices.len())).transpose()?;
     let mask = mask.as_deref();

@@ -15,7 +15,7 @@ use spharm_surface::io::bytes_to_read;
 
 pub(crate) use self::args::{Cli, FORMATS, normalization};
 
-/// Size in bytes of the text or the arrays that are held in memory while a file is written.
+/// Memory in bytes for the text or the arrays that are held while a file is written.
 const WRITING: u64 = 1 << 20;
 
 /// Runs the verb.

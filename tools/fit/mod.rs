@@ -35,7 +35,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         return moments::run(cli, path, &params, &monitor);
     }
     let mut options = options(cli, params)?;
-    // This reader keeps the last volume in memory until the run starts, which creates another reader.
+    // This reader keeps the last volume in memory until the run starts; the run creates its own reader.
     let reader = SurfaceReader::new(options.run.preparation);
     let cohort = match &cli.input.manifest {
         Some(path) => of_manifest(cli, Manifest::read(path)?),

@@ -1,4 +1,4 @@
-//! Fits of moments instead of surfaces.
+//! Fits moments of samples instead of surfaces.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;

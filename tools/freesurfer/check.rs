@@ -11,8 +11,8 @@ use spharm_surface::geometry::{cross, dot};
 
 use super::other_hemisphere;
 
-/// Surfaces that have the same vertices as the values of a hemisphere. FreeSurfer writes all of them; the first surface
-/// found is used.
+/// Names of surfaces that have the same vertices as a hemisphere's values. FreeSurfer writes all of these surfaces; the
+/// first one found is used.
 const SURFACES: [&str; 4] = ["white", "pial", "smoothwm", "orig"];
 
 /// Refuses a surface whose orientation its sphere reverses. If a target doesn't match its sphere, the error says
@@ -45,7 +45,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
         Err(error) => {
             let vertices = sphere.directions.len();
             let other = other_hemisphere(&row.surface).map(|(_, path)| path);
-            // The other hemisphere's number of vertices is read from a mesh, because a file of values has no vertices.
+            // Only a mesh tells the other hemisphere's number of vertices; a per-vertex file of values isn't a mesh.
             match other.filter(|path| read_mesh(path).is_ok_and(|mesh| mesh.vertices.len() == vertices)) {
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());

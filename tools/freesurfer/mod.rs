@@ -133,15 +133,16 @@ fn label_file(subject: &Path, hemi: Hemi, name: &str) -> PathBuf {
     subject.join("label").join(format!("{}.{name}.label", hemi.name()))
 }
 
-/// Returns the path of the cortex label for a file of values `surf/lh.NAME` in a subject's folder, if the label
-/// exists.
+/// Returns the path of the cortex label that belongs to a per-vertex file `surf/lh.NAME` in a subject's folder, if the
+/// label exists.
 pub(crate) fn cortex_label(values: &Path) -> Option<PathBuf> {
     let surf = values.parent().filter(|folder| folder.file_name().is_some_and(|name| name == "surf"))?;
     let (hemi, _) = other_hemisphere(values)?;
     Some(label_file(surf.parent()?, hemi, CORTEX)).filter(|label| label.is_file())
 }
 
-/// Returns a row for each subject, hemisphere, and surface or signal. Rows on the same sphere are adjacent.
+/// Returns a row for each combination of subject, hemisphere, and surface or signal. Rows on the same sphere are
+/// adjacent.
 fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     let (mut rows, mut whole) = (Vec::new(), Vec::new());
     for subject in subjects {

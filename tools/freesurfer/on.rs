@@ -1,4 +1,4 @@
-//! The vertices at which models are evaluated: those of an icosphere, of a sphere's file, or of a subject's spheres.
+//! Reads the sphere at whose vertices models are evaluated: an icosphere, a file, or a subject's spheres.
 
 use std::path::{Path, PathBuf};
 
@@ -41,7 +41,7 @@ struct Files {
     sphere: PathBuf,
     /// Sphere of the right hemisphere; `None` if `sphere` is used for both hemispheres or only one is fitted.
     right: Option<PathBuf>,
-    /// Name of the sampling in the names of outputs.
+    /// Name of the sphere in the file names of outputs.
     name: String,
 }
 

@@ -11,7 +11,7 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
 pub(crate) use self::args::Cli;
 
-/// Bytes of memory per vertex, including its triangles, while a mesh is written: GIfTI compresses entire arrays.
+/// Bytes of memory per vertex and its triangles while a mesh is written: GIfTI compresses each array as a whole.
 const WRITING: u64 = 48;
 
 /// Runs the verb.

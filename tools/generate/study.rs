@@ -11,7 +11,7 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh, write_new};
 
 use super::{Cli, WRITING};
 
-/// Memory in bytes for the voxels of a subject, and for writing them, at bumps of up to [`HIGHEST`].
+/// Memory in bytes for holding and writing the voxels of a subject with a bump of up to [`HIGHEST`].
 const VOXELS: u64 = 64 << 20;
 /// Highest bump of label volumes, in mm; the volumes grow with it.
 const HIGHEST: f64 = 100.0;
@@ -22,7 +22,7 @@ const WRONG: f64 = 10.0;
 struct Subject {
     name: String,
     group: &'static str,
-    /// Number within the group.
+    /// Index of the subject within its group, from 0.
     index: u64,
 }
 
@@ -118,7 +118,7 @@ impl Generated {
         self.study.subject(subject.index, subject.group == "b")
     }
 
-    /// Writes the table, and prints what was written.
+    /// Writes the table of the subjects, and prints a summary of the written files.
     fn finish(&self, cli: &Cli, folder: &Path, what: &str) -> Result<()> {
         let row = |(subject, path): (&Subject, &PathBuf)| {
             let file = path.file_name().unwrap_or_default().display();

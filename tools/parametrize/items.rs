@@ -1,4 +1,4 @@
-//! The surfaces to map and their output files, checked before any surface is mapped.
+//! Determines the surfaces to map and their output files, and checks them before any surface is mapped.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use spharm_surface::io::Output;
 
 use super::args::{Cli, MethodName};
 
-/// A surface to map, and the output of its sphere.
+/// A surface to map, with its output files.
 pub(super) struct Item {
     pub(super) input: PathBuf,
     /// Label in a volume; `None` for a mesh.

@@ -1,4 +1,4 @@
-//! Maps on the first surface: values on its vertices, in colours or along a line.
+//! Reads the maps on the first surface: values on its vertices, shown as colours or as a contour.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +24,7 @@ pub(super) struct Content {
     pub(super) surfaces: Vec<PathBuf>,
     pub(super) maps: Vec<MapFile>,
     pub(super) contour: Option<MapFile>,
-    /// Value along the contour, if it was chosen.
+    /// Value along the contour; `None` for the default.
     pub(super) level: Option<f64>,
 }
 
@@ -38,7 +38,7 @@ pub(super) struct MapFile {
 }
 
 impl Content {
-    /// Returns what the command line asks for.
+    /// Returns the contents of the picture that the arguments request.
     pub(super) fn of(cli: &Cli) -> Result<Self> {
         if let Some(folder) = &cli.test {
             return Self::of_test(folder).with_context(|| format!("--test {}", folder.display()));
@@ -121,13 +121,14 @@ pub(super) struct Coloured {
     pub(super) caption: String,
 }
 
-/// A map and the value along its contour. For p values, both are -log10.
+/// A map and the value along its contour. For a map of p values, both are -log10 p.
 pub(super) struct ContourMap {
     pub(super) values: Vec<f64>,
     level: f64,
     label: String,
-    /// Level as given by the user, and the range of the map's values in the same unit.
+    /// Value along the contour as given by the user.
     stated: f64,
+    /// Range of the map's values, in the unit of `stated`.
     range: (f64, f64),
 }
 
@@ -195,7 +196,7 @@ fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     }
 }
 
-/// Returns the range of the colours: symmetric about 0 if values have both signs, otherwise from the minimum to the
+/// Returns the range of the colours: symmetric about 0 if there are negative values, otherwise from the minimum to the
 /// maximum.
 pub(super) fn range_of(values: &[f64]) -> (f64, f64) {
     let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));

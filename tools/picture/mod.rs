@@ -1,4 +1,4 @@
-//! `picture`: draws surfaces side by side as a PNG.
+//! `picture`: draws surfaces side by side, as PNG or SVG.
 
 mod args;
 mod maps;
@@ -29,7 +29,8 @@ use crate::surfaces::{Surface, meshes};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png", ".svg"])], cli.force)?;
     if cli.range.is_some() && cli.map.is_empty() && cli.colour_by.is_none() {
-        return Err(Usage::missing("--range needs --map or --colour-by: it sets the range of their colours").into());
+        let problem = "--range can only be used with --map or --colour-by, whose range of colours it sets";
+        return Err(Usage::missing(problem).into());
     }
     let budget = cli.memory.budget(1);
     let content = Content::of(cli)?;
@@ -159,7 +160,7 @@ fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) 
     let [vertices, faces] = surfaces.iter().map(Surface::counts).max().unwrap_or_default().map(|count| count as usize);
     let held = surfaces.iter().map(Surface::counts).map(|[vertices, faces]| 24 * vertices + 12 * faces).sum::<u64>();
     let evaluating = surfaces.iter().map(Surface::bytes_to_evaluate).max().unwrap_or_default();
-    // Memory of the sphere, as read and as scaled, and of the values of each panel, in bytes.
+    // Bytes for the sphere, once as read and once scaled, and for the values of each panel.
     let spheres = if cli.sphere.is_some() { 2 * (24 * vertices + 12 * faces) } else { 0 };
     let values = 8
         * vertices
@@ -181,7 +182,7 @@ fn check_memory(cli: &Cli, surfaces: &[Surface], panels: usize, budget: Budget) 
     budget.check_or(what, needed(cli.size), smaller)
 }
 
-/// Returns the range of the colours for the numbers of surfaces: the range of the numbers, widened if all are equal.
+/// Returns the range of the colours for `numbers`, one per surface: their own range, widened if all are equal.
 fn colours_of(numbers: &[f64]) -> (f64, f64) {
     match numbers.first() {
         Some(&one) if numbers.iter().all(|number| *number == one) => {

@@ -21,7 +21,7 @@ pub(super) fn name(path: &Path) -> String {
     if is_model(path) { model_name(path) } else { spharm_cli::inputs::stem(path) }
 }
 
-/// Moves the meshes so that the centres of all bounding boxes coincide with that of the first mesh.
+/// Moves the meshes so that the centre of each bounding box coincides with the centre of the first mesh's box.
 pub(super) fn centre(meshes: &mut [Mesh]) {
     let middle = |mesh: &Mesh| {
         let (low, high) = bounds(mesh.vertices.iter().copied());
@@ -34,8 +34,8 @@ pub(super) fn centre(meshes: &mut [Mesh]) {
     }
 }
 
-/// Moves and scales the meshes so that their bounding boxes have the centre and the largest extent of the first
-/// mesh's.
+/// Moves and scales the meshes so that each bounding box has the same centre and the same largest extent as the first
+/// mesh's box.
 pub(super) fn fit_each(meshes: &mut [Mesh]) {
     let Some((first, others)) = meshes.split_first_mut() else { return };
     others.iter_mut().for_each(|mesh| *mesh = fit_into(mesh, first));

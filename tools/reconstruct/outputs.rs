@@ -1,4 +1,4 @@
-//! The models to evaluate and the output of each, determined before any work.
+//! Determines the models to evaluate, and the output of each, before any work.
 
 use std::path::{Path, PathBuf};
 
@@ -9,8 +9,9 @@ use spharm_surface::io::Output;
 
 use super::args::Cli;
 
-/// Default endings of files in an output folder.
+/// Default ending of the files of surfaces in an output folder.
 const SURFACE: &str = "surf.gii";
+/// Default ending of the files of signals in an output folder.
 const SIGNAL: &str = "func.gii";
 
 /// A model, and the file for its values.
@@ -35,7 +36,7 @@ impl Item {
     }
 }
 
-/// Returns the models with their outputs: the named file for a single one, otherwise a file in the output folder.
+/// Returns the models with their outputs: for a single model the named file, otherwise a file in the output folder.
 pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
     let paths = [&cli.models[..], &cli.model].concat();
     let models = expand(&paths, ".npz")?;

@@ -12,7 +12,8 @@ use spharm_report::{Check, CheckedCell, CheckedSubject};
 
 use super::measured;
 
-/// Columns of the page's table: heading, key in the report, key of the robust z (empty for none), and factor.
+/// Columns of the page's table: heading, key in the report, key of the robust z (empty for none), and the factor
+/// applied to the value.
 const COLUMNS: [(&str, &str, &str, f64); 12] = [
     ("volume", "volume", "volume_z", 1.0),
     ("area", "area", "area_z", 1.0),
@@ -27,7 +28,7 @@ const COLUMNS: [(&str, &str, &str, f64); 12] = [
     ("handles cut", "handles", "", 1.0),
     ("remarks", "remarks", "", 1.0),
 ];
-/// Maximum size of a picture in bytes, far above that of any thumbnail.
+/// Maximum size of a picture in bytes; thumbnails are far smaller.
 const LARGEST_PICTURE: u64 = 1 << 20;
 
 /// Reads the subjects, each with its picture if the picture exists. Columns without any value are omitted.

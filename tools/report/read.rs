@@ -265,10 +265,10 @@ pub(super) fn tables(paths: &[PathBuf]) -> Result<Vec<Table>> {
 /// Reads a list of warnings.
 pub(crate) fn warnings(path: &Path) -> Result<Vec<String>> {
     let text = read_text(path, "list of warnings", LARGEST_TABLE)?;
-    serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of texts", path.display()))
+    serde_json::from_str(&text).with_context(|| format!("{}: expected a JSON list of strings", path.display()))
 }
 
-/// Reads a text on methods, and returns its paragraphs.
+/// Reads a text file on methods, and returns its paragraphs.
 pub(super) fn methods(path: &Path) -> Result<Vec<String>> {
     let text = read_text(path, "text on methods", LARGEST_TABLE)?;
     let lines = text.split("\n\n").flat_map(|part| match part.starts_with("- ") {

@@ -1,4 +1,4 @@
-//! Reads tables: any with a header, and the measures and clusters in the folders of tests.
+//! Reads tables with a header, and the tables of measures and clusters in the folders of tests.
 
 use std::path::{Path, PathBuf, absolute};
 
@@ -12,7 +12,7 @@ use spharm_report::Table;
 pub(super) const SUMMARY: &str = "summary.csv";
 /// File in a test's folder with a table of clusters, the largest first.
 pub(super) const CLUSTERS: &str = "clusters.csv";
-/// Maximum size of a table in bytes, far above what a page could show.
+/// Maximum size of a table in bytes; tables that a page can show are far smaller.
 pub(super) const LARGEST_TABLE: u64 = 64 << 20;
 /// Maximum number of clusters in a table of the page.
 const MOST: usize = 20;
@@ -74,7 +74,7 @@ fn of_clusters(read: Table, file: &str) -> Table {
     Table { title: read.title, columns, rows, note: Some(note) }
 }
 
-/// Returns the heading of a column of clusters; `area` is that of the areas.
+/// Returns the heading of a column in the table of clusters; `area` is the heading of the areas.
 fn heading(column: &str, area: &str) -> String {
     match column {
         "area" => area.to_owned(),

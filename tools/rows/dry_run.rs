@@ -35,7 +35,7 @@ pub(super) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) 
     previewed.error.map_or(Ok(()), Err)
 }
 
-/// Works out what a call would do, without doing it.
+/// Determines the outcome of a call without running it.
 pub(crate) fn preview(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor) -> Result<Previewed> {
     let rows = Rows::new(monitor.console(), cohort.rows.len(), options);
     let found = spharm_cohort::run::preview(cohort, &options.run, &rows, monitor)?;

@@ -73,7 +73,7 @@ pub(crate) fn run(cohort: &Cohort, options: &Options, monitor: &ConsoleMonitor, 
     ended
 }
 
-/// Refuses a report or status file whose path is also that of a row's model or of one of the model's companion files.
+/// Refuses a report or status file whose path is also the path of a row's model or of a companion file of the model.
 fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
     let beside = [(&options.report, "--report"), (&options.run.status, "--status")];
     let beside: Vec<_> = beside.iter().filter_map(|(path, flag)| Some((path.as_ref()?, flag))).collect();

@@ -51,7 +51,7 @@ impl Asked<'_> {
         Ok(question)
     }
 
-    /// Returns a column of `categorical` that occurs neither in the effect nor in the covariates.
+    /// Returns a column of `categorical` that occurs neither in the effect nor in the covariates, if there is one.
     pub(crate) fn unused(&self) -> Option<&str> {
         let terms = || self.effect.into_iter().chain(self.covariates.iter().map(String::as_str));
         self.categorical.iter().map(String::as_str).find(|name| !terms().any(|term| parts(term).contains(name)))
@@ -78,8 +78,8 @@ impl Asked<'_> {
         column_of(&cells).map_err(|row| anyhow!("{}: column {name:?}: {}", table.place(row), no_number(cells[row])))
     }
 
-    /// Returns whether a column's numbers are names of levels. This holds for columns of `categorical`, for the
-    /// blocks, and for the effect if the order of its levels is given.
+    /// Returns whether a column's numbers are names of levels. This holds for columns listed in `categorical`, for the
+    /// column of blocks, and for the effect if the order of its levels is given.
     fn is_of_levels(&self, name: &str, cells: &[&str]) -> bool {
         let is_ordered = || {
             let order: BTreeSet<&str> = self.levels.iter().map(String::as_str).collect();
@@ -91,7 +91,7 @@ impl Asked<'_> {
     }
 }
 
-/// Returns the name of a term and, if the name may be that of an interaction, `a:b`, the names of both columns.
+/// Returns the name of a term and, if the name has the form of an interaction, `a:b`, also the names of both columns.
 pub(crate) fn parts(term: &str) -> Vec<&str> {
     let columns = term.split_once(':').map(|(first, second)| [first, second]);
     std::iter::once(term).chain(columns.into_iter().flatten()).collect()

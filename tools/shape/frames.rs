@@ -1,5 +1,5 @@
-//! Transforms between the frames of members' own files and the frame of their models: writes those of `shape align`,
-//! and reads those of `shape align` and `shape correspond`.
+//! Writes the transforms of `shape align`, and reads those of `shape align` and `shape correspond`. A transform maps
+//! the frame of a member's own file to the frame of its model.
 
 use std::path::{Path, PathBuf};
 

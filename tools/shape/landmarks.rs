@@ -1,4 +1,4 @@
-//! Landmarks of models: finding their files, matching their names, and warning about implausible positions.
+//! Finds the landmark files of models, matches the landmarks' names, and warns about implausible positions.
 
 use std::path::{Path, PathBuf};
 

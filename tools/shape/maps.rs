@@ -1,4 +1,4 @@
-//! Maps of a surface's geometry: one file of values on vertices for each quantity, or a table of all of them.
+//! Writes maps of a surface's geometry: a per-vertex file for each quantity, or one table of all quantities.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ const MAPS: [Map; 5] = [
     ("area-element", |point| point.area_element),
 ];
 
-/// The columns of a table.
+/// Columns of the table of all quantities.
 const COLUMNS: [&str; 16] = [
     "ux",
     "uy",
@@ -53,8 +53,8 @@ pub(super) struct Maps {
 }
 
 impl Maps {
-    /// Creates the maps of a model in a folder. The options state whether files are replaced, and whether values have
-    /// 64 bits.
+    /// Describes the files of a model's maps in a folder. `force` allows replacing existing files; `double` requests
+    /// values of 64 bits.
     pub(super) fn new(folder: &Path, model: &Path, format: &str, (force, double): (bool, bool)) -> Self {
         let format = format.trim_start_matches('.').to_owned();
         Self { stem: folder.join(model_file_name(model)), format, force, double }
@@ -108,8 +108,8 @@ impl Maps {
     }
 }
 
-/// Returns the values shown in the first and the last colour: the minimum and maximum of all values except the lowest
-/// and the highest fiftieth, so that a few extreme values don't use up the range of colours.
+/// Returns the values shown in the first and the last colour: the 2nd and the 98th percentile, so that a few extreme
+/// values don't use up the range of colours.
 fn range(values: &[f64]) -> (f64, f64) {
     let mut sorted = values.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);

@@ -1,5 +1,5 @@
-//! Reads masks of directions from files of values, from labels, and from groups. A group masks the places that have no
-//! counterpart on its members.
+//! Reads masks of directions from per-vertex files, labels and groups. The mask of a group excludes the places that
+//! have no counterpart on its members.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use spharm_surface::geometry::Vec3;
 use spharm_surface::io::read_mask;
 use spharm_surface::{Sphere, SurfaceError};
 
-/// Several masks of the vertices of a sampling.
+/// Combination of several masks of the vertices of a sampling.
 pub(super) struct Masks {
     /// Whether each vertex is within all masks; `None` without masks.
     pub(super) kept: Option<Vec<bool>>,
@@ -20,7 +20,7 @@ pub(super) struct Masks {
 }
 
 impl Masks {
-    /// Reads masks; see [`read`].
+    /// Reads each mask with [`read`], and combines the masks.
     pub(super) fn read(paths: &[PathBuf], sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Self> {
         let mut masks = Self { kept: None, without_counterpart: 0 };
         for path in paths {
@@ -45,8 +45,8 @@ pub(super) fn is_group(path: &Path) -> bool {
     path.is_dir() || path.file_name().is_some_and(|name| name == "group.json")
 }
 
-/// Returns for each direction of a sphere whether it is kept. A group can be used with any sphere; other masks as by
-/// [`read_file`].
+/// Returns for each direction of a sphere whether it is kept. A group can be used with any sphere; other masks are read
+/// by [`read_file`].
 pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     if is_group(path) {
@@ -56,11 +56,11 @@ pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -
     read_file(path, directions.len(), sampling, remedy)
 }
 
-/// Reads a mask for the vertices of a sampling from a file of values, a label or an annotation.
+/// Reads a mask for the vertices of a sampling from a per-vertex file, a label or an annotation.
 ///
 /// # Errors
 ///
-/// For a mask of another sphere, the error names the `sampling` and the `remedy`.
+/// If the mask can't be read, or belongs to another sphere; in that case the error names `sampling` and `remedy`.
 pub(crate) fn read_file(path: &Path, vertices: usize, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     read_mask(path, vertices).map_err(|error| {
         let expected = format!("expected a mask for the {vertices} vertices of {sampling}");
@@ -75,7 +75,7 @@ pub(crate) fn read_file(path: &Path, vertices: usize, sampling: &str, remedy: &s
     })
 }
 
-/// Returns the name of a sampling for messages: that of a sphere's file, or else of an icosphere.
+/// Returns the name of a sampling for messages: the path of the sphere's file, or else a description of an icosphere.
 pub(crate) fn sampling(sphere: Option<&Path>, subdivisions: u32) -> String {
     match sphere {
         Some(path) => path.display().to_string(),

@@ -1,4 +1,4 @@
-//! Models that are mirrored before they are aligned, such as right hemispheres in a group of left ones.
+//! Mirrors models before they are aligned, such as right hemispheres in a group of left ones.
 
 use std::path::PathBuf;
 
@@ -35,7 +35,7 @@ impl Mirrored {
         among(&files(named)?, paths, "models").map(Self)
     }
 
-    /// Mirrors the marked models.
+    /// Mirrors the models whose flag is true.
     pub(super) fn apply(&self, models: &mut [Model], monitor: &ConsoleMonitor) -> Result<()> {
         for (model, _) in models.iter_mut().zip(&self.0).filter(|(_, mirrored)| **mirrored) {
             *model = Transform::reflection().apply_model(model, monitor)?;

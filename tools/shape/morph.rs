@@ -70,8 +70,9 @@ pub(super) struct Cli {
     resources: Resources,
 }
 
-/// Side of the animation in pixels; and the time for which each shape is shown, in hundredths of a second.
+/// Width and height of the animation in pixels.
 const SIDE: usize = 360;
+/// Time for which the animation shows each shape, in hundredths of a second.
 const DELAY: u16 = 8;
 
 /// Runs the subcommand.

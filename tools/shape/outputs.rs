@@ -36,7 +36,7 @@ pub(super) fn check<'a>(files: impl IntoIterator<Item = OutputFile<'a>>, report:
     check_outputs(files.into_iter().chain(of_report), report.force)
 }
 
-/// Does the checks of [`check`] for outputs that are named after the models and may be in the models' folder.
+/// Checks outputs that may be in the models' folder as [`check`] does, and also refuses outputs that are models.
 pub(super) fn check_beside<'a>(
     models: &[PathBuf],
     files: impl IntoIterator<Item = OutputFile<'a>>,
@@ -101,7 +101,7 @@ pub(super) fn exact(value: f64) -> String {
     format!("{value:?}")
 }
 
-/// Writes a text to a file, completely or not at all.
+/// Writes text to a file, completely or not at all.
 pub(super) fn write_text(path: &Path, force: bool, text: &str) -> Result<()> {
     prepare(path)?;
     write_new(path, force, |out| out.write_all(text.as_bytes()))?;

@@ -55,8 +55,8 @@ impl Plan {
         Ok(Self { subcommand, budget, threads, group, own, files, largest })
     }
 
-    /// Returns the numbers of vertices and triangles of the sampling: of the icosphere, the shared sphere, or else the
-    /// own sphere of the largest model.
+    /// Returns the numbers of vertices and triangles of the icosphere, or else of the shared sphere, or else of the
+    /// largest model's own sphere.
     pub(super) fn sampling(&self, icosphere: Option<u32>, shared: Option<&Sphere>) -> [u64; 2] {
         icosphere.map(icosphere_counts).or(shared.map(counts)).unwrap_or(self.own)
     }
@@ -66,13 +66,13 @@ impl Plan {
         self.largest
     }
 
-    /// Returns the bytes needed to read the entire group on all threads and keep the coefficients.
+    /// Returns the bytes needed to read the whole group on all threads and keep the coefficients.
     pub(super) fn coefficients(&self) -> u64 {
         let readers = self.threads.min(self.group.models) as u64;
         self.group.coefficients().saturating_add(self.largest.saturating_mul(readers))
     }
 
-    /// Returns the bytes needed to read the entire group on all threads and keep the complete models.
+    /// Returns the bytes needed to read the whole group on all threads and keep the complete models.
     pub(super) fn whole(&self) -> u64 {
         let readers = self.threads.min(self.group.models) as u64;
         self.files.saturating_add(self.largest.saturating_mul(readers))
@@ -94,7 +94,7 @@ impl Plan {
         console.note(format!("{models} of degree {max_degree}: {needed} of {budget} MiB planned"));
     }
 
-    /// Does the check of [`check`](Self::check), with coarser icospheres as alternatives.
+    /// Checks a plan as [`check`](Self::check) does, with coarser icospheres as alternatives.
     pub(super) fn check_sampling(
         &self,
         icosphere: Option<u32>,

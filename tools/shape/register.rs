@@ -88,7 +88,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let pool = cli.resources.threads.pool()?;
     let params = RegisterParams::default();
     let mesh = read(&cli.template)?;
-    // Memory of the template (kernels of 200 columns each, the factor of the thin plate, and search trees) and of the
+    // Memory for the template (kernels of 200 columns each, the factor of the thin plate, and search trees) and for the
     // surface with its own search trees.
     let (n, stages) = (mesh.vertices.len() as u64, params.drift.len() as u64);
     let needed = 1600 * stages * (n + 3000) + 8000 * n + 4 * bytes_to_read(largest) + (8 << 20);

@@ -24,9 +24,8 @@ use super::plan::check_each;
 /// Smooth models by the heat kernel
 ///
 /// Coefficients of degree l are multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s
-/// ln 2) rad; on the
-/// surface it is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is compressed. For surfaces and
-/// signals.
+/// ln 2) rad; on the surface it is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is compressed.
+/// For surfaces and signals.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -35,7 +35,7 @@ pub(crate) struct Table {
     rows: Vec<Vec<String>>,
 }
 
-/// Maximum size of a table in bytes, far above that of any study.
+/// Maximum size of a table in bytes; the tables of studies are far smaller.
 const LARGEST: u64 = 64 << 20;
 
 impl Table {
@@ -98,7 +98,7 @@ impl Table {
         Ok(self.rows.iter().map(|row| row[column].as_str()).collect())
     }
 
-    /// Returns the cells of a column, none of which may be missing.
+    /// Returns the cells of a column. An empty cell or a missing value is an error.
     pub(crate) fn cells(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.texts(name)?;
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
@@ -139,11 +139,11 @@ impl Table {
         Ok(self.different(name)?.into_iter().map(|cell| folder.join(cell)).collect())
     }
 
-    /// Returns the cells of a column, which must all differ.
+    /// Returns the cells of a column. Equal cells are an error.
     pub(crate) fn different(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.cells(name)?;
         if let Some(row) = (1..cells.len()).find(|row| cells[..*row].contains(&cells[*row])) {
-            bail!("{}: row {}: {:?} already is in an earlier row", self.path.display(), row + 1, cells[row]);
+            bail!("{}: row {}: {:?} is already in an earlier row", self.path.display(), row + 1, cells[row]);
         }
         Ok(cells)
     }
@@ -205,7 +205,7 @@ pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
     }
 }
 
-/// Returns the message about a cell that isn't a number in a column of numbers, with the remedy.
+/// Returns the error message for a cell that isn't a number in a column of numbers, with the remedy.
 pub(crate) fn no_number(cell: &str) -> String {
     format!(
         "expected a number, as in most rows, found {cell:?}; write a number, such as 30.5, or omit the subject; for \

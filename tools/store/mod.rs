@@ -1,4 +1,4 @@
-//! `store`: lists the contents of a basis store, verifies them, and removes the leftovers of killed builds.
+//! `store`: lists and verifies the files of a basis store, and removes the leftovers of interrupted builds.
 
 mod args;
 mod output;
@@ -86,7 +86,7 @@ fn gc(dir: &Path, dry_run: bool) -> Result<()> {
 }
 
 impl Which {
-    /// Returns the requested schemes: one by the first digits of its key, or all.
+    /// Returns the keys of the requested schemes: the one whose key begins with the given digits, or all.
     fn keys(&self) -> Result<Vec<SchemeKey>> {
         Ok(find_schemes(&self.dir, self.key.as_deref())?)
     }

@@ -14,7 +14,7 @@ pub(super) struct SchemeRow {
     dtype: Option<&'static str>,
     codec: Option<&'static str>,
     degrees: usize,
-    /// Highest degree L such that the store has all degrees 0 to L.
+    /// Highest degree L for which the store has all degrees from 0 to L.
     complete_to: Option<usize>,
     /// Number of factors beside the basis.
     factors: usize,
@@ -105,7 +105,7 @@ pub(super) fn scheme_lines(rows: Vec<SchemeRow>) -> Vec<Vec<String>> {
 }
 
 impl DegreeRow {
-    /// Creates the row of a file, or of the error in reading it.
+    /// Creates the row of a basis file, or of a file that couldn't be read.
     pub(super) fn new(key: SchemeKey, degree: usize, file: &Result<DegreeFile, StoreError>) -> Self {
         let header = file.as_ref().ok().map(DegreeFile::header);
         Self {
@@ -124,7 +124,7 @@ impl DegreeRow {
 }
 
 impl FactorRow {
-    /// Creates the row of a file, or of the error in reading it.
+    /// Creates the row of a factor file, or of a file that couldn't be read.
     pub(super) fn new(key: SchemeKey, name: String, file: &Result<FactorFile, StoreError>) -> Self {
         let header = file.as_ref().ok().map(FactorFile::header);
         Self {

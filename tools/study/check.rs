@@ -143,12 +143,12 @@ fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<()> {
         .with_context(|| plan.table.display().to_string())
 }
 
-/// Checks the tests again, applied to the subjects that could be fitted. `failed` are the others, with the reasons.
-/// Returns warnings about subjects with only one fitted side, and about exchanged sides.
+/// Checks the tests again, applied to the subjects that could be fitted. `failed` lists the other subjects, with the
+/// reasons. Returns warnings about subjects with only one fitted side, and about exchanged sides.
 ///
 /// # Errors
 ///
-/// If there are too few subjects for a test, or none of a group.
+/// If too few subjects are left for a test, or none in a group.
 pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>], failed: &[(String, String)]) -> Result<Vec<String>> {
     let ids: HashSet<&str> = subjects.iter().map(|subject| subject.id).collect();
     for test in &plan.study.test {
@@ -265,7 +265,7 @@ struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// Returns the rows of a test among those that `is_left` selects.
+    /// Returns the rows of a test, considering only rows for which `is_left` returns true.
     fn of(plan: &'a Plan, test: &Test, is_left: &dyn Fn(&Row) -> bool) -> Self {
         let Manifest { rows, columns, .. } = &plan.manifest;
         let rows: Vec<&Row> = rows.iter().filter(|row| is_left(row)).collect();

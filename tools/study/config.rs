@@ -49,9 +49,11 @@ pub(super) struct Subjects {
     pub(super) table: PathBuf,
     /// Name of the column of ids, if the subjects' files are given by patterns.
     pub(super) id: String,
-    /// Path of the surface, a pattern with `{id}`; `sphere` and `landmarks` are patterns too.
+    /// Path of each subject's surface, a pattern with `{id}`.
     pub(super) surface: Option<String>,
+    /// Path of each subject's sphere, a pattern with `{id}`.
     pub(super) sphere: Option<String>,
+    /// Path of each subject's landmarks, a pattern with `{id}`.
     pub(super) landmarks: Option<String>,
     /// Values on the vertices of the surface: a column of the table, or a pattern with `{id}`.
     pub(super) signal: Option<String>,
@@ -59,7 +61,7 @@ pub(super) struct Subjects {
     pub(super) mask: Option<String>,
     /// Names of the two sides of each subject, `{side}` in patterns; the second side is mirrored.
     pub(super) sides: Vec<String>,
-    /// Label of all subjects in their volumes, if the surfaces are given by a pattern.
+    /// Label of the surface in every subject's volume, if the surfaces are given by a pattern.
     pub(super) label: Option<i64>,
     /// Label of each side, if each volume contains both sides.
     pub(super) labels: Vec<i64>,
@@ -192,7 +194,7 @@ impl Default for Modes {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(default)]
 pub(super) struct Quality {
-    /// Whether the plain alignment ("joint") is also made and measured, for comparison.
+    /// Whether the plain alignment ("joint") is also computed and measured, for comparison.
     pub(super) plain: bool,
     /// Whether generalisation and specificity are also measured by the distance between surfaces.
     pub(super) surfaces: bool,
@@ -273,7 +275,7 @@ fn told(text: &str, error: &toml::de::Error) -> anyhow::Error {
     }
 }
 
-/// Escapes a text for a quoted TOML string.
+/// Escapes a string for use in a quoted TOML string.
 pub(super) fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('"', "\\\"")
 }

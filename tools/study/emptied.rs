@@ -1,4 +1,4 @@
-//! Refuses a test with a group of which no subject is left, because all are excluded or couldn't be fitted.
+//! Refuses a test if no subject of a group is left, because all are excluded or couldn't be fitted.
 
 use std::collections::BTreeSet;
 
@@ -26,14 +26,14 @@ const SHORT: usize = 80;
 ///
 /// If no subject of a level is left. The error names the level and lists its subjects with the reasons.
 pub(super) fn check(plan: &Plan, test: &Test, left: &[&Row], failed: &[(String, String)]) -> Result<()> {
-    // A difference needs both sides of a subject, so that subjects may be missing for other reasons.
+    // A difference needs both sides of a subject, so a subject may be missing for other reasons. Skip the check.
     if test.is_of_differences() {
         return Ok(());
     }
     let manifest = &plan.manifest;
     let rows = manifest.rows.iter().chain(plan.excluded.iter().map(|(row, _)| row));
     let rows: Vec<&Row> = rows.filter(|row| sides::uses(test, manifest, row)).collect();
-    // A column may have the name of an interaction.
+    // The name of a column may have the form of an interaction.
     let is_column = manifest.columns.contains(&test.effect);
     for name in parts(&test.effect).into_iter().filter(|name| !is_column || *name == test.effect) {
         let Some(at) = manifest.columns.iter().position(|column| column == name) else { continue };

@@ -16,7 +16,7 @@ use super::warnings::{Flagged, about};
 /// Maximum number of warnings shown at the end.
 const SHOWN: usize = 20;
 
-/// A stage that ended.
+/// A stage that has ended.
 pub(super) struct Done {
     pub(super) stage: String,
     /// Outcome: `done`, or `up to date`.

@@ -1,4 +1,4 @@
-//! Subjects that are excluded from a study, or whose flags are accepted, with the reasons.
+//! Handles the lists of subjects that are excluded from a study, or whose flags are accepted, with the reasons.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -74,7 +74,7 @@ pub(super) fn check_ids(listed: &[Named], manifest: &Manifest) -> Result<()> {
     Ok(())
 }
 
-/// Removes the excluded subjects from a manifest and from its text, which is later written to the path `made`; creates
+/// Removes the excluded subjects from a manifest and from its text, which is later written to the path `made`. Creates
 /// the text if there is none yet. Returns the rows of the excluded subjects, with the reasons.
 ///
 /// # Errors

@@ -1,4 +1,4 @@
-//! The fits of a study: of the subjects' surfaces and, if the study has signals, of the signals on them.
+//! Describes the fits of a study: fits of the subjects' surfaces and, if the study has signals, fits of the signals.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ pub(super) const SIGNALS: &str = "fit.signal";
 /// Folder of the models of signals.
 pub(super) const SIGNALS_FOLDER: &str = "signals";
 
-/// Fits of one file per subject.
+/// The fits of all subjects' surfaces, or of all subjects' signals.
 pub(super) struct Fits<'a> {
     /// Name of the stage.
     pub(super) name: &'static str,
@@ -38,7 +38,7 @@ impl Fits<'_> {
         Ok(files)
     }
 
-    /// Returns the path of the table of the outcomes of a shard; without a shard, of all subjects.
+    /// Returns the path of the table of outcomes for a shard or, without a shard, for all subjects.
     pub(super) fn status_file(&self, shard: Option<Shard>) -> PathBuf {
         let name =
             shard.map_or("all.tsv".to_owned(), |shard| format!("{}.tsv", shard.to_string().replace('/', "-of-")));
@@ -82,7 +82,7 @@ impl Outcomes {
         fits.iter().map(Fits::merged).collect::<Result<_>>().map(Self)
     }
 
-    /// Returns the outcome of a subject: the first outcome that isn't a finished model, or else a finished one. `None`
+    /// Returns the outcome of a subject's fits: the first one without a finished model, or else a finished one. `None`
     /// if a fit has no outcome yet.
     pub(super) fn entry(&self, id: &str) -> Option<&Entry> {
         let entries: Vec<&Entry> = self.0.iter().map(|merged| merged.entry(id)).collect::<Option<_>>()?;

@@ -102,8 +102,8 @@ fn id_column(table: &Table, names: &[&str]) -> usize {
     usual.or_else(different).unwrap_or(0)
 }
 
-/// Returns the column to test, with its levels if it has few. Columns with a usual name come first, then columns of
-/// two levels, then columns of numbers.
+/// Returns the column to test and its distinct cells, sorted. Prefers a column with a usual name and 2 to 20 distinct
+/// cells, then a column of two levels, then a column of numbers.
 fn effect<'a>(table: &Table, names: &[&'a str]) -> Option<(&'a str, Vec<String>)> {
     let levels = |name: &str| -> Vec<String> {
         let cells: BTreeSet<&str> = table.cells(name).unwrap_or_default().into_iter().collect();

@@ -10,8 +10,9 @@ use super::plan::{PLAIN, Plan, Subject, write_changed};
 use super::test::Test;
 use super::{sides, surfaces};
 
-/// Files with the lists of mirrored subjects' models, and of the models of their signals.
+/// File with the list of the mirrored subjects' models.
 pub(super) const MIRRORED: &str = "mirrored.txt";
+/// File with the list of the models of the mirrored subjects' signals.
 pub(super) const MIRRORED_SIGNALS: &str = "mirrored-signals.txt";
 
 impl Plan {
@@ -26,7 +27,7 @@ impl Plan {
         subjects.iter().map(place).collect()
     }
 
-    /// Writes the lists and the table that the stages read; keeps a file untouched if its text hasn't changed.
+    /// Writes the lists and tables that the stages read; leaves a file untouched if its text hasn't changed.
     pub(super) fn write_lists<'s>(&self, subjects: &'s [Subject<'_>]) -> Result<()> {
         let models: Vec<PathBuf> = subjects.iter().map(|subject| subject.model.clone()).collect();
         let aligned = self.aligned(subjects);

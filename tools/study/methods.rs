@@ -1,4 +1,4 @@
-//! The paragraph on methods for a paper, with versions, settings and citations.
+//! Writes the paragraph on methods for a paper, with versions, settings and citations.
 
 use std::fmt::Write;
 
@@ -50,8 +50,8 @@ const CITED: [(&str, &str); 8] = [
     ),
 ];
 
-/// Returns the text for a study. `subjects` is the number of subjects that could be fitted; `failed` and `flagged` are
-/// the ids of those that could not, and of those that the quality control flagged.
+/// Returns the text for a study. `subjects` is the number of subjects that could be fitted; `failed` lists the ids of
+/// those that couldn't, and `flagged` the ids of those that the quality control flagged.
 pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&str]) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
     let of_what = match &study.subjects.sides[..] {

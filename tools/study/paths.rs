@@ -1,4 +1,4 @@
-//! Paths that don't depend on the current folder.
+//! Computes paths that don't depend on the current folder.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -32,7 +32,7 @@ pub(super) fn without_folder(message: &str, folder: &str) -> String {
         let word = before.strip_suffix(' ').and_then(|before| before.rsplit(' ').next()).unwrap_or_default();
         word.contains(['/', '\\']) && word.ends_with(is_inner)
     };
-    // An empty path is the current folder, and all files are within the root.
+    // Skip an empty path, which is the current folder, and the root, which contains all files.
     for (start, _) in message.match_indices(folder).filter(|_| folder.len() > 1) {
         let before = &message[..start];
         if !before.ends_with(is_inner) && !is_in_path(before) {

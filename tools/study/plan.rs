@@ -1,4 +1,4 @@
-//! The plan of a study: its subjects, the paths of the files that it makes, and the lists that its stages read.
+//! Plans a study: its subjects, and the paths of the files that it writes.
 
 use std::path::{Path, PathBuf};
 
@@ -39,7 +39,7 @@ pub(super) struct Plan {
     pub(super) landmarks: Option<Vec<PathBuf>>,
     /// Files of the signals that guide the correspondence, for each subject in table order.
     pub(super) guides: Vec<Vec<PathBuf>>,
-    /// Text of the manifest; `None` if the study's table itself is the manifest.
+    /// Text of the manifest that the study writes; `None` if the study's table itself is the manifest.
     made_text: Option<Vec<u8>>,
     /// Manifest of the subjects' signals and its text, if the study has signals.
     signals: Option<(Manifest, Vec<u8>)>,
@@ -222,8 +222,8 @@ impl Plan {
         self.fits().into_iter().nth(1)
     }
 
-    /// Returns the folder of the outcomes of the first fits with failures: those of the surfaces, otherwise those of
-    /// the signals.
+    /// Returns the folder of outcomes in which failures are recorded: the signals' folder if only fits of signals
+    /// failed, otherwise the surfaces' folder.
     pub(super) fn status_of_failures(&self) -> PathBuf {
         let fails = |fits: &Fits<'_>| fits.merged().is_ok_and(|merged| !fits.failed(&merged).is_empty());
         self.fits().into_iter().find(fails).map_or_else(|| self.status(), |fits| fits.status)
@@ -278,10 +278,10 @@ impl Plan {
         self.write("subjects.tsv", &String::from_utf8(writer.into_inner()?)?)
     }
 
-    /// Returns a message with the paths of files within the study's folder relative to it, so that the message doesn't
+    /// Makes the paths in a message relative to the study's folder if they lie within it, so that the message doesn't
     /// depend on the current folder.
     fn in_folder(&self, message: &str) -> String {
-        // A manifest that the study makes has absolute paths, with or without `..`.
+        // A manifest written by the study contains absolute paths, with or without `..`.
         let whole = absolute(&self.folder).unwrap_or_default();
         let folders = [self.folder.clone(), ascend(Path::new(""), &whole), whole];
         folders.iter().fold(message.to_owned(), |message, folder| without_folder(&message, &text(&folder.join(""))))

@@ -24,11 +24,13 @@ pub(super) const FILE: &str = "provenance.json";
 pub(super) struct Provenance {
     tool: String,
     versions: Value,
-    /// Name of the study's file, and its text.
+    /// Name of the study's file.
     file: String,
+    /// Text of the study's file.
     study: String,
-    /// Relative paths from the output folder to the study's folder, and from the study's folder to the output folder.
+    /// Relative path from the output folder to the study's folder.
     folder: PathBuf,
+    /// Relative path from the study's folder to the output folder.
     output: PathBuf,
     threads: usize,
     /// Arguments of the study that are passed to its commands, such as the memory.
@@ -50,8 +52,8 @@ struct Input {
     file: FileRecord,
 }
 
-/// Endings of results that are the same in every run with the same inputs, threads and memory. Reports aren't
-/// compared, because they contain times.
+/// File name endings of the results that are the same in every run with the same inputs, threads and memory. Reports
+/// aren't compared, because they contain times.
 const COMPARED: [&str; 5] = ["npz", "csv", "tsv", "gii", "png"];
 
 impl Provenance {

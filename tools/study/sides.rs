@@ -1,5 +1,5 @@
-//! Studies of both sides of each subject, such as hemispheres. Each side has a row; the second side is mirrored, so
-//! that equal places of both sides correspond.
+//! Handles studies with both sides of each subject, such as hemispheres. Each side has a row; the second side is
+//! mirrored, so that equal places of both sides correspond.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -156,7 +156,7 @@ pub(super) fn subjects(manifest: &Manifest) -> Option<BTreeSet<&str>> {
     manifest.rows.iter().map(|row| cells(manifest, row)[0]).collect()
 }
 
-/// Returns the subjects with only one side among the rows with these cells.
+/// Returns the subjects of which only one side is among the given rows. Each row is given by its cells.
 pub(super) fn alone<'a>(manifest: &Manifest, rows: impl Iterator<Item = &'a [String]>) -> Vec<String> {
     let Some(at) = manifest.columns.iter().position(|column| column == COLUMNS[0]) else { return Vec::new() };
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
@@ -212,7 +212,7 @@ pub(super) fn uses(test: &Test, manifest: &Manifest, row: &Row) -> bool {
     test.side.is_none() || test.is_of_differences() || cells(manifest, row)[1] == test.side.as_deref()
 }
 
-/// Returns the indices of the rows of both sides, for each subject with two sides.
+/// Returns a pair of row indices, first side and second side, for each subject with both sides.
 pub(super) fn pairs<'a>(
     subjects: &Subjects,
     rows: impl Iterator<Item = &'a [String]>,
@@ -225,7 +225,7 @@ pub(super) fn pairs<'a>(
     pairs_of(subjects, &rows)
 }
 
-/// Returns the pairs of rows that belong to one subject; each row is given by its subject and side.
+/// Returns the pairs of rows that belong to the same subject; each row is given by its subject and side.
 fn pairs_of(subjects: &Subjects, rows: &[[&str; 2]]) -> Vec<(usize, usize)> {
     let of = |side: &str| -> BTreeMap<&str, usize> {
         let of_side = rows.iter().enumerate().filter(|(_, [_, found])| *found == side);

@@ -20,8 +20,8 @@ use crate::shape::correspond::surfaces::With;
 pub(super) const CHECK: &str = "check";
 
 impl Plan {
-    /// Returns the stage of fits. It has no inputs and outputs, because `fit` itself determines which models are up to
-    /// date.
+    /// Returns the stage that runs the fits. It has no inputs and outputs, because `fit` itself determines which models
+    /// are up to date.
     pub(super) fn fit(&self, fits: &Fits<'_>, shard: Option<Shard>, force: bool) -> Stage {
         let mut arguments = words(&["fit", "--manifest", &text(&fits.manifest.path), "--output", &text(&fits.models)]);
         arguments.extend(words(&["--max-degree", &self.study.fit.max_degree.to_string(), "--keep-going"]));
@@ -148,7 +148,7 @@ impl Plan {
         arguments
     }
 
-    /// Returns the flags of the transformations that are allowed in addition to rotations.
+    /// Returns the flags that allow scaling and mirroring in addition to rotations.
     fn moved(&self) -> impl Iterator<Item = String> {
         let flags = [(self.study.align.scale, "--scale"), (self.study.align.mirror, "--mirror")];
         flags.into_iter().filter(|(given, _)| *given).map(|(_, flag)| flag.to_owned())
@@ -225,7 +225,7 @@ impl Plan {
         ["json", "png"].map(|ending| self.output.join("quality").join(format!("{name}.{ending}")))
     }
 
-    /// Returns the stages of a test and of its picture.
+    /// Returns the stages of a test, of its picture as PNG, and of its picture as SVG.
     fn test(&self, test: &Test, subjects: &[Subject<'_>]) -> [Stage; 3] {
         let (name, folder) = (format!("test.{}", test.name), self.test_folder(test));
         let table = self.tested_table(test);

@@ -14,7 +14,7 @@ use crate::shape::table::{LANDMARKS, files_of};
 
 /// Placeholder of the id in a pattern.
 pub(super) const ID: &str = "{id}";
-/// Largest size of a table in bytes, far above that of any study.
+/// Maximum size of a table in bytes; the tables of studies are far smaller.
 const LARGEST: u64 = 64 << 20;
 
 /// Returns the manifest of a study's subjects. If the table isn't itself a manifest, also returns the text of the
@@ -133,7 +133,7 @@ pub(super) fn signals(
         }
         None => {
             let masks: Vec<Option<PathBuf>> = signals.iter().map(|signal| cortex_label(signal)).collect();
-            // Refuse a mask in some subjects but not in others, because the values would differ because of the mask.
+            // If only some subjects have a mask, the values would differ because of it: refuse the study.
             let without = masks.iter().zip(&manifest.rows).find(|(mask, _)| mask.is_none());
             if let Some((_, row)) = without.filter(|_| masks.iter().any(Option::is_some)) {
                 bail!(

@@ -1,4 +1,4 @@
-//! A test of a study: the keys of `[[test]]`.
+//! Defines a test of a study and its keys in `[[test]]`.
 
 use std::path::PathBuf;
 
@@ -56,16 +56,17 @@ pub(super) struct Test {
     pub(super) categorical: Vec<String>,
     /// Name of the quantity tested at each vertex.
     pub(super) signal: Option<String>,
-    /// File of the mask of tested vertices, and the sphere of the sampling: without it, the default icosphere of
-    /// `shape test`.
+    /// File of the mask of the tested vertices.
     pub(super) mask: Option<PathBuf>,
+    /// File of the sphere at whose vertices the test is made; `None` for the default icosphere of `shape test`.
     pub(super) sphere: Option<PathBuf>,
     /// File of regions of the vertices, for the peaks of clusters.
     pub(super) annotation: Option<PathBuf>,
     pub(super) welch: bool,
-    /// Names of the columns of exchangeability blocks and of variance groups.
+    /// Name of the column of exchangeability blocks.
     pub(super) blocks: Option<String>,
     pub(super) whole_blocks: bool,
+    /// Name of the column of variance groups.
     pub(super) variance_groups: Option<String>,
     pub(super) errors: Option<String>,
     pub(super) tfce: bool,
@@ -185,7 +186,7 @@ impl Test {
     }
 
     /// Returns the names of all columns of the table that the test uses; `is_column` returns whether the table has a
-    /// column.
+    /// column of this name.
     pub(super) fn columns(&self, is_column: impl Fn(&str) -> bool) -> Vec<&str> {
         let terms = std::iter::once(&self.effect).filter(|_| !self.mean).chain(&self.covariates);
         let columns = terms.flat_map(|term| {

@@ -82,7 +82,7 @@ fn read(path: &Path, what: &'static str) -> Result<Value> {
     serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))
 }
 
-/// Returns the texts of a JSON list.
+/// Returns the strings of a JSON list.
 fn texts(list: &Value) -> Vec<String> {
     list.as_array().into_iter().flatten().filter_map(|text| text.as_str().map(str::to_owned)).collect()
 }

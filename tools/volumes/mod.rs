@@ -29,7 +29,8 @@ pub(crate) use self::args::Cli;
 use self::table::{Outcome, Row};
 use crate::rows::if_exists;
 
-/// Relative change of the area at which its quadrature stops: far below the accuracy of a surface made of voxels.
+/// Relative change of the area at which the quadrature of the area stops, far below the accuracy of a surface made of
+/// voxels.
 const AREA: f64 = 1e-5;
 /// Maximum size in bytes of a table written by an earlier call.
 const LARGEST: u64 = 1 << 30;
@@ -115,7 +116,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         }))?,
         None => print_line(&format!("{}: {models}{skipped}, {failed} failed", table.display()))?,
     }
-    // The table of the finished rows has been written; now return an interruption as the error.
+    // If the run was interrupted, return the error only now that the table of the finished rows has been written.
     done?;
     if failed > 0 {
         bail!("{}: {failed} of {} failed, see the column error", table.display(), counted(rows.len(), "row"));
@@ -208,8 +209,8 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
 }
 
 impl Cli {
-    /// Returns the reason to skip a label with this number of voxels, which may touch the border of its volume; `None`
-    /// if the label isn't skipped.
+    /// Returns the reason to skip a label of `voxels` voxels; `border` states whether it touches the border of its
+    /// volume. Returns `None` if the label isn't skipped.
     fn reason_to_skip(&self, voxels: usize, border: bool) -> Option<String> {
         if voxels < self.min_voxels {
             return Some(format!("{}, fewer than --min-voxels {}", counted(voxels, "voxel"), self.min_voxels));
@@ -242,7 +243,7 @@ struct Found {
 /// Observer of the run that fits a volume's labels.
 struct OfVolume<'a> {
     call: &'a Call<'a>,
-    /// Rows of the table, one for each row of the run, without their outcomes.
+    /// Rows of the table, one for each row of the run; the outcomes are filled in later.
     rows: Vec<Row>,
 }
 

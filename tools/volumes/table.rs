@@ -44,7 +44,7 @@ pub(super) struct Model {
     pub(super) file: String,
     /// Whether the model was made by an earlier call.
     pub(super) kept: bool,
-    /// Short description of repairs and cuts of the label; empty if there were none.
+    /// Short description of the label's repairs and cuts; empty if there were none.
     pub(super) repair: String,
     /// Warning that the model resolves the steps of the surface's voxels, if it does.
     pub(super) steps: Option<VoxelSteps>,
@@ -108,7 +108,7 @@ pub(super) fn to_json(table: &str) -> Vec<Value> {
     lines.map(row).collect()
 }
 
-/// Converts a table to the text of its file: tabs between cells, or commas if the file's name ends in .csv.
+/// Converts a tab-separated table to the text of its file, with commas instead of tabs if the file's name ends in .csv.
 pub(super) fn to_file(path: &Path, text: String) -> Result<String> {
     if !has_commas(path) {
         return Ok(text);
@@ -120,7 +120,7 @@ pub(super) fn to_file(path: &Path, text: String) -> Result<String> {
     Ok(String::from_utf8(writer.into_inner().map_err(|error| error.into_error())?)?)
 }
 
-/// Converts the text of a table's file to a table with tabs between cells.
+/// Converts the text of a table's file to a tab-separated table.
 pub(super) fn of_file(path: &Path, text: String) -> Result<String> {
     if !has_commas(path) {
         return Ok(text);
@@ -141,7 +141,7 @@ pub(super) fn head(max_degree: usize) -> String {
     head.join("\t")
 }
 
-/// Returns the degree of a table's models: the number of columns with powers.
+/// Returns the degree of a table's models, which is the number of columns with powers.
 pub(super) fn powers(table: &str) -> usize {
     let head = table.lines().next().unwrap_or_default();
     head.split('\t').filter(|name| name.starts_with("power_")).count()
@@ -152,8 +152,8 @@ pub(super) fn has_models(table: &str) -> bool {
     table.lines().any(|line| matches!(line.split('\t').nth(2), Some("fitted" | "kept")))
 }
 
-/// Appends to a table those models of an earlier table whose file and label aren't in it. Both tables have the same
-/// columns.
+/// Appends the rows of an earlier table's models to `table`, except those whose file and label are already in `table`.
+/// Both tables have the same columns.
 pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
     fn key(line: &str) -> Vec<&str> {
         line.splitn(3, '\t').take(2).collect()

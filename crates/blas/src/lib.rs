@@ -13,8 +13,8 @@ use ndarray_linalg as _;
 #[cfg(all(feature = "link", target_os = "linux", target_arch = "x86_64"))]
 use openblas_src as _;
 
-/// Bytes of address space that OpenBLAS reserves for each of its worker threads: 32 MiB if built from source with
-/// `BUFFERSIZE` of `.cargo/config.toml`, 128 MiB as built by distributions.
+/// Bytes of address space that OpenBLAS reserves for each of its worker threads: 32 MiB if built from source with the
+/// `BUFFERSIZE` that `.cargo/config.toml` sets, 128 MiB as built by distributions.
 ///
 /// The reserved memory is hardly used, but counts towards a limit on data (`ulimit -d`). If OpenBLAS can't reserve it,
 /// OpenBLAS waits forever.

@@ -45,7 +45,7 @@ pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
     })
 }
 
-/// Returns the advice on an error of the crate `spharm` that wraps an error of a crate below it.
+/// Returns the advice on an error of the crate `spharm`, or on the error of a lower-level crate that it wraps.
 fn of_fit(error: &Error) -> Option<String> {
     match error {
         Error::Surface(error) => of_surface(error),
@@ -207,12 +207,12 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     }
 }
 
-/// Returns the advice for a mesh that a repair doesn't close.
+/// Returns the advice on a mesh that a repair can't close.
 fn of_wrap() -> String {
-    format!("--wrap {USUAL_VOXELS} takes the closed surface around it")
+    format!("--wrap {USUAL_VOXELS} replaces the mesh by the closed surface around it")
 }
 
-/// Returns the flags with which a mesh is repaired.
+/// Returns the advice to repair a mesh: the flags that allow the necessary repairs.
 fn of_mending(mending: &Mending) -> String {
     let large = percent_to_allow(&mending.repair).map(|percent| format!(" --largest-repair {percent}"));
     format!("give --fix{}{}", large.unwrap_or_default(), if mending.handles > 0 { " --cut-handles" } else { "" })

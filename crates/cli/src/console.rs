@@ -19,9 +19,9 @@ pub use spharm_monitor::Unit;
 use crate::printable::{json as json_text, one_line};
 use crate::size::Size;
 
-/// Forecasts of the time left start after this time and this percentage of the work; earlier forecasts would be
-/// unreliable.
+/// Minimum elapsed time before the time left is forecast; earlier forecasts would be unreliable.
 const FORECAST_AFTER: Duration = Duration::from_secs(5);
+/// Minimum percentage of the work that must be done before the time left is forecast.
 const FORECAST_FROM_PERCENT: u64 = 5;
 
 /// Prints notes, warnings and progress to stderr; the flags `--verbose` and `--quiet` determine which.
@@ -52,8 +52,8 @@ pub(crate) enum Kind {
     Progress,
 }
 
-/// Prints a line to stderr, preceded by an empty line if the text begins with a line break. Errors are ignored: the
-/// work continues even if nothing reads stderr any more.
+/// Prints a line to stderr, preceded by an empty line if the text begins with a line break. Write errors are ignored:
+/// the work continues even if nothing reads stderr any more.
 pub(crate) fn say(kind: Kind, text: impl Display) {
     let (event, prefix) = match kind {
         Kind::Note => ("note", ""),

@@ -19,7 +19,7 @@ use crate::console::{Kind, say};
 use crate::printable;
 use crate::usage::Usage;
 
-/// EX_TEMPFAIL of sysexits.h: the same command may succeed later.
+/// Exit code of interrupted work: EX_TEMPFAIL of sysexits.h, which means that the same command may succeed later.
 const INTERRUPTED: u8 = 75;
 const FAILURE: u8 = 1;
 /// Exit code of wrong usage; clap uses the same.
@@ -67,7 +67,7 @@ fn is_ignored(signal: i32) -> bool {
     mask >> (signal - 1) & 1 == 1
 }
 
-/// Returns the subcommand of `program` for a verb, whose usage is shown with errors.
+/// Returns the subcommand of `program` for a verb, for showing its usage with errors; `program` if there is none.
 pub fn command_of(mut program: Command, verb: &str) -> Command {
     program.build();
     program.find_subcommand(verb).cloned().unwrap_or(program)

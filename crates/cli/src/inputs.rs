@@ -67,8 +67,8 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
     Ok(expanded)
 }
 
-/// Returns a path without `FOLDER/..`, for display and records. If FOLDER is a link, the shorter path would be another
-/// file, and the path is returned unchanged.
+/// Removes each `FOLDER/..` from a path, for display and records. If the shorter path can't be resolved or leads
+/// elsewhere, because FOLDER is a link, the path is returned unchanged.
 #[must_use]
 pub fn tidied(path: &Path) -> PathBuf {
     let mut tidy = PathBuf::new();
@@ -87,7 +87,7 @@ pub fn tidied(path: &Path) -> PathBuf {
 /// Maximum size in bytes of a record, a report or a table that the program itself has written.
 pub const MOST_OWN: u64 = 64 << 20;
 
-/// Reads a text of at most `most` bytes with [`spharm_files::read_text`]; `what` describes the text in messages.
+/// Reads a text file of at most `most` bytes with [`spharm_files::read_text`]; `what` describes the file in messages.
 ///
 /// # Errors
 ///
@@ -114,7 +114,7 @@ pub fn file_stem(path: &Path) -> OsString {
         .filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
     // Both `.surf.gii` and `.gii` are endings; the longest match is removed.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
-    // Endings are ASCII, so each dot of the ending stands for one `file_stem` call that removes one part of the name.
+    // Each call of `Path::file_stem` removes the last dot and what follows it, so an ending with n dots takes n calls.
     let dots = name.get(length..).unwrap_or_default().matches('.').count();
     let mut exact = PathBuf::from(path.file_name().unwrap_or_default());
     (0..dots).for_each(|_| exact = PathBuf::from(exact.file_stem().unwrap_or_default()));

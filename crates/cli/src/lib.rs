@@ -13,16 +13,16 @@
 //! | [`help`] | headings, formats and examples of the help texts |
 //! | [`inputs`] | spheres, surfaces and signals from files, with their warnings |
 //! | [`monitor`] | the progress of the library on the console |
-//! | [`surfaces`] | files, and labels of volumes |
+//! | [`surfaces`] | the surfaces named by arguments: files, and labels of volumes |
 //! | [`names`] | names of outputs, from each input's path alone |
 //! | [`printable`] | escaping text from outside before it is printed |
 //! | [`roles`] | roles of arguments: inputs and outputs |
 //! | [`values`] | numbers in arguments |
 //! | [`volumes`] | how to read volumes, and the surface of a label |
-//! | [`usage`] | arguments that exclude each other |
+//! | [`usage`] | errors of conflicting, missing or invalid arguments |
 //! | [`paths`] | lists and folders of inputs, names of models |
 //! | [`output`] | checks of output files; results to stdout, reports to files |
-//! | [`machine`] | peak memory, versions |
+//! | [`machine`] | memory use, the limit on open files, versions |
 //! | [`memory`] | `--memory`: comparison of memory plans with the budget |
 
 pub mod advice;

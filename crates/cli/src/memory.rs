@@ -1,7 +1,8 @@
-//! `--memory`, and the memory check of every verb, before anything is allocated.
+//! Defines `--memory`, and checks the memory of every verb before anything is allocated.
 //!
-//! The memory that a computation needs is a function beside its code, in the library's crates (`docs/memory.md` lists
-//! them). This module compares that memory with the budget and formats the error message.
+//! In the library's crates, a function beside the code of each computation returns the memory that it needs
+//! (`docs/memory.md` lists these functions). This module compares that memory with the budget and formats the error
+//! message.
 
 use std::fmt;
 use std::path::Path;
@@ -17,7 +18,7 @@ use crate::size::Size;
 /// Memory of the program itself in bytes: its code, its allocator, and the buffers of files.
 pub const PROGRAM: u64 = 20 << 20;
 
-/// Size of a thread's stack in bytes; limits on the process count the entire stack.
+/// Size of a thread's stack in bytes. Limits on the memory of a process count the whole stack, used or not.
 const STACK: u64 = 2 << 20;
 
 /// Argument `--memory`.
@@ -37,7 +38,7 @@ impl Memory {
         self.memory.into_iter().flat_map(|Size(bytes)| ["--memory".to_owned(), bytes.to_string()])
     }
 
-    /// Returns the memory that `threads` threads may use.
+    /// Returns the given budget, or else the free memory minus the stacks of `threads` threads.
     pub fn budget(self, threads: usize) -> Budget {
         match self.memory {
             Some(Size(bytes)) => Budget { bytes: bytes as u64, given: true },
@@ -58,7 +59,7 @@ pub struct Budget {
     given: bool,
 }
 
-/// Error of a plan that doesn't fit into the budget, described in one line.
+/// Error for work that doesn't fit into the memory budget, described in one line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub struct TooLarge {
     what: String,

@@ -80,8 +80,8 @@ impl std::fmt::Display for NameTemplate {
 }
 
 impl NameTemplate {
-    /// Returns the name of an input (and of a label, if the input is a volume), for display. A folder that the path
-    /// doesn't have is left empty.
+    /// Returns the name of an input (and of a label, if the input is a volume), for display. A placeholder for a folder
+    /// that the path doesn't have becomes empty.
     #[must_use]
     pub fn name(&self, input: &Path, label: Option<i64>) -> String {
         self.file_name(input, label).to_string_lossy().into_owned()
@@ -103,11 +103,11 @@ impl NameTemplate {
         self.0.iter().map(part).chain(end).collect()
     }
 
-    /// Returns a file for each input and label: folder, name and `ending`.
+    /// Returns the output file of each input and label, made of `folder`, the name and `ending`.
     ///
     /// # Errors
     ///
-    /// If two inputs would share a file; the message names a template that distinguishes them. If `{label}` is the
+    /// If two inputs would share a file (the message names a template that distinguishes them), or if `{label}` is the
     /// template's only placeholder and an input has no label.
     pub fn outputs(&self, inputs: &[(PathBuf, Option<i64>)], folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
         let of_input = self.0.iter().any(|part| matches!(part, Part::Stem | Part::Parent(_)));
@@ -138,7 +138,7 @@ impl NameTemplate {
         Ok(outputs)
     }
 
-    /// Returns a template that gives each of these inputs a distinct name, made of one or two folders and the stem.
+    /// Returns a template of one or two folders and the stem that gives each input a distinct name, if there is one.
     #[must_use]
     pub fn distinguishing(inputs: &[PathBuf]) -> Option<Self> {
         let one = (1..=DEEPEST).map(|level| vec![level]);
@@ -172,8 +172,8 @@ fn in_its_folder(input: &Path) -> PathBuf {
 ///
 /// # Errors
 ///
-/// If `output` is a file but there are several surfaces, if it doesn't end like a model, or if two surfaces would share
-/// a file.
+/// If `output` is a model's file but there are several surfaces, if it has the ending of another format, or if two
+/// surfaces would share a file.
 pub fn model_files(
     output: Option<&Path>,
     template: &NameTemplate,

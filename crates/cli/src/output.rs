@@ -12,7 +12,7 @@ use spharm_surface::io::{Output, check_output, write_new};
 
 use crate::printable;
 
-/// Context that marks errors in writing to stdout.
+/// Error context that marks a failure to write to stdout.
 #[derive(Debug, Clone, Copy)]
 pub struct ToStdout;
 
@@ -36,7 +36,7 @@ pub fn print(text: &str) -> Result<()> {
     out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()).context(ToStdout)
 }
 
-/// Prints a text to stdout as one line; line breaks in it become blanks.
+/// Prints a string to stdout as one line; line breaks in the string become blanks.
 ///
 /// # Errors
 ///
@@ -109,17 +109,17 @@ pub struct OutputFile<'a> {
 }
 
 impl<'a> OutputFile<'a> {
-    /// Creates an output file that may have any name; `flag` is the option that gives the name.
+    /// Describes an output file that may have any name; `flag` is the option that gives the name.
     pub fn new(path: &'a Path, flag: &'static str) -> Self {
         Self { path, flag, holds: None }
     }
 
-    /// Creates an output file whose name has to end in one of `endings`, because its format is fixed.
+    /// Describes an output file whose name has to end in one of `endings`, because its format is fixed.
     pub fn with_ending(path: &'a Path, flag: &'static str, endings: &'static [&'static str]) -> Self {
         Self { path, flag, holds: Some(Output::Ending(endings)) }
     }
 
-    /// Creates an output file for a surface, a sphere or a signal, whose format follows from its name.
+    /// Describes an output file for a surface, a sphere or a signal, whose format follows from its name.
     pub fn holding(path: &'a Path, flag: &'static str, holds: Output<'static>) -> Self {
         Self { path, flag, holds: Some(holds) }
     }
@@ -243,7 +243,7 @@ pub fn is_stdout(path: &Path) -> bool {
     [STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"].iter().any(|name| path.as_os_str() == *name)
 }
 
-/// Returns whether a path is that of a pipe or a device, such as `/dev/null` or `/dev/fd/63`. Pipes and devices are
+/// Returns whether a path leads to a pipe or a device, such as `/dev/null` or `/dev/fd/63`. Pipes and devices are
 /// written to, never replaced.
 pub(crate) fn is_stream(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir())

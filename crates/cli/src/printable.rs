@@ -12,13 +12,13 @@ fn is_obeyed(c: char) -> bool {
     c.is_control() || matches!(c, '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{200e}' | '\u{200f}')
 }
 
-/// Returns a text in one line: line breaks become blanks, and other control characters are shown as in `\u{1b}`.
+/// Returns a string as one line: line breaks become blanks, and other control characters are shown as in `\u{1b}`.
 #[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
     replaced(text, |c| if c == '\n' { " ".to_owned() } else { c.escape_default().collect() })
 }
 
-/// Returns a text of several lines with control characters escaped as in [`one_line`], except line breaks and tabs.
+/// Escapes control characters in a string of several lines as [`one_line`] does, except line breaks and tabs.
 #[must_use]
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| if matches!(c, '\n' | '\t') { c.to_string() } else { c.escape_default().collect() })

@@ -21,7 +21,7 @@ pub enum Role {
     Input,
     /// Results are written to the path, a file or a folder.
     Output,
-    /// A file in addition to the results is written to the path: a report, a table.
+    /// A report or a table is written to the path, in addition to the results.
     Report,
     /// Not a single file that is either read or written, such as a store or a folder of data.
     Other,

@@ -7,7 +7,7 @@ use std::str::FromStr;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Size(pub usize);
 
-/// Error of parsing a text that isn't a size.
+/// Error for a string that isn't a size.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected a size such as 256MiB, 2GiB or 1000000, found {0:?}")]
 pub struct NotASize(String);

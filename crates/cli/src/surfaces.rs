@@ -22,8 +22,8 @@ pub enum Labels {
 
 impl Labels {
     /// Returns the chosen labels, each once, in the order given; if `all` is among them, all labels of the volume.
-    /// `there` has the labels of the volume with their numbers of voxels. A chosen label may be missing from the
-    /// volume.
+    /// `there` maps each label of the volume to its number of voxels. Chosen labels that the volume doesn't contain are
+    /// also returned.
     #[must_use]
     pub fn of(chosen: &[Self], there: &BTreeMap<i64, usize>) -> Vec<i64> {
         if chosen.contains(&Self::All) {
@@ -64,11 +64,11 @@ impl FromStr for VoxelSize {
     }
 }
 
-/// Refuses labels and settings of volumes for a file that isn't a volume.
+/// Refuses labels and volume settings for a file that isn't a volume.
 ///
 /// # Errors
 ///
-/// If labels or settings of volumes are given.
+/// If labels or volume settings are given.
 pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -> Result<()> {
     if labels.is_empty() && reading == VolumeReading::default() {
         return Ok(());
@@ -81,13 +81,13 @@ pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -
 }
 
 /// Returns the surfaces named by paths, lists and labels: each is a file, or a file and one of its labels. Without
-/// `labels`, a volume must have a single label. If the caller doesn't make surfaces of volumes, every file is returned
-/// without a label. Settings of volumes in the reader are refused for files that aren't volumes.
+/// `labels`, a volume must have a single label. If `of_volumes` is false, volumes are treated like any other file and
+/// returned without a label. The reader's volume settings are refused for files that aren't volumes.
 ///
 /// # Errors
 ///
-/// If a list or volume can't be read, a label is missing, or `labels` or settings of volumes are given for a file that
-/// isn't a volume.
+/// If a path is a folder, a list or volume can't be read, a label is missing, or `labels` or volume settings are given
+/// for a file that isn't a volume.
 pub fn surfaces(
     reader: &SurfaceReader,
     paths: &[PathBuf],

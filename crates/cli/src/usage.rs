@@ -1,4 +1,4 @@
-//! Errors of arguments that conflict in ways that clap can't check.
+//! Usage errors that clap can't detect: arguments that conflict, are missing or have invalid values.
 
 use clap::error::ErrorKind;
 

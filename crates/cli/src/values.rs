@@ -4,7 +4,7 @@ use clap::ValueEnum;
 use spharm_parametrize::wrap::VOXELS;
 use spharm_store::Scalar;
 
-/// The scalar type of a basis or factor.
+/// Scalar type in which a basis or a factor is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Dtype {
     /// 64-bit floating point.

@@ -6,7 +6,7 @@
 //! changes, and modes that are mostly due to a single subject ([`influential`]).
 //!
 //! A flag isn't a verdict. By chance, a normally distributed measure flags a subject in 8 to 16 of 100 groups of 8 to
-//! 200 subjects, and about one subject in 2,000 in larger groups. Distributions with long tails cause more flags.
+//! 200 subjects; in larger groups, it flags about one subject in 2,000. Distributions with long tails cause more flags.
 
 mod flags;
 mod measure;
@@ -26,7 +26,7 @@ pub use self::flags::{Counts, Flag, Others, edges};
 pub use self::measure::Measure;
 use crate::equal::EqualSets;
 
-/// Modes with less than this share of the variance aren't examined.
+/// Share of the total variance that a mode must exceed to be examined.
 const LEAST_VARIANCE: f64 = 0.05;
 
 /// The data about a subject that are compared within the group.
@@ -48,11 +48,11 @@ pub struct Facts {
     pub repair: Counts,
     /// Number of handles that were cut.
     pub handles: u64,
-    /// File of the input.
+    /// Record of the input's file.
     pub input: Option<FileRecord>,
     /// BLAKE3 hash of the model's coefficients.
     pub coefficients: String,
-    /// Ids of the subjects whose surfaces equal this one's in any pose.
+    /// Ids of the subjects that have the same surface, in any pose.
     pub identical_to: Vec<String>,
     /// Warnings about the subject from other commands. A warning about a doubtful pose doesn't lead to a flag, since
     /// shapes with two nearly equal poses cause it even if the pose is right. A wrong pose is found by its distance
@@ -103,14 +103,15 @@ pub struct Checked {
     pub z: [Option<f64>; Measure::ALL.len()],
     /// The mode, counted from 1, along which the subject is farthest from the others, and the robust z of its score.
     pub mode: Option<(usize, f64)>,
-    /// The flags: another voxel size first, which explains others, then the most severe ones.
+    /// The flags, sorted: an unusual voxel size first, then other causes, then unusual values; within each kind, the
+    /// most severe first.
     pub flags: Vec<Flag>,
     /// Warnings of other commands that don't lead to flags.
     pub remarks: Vec<String>,
 }
 
 impl Checked {
-    /// Returns a number that grows with the distance of the subject from the others. It is 0 without flags.
+    /// Returns the severity of the most severe flag, or 0 if there are no flags.
     #[must_use]
     pub fn severity(&self) -> f64 {
         self.flags.iter().map(Flag::severity).fold(0.0, f64::max)
@@ -235,7 +236,7 @@ pub fn subject_of(warning: &str, is_id: impl Fn(&str) -> bool) -> Option<(&str, 
     warning.match_indices(": ").map(|(at, end)| (&warning[..at], &warning[at + end.len()..])).find(|(id, _)| is_id(id))
 }
 
-/// Returns warnings about a group whose subjects can't be compared, or not in all respects.
+/// Returns warnings if the subjects of a group can't be compared, or if a measure is unknown for some of them.
 #[must_use]
 pub fn incomplete(facts: &[Facts]) -> Vec<String> {
     if facts.len() < LEAST {
@@ -314,7 +315,7 @@ mod tests {
             (3, "another unit: about 10 times"),
             (3, "mode 1 is mostly due to this subject"),
             (4, "border of the volume"),
-            (5, "voxels of 1 x 1 x 1"),
+            (5, "voxel size 1 x 1 x 1"),
             (6, "s07"),
             (7, "same model as s06"),
             (8, "1 piece dropped"),

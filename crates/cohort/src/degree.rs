@@ -1,7 +1,7 @@
 //! Chooses a common degree for the models of many surfaces.
 //!
-//! Models are compared, averaged and tabulated by degree, so all models of a run have the same degree. The degree for
-//! labels follows from their sizes in voxels. The degree for meshes follows from fits of a few of them.
+//! Models are compared, averaged and tabulated by degree, so all models of a run have the same degree. For labels, the
+//! degree follows from their sizes in voxels. For meshes, it follows from fits of a few of the meshes.
 
 use std::fmt;
 
@@ -15,7 +15,7 @@ use crate::reader::SurfaceReader;
 use crate::run::Cohort;
 use crate::run::quiet::Quiet;
 
-/// Number of meshes that are fitted to choose a degree.
+/// Largest number of surfaces that are fitted to choose a degree.
 const MESHES: usize = 3;
 
 /// Largest number of labels whose sizes are used to choose a degree.
@@ -35,16 +35,16 @@ pub enum ChosenDegree {
         /// Number of labels.
         labels: usize,
     },
-    /// The degree was chosen by fits of surfaces.
+    /// The degree was chosen by fitting surfaces.
     Surfaces {
         /// Choice for the surface that needs the highest degree.
         choice: DegreeChoice,
-        /// Degree of the run: that of `choice`, or the highest degree that the vertices of every fitted surface
-        /// determine, if it is lower.
+        /// Degree of the run: the degree of `choice`, or, if lower, the highest degree that the vertices of every
+        /// fitted surface determine.
         degree: usize,
         /// Number of surfaces fitted.
         fitted: usize,
-        /// Number of these surfaces whose model of this degree isn't as accurate as requested.
+        /// Number of fitted surfaces whose model of degree `degree` isn't as accurate as requested.
         missed: usize,
     },
     /// The degree is that of an existing model of the run.
@@ -91,15 +91,16 @@ impl fmt::Display for ChosenDegree {
 
 /// Returns the degree for the models of a cohort.
 ///
-/// If `keep` is set and a row has a model, the degree is that of this model. Otherwise, if there are labels among the
-/// rows and `accuracy` is `None`, it is the degree that suits the median size of up to 50 labels, from 4 to 60.
-/// Otherwise up to three surfaces, spread evenly over the rows, are fitted. The degree is then the highest that they
-/// need for the accuracy (see [`choose_degree`]; by default 0.2 % of a surface's size), as far as the vertices of each
-/// determine it.
+/// If `keep` is set and a row has a model, the degree is that of this model. Otherwise, if some rows are labels and
+/// `accuracy` is `None`, the degree suits the median size of up to 50 labels, and is from 4 to 60. Otherwise up to
+/// three surfaces, spread evenly over the rows, are fitted, and the degree is the highest that any of them needs for
+/// the accuracy (see [`choose_degree`]; by default 0.2 % of a surface's size). This degree is lowered, if necessary, to
+/// the highest degree that the vertices of every fitted surface determine.
 ///
 /// # Errors
 ///
-/// The error of the first row if no row can be read and fitted; an interruption.
+/// The error of the first row if none of the rows used can be read and fitted; an interruption if `monitor` cancels the
+/// work.
 pub fn choose(
     cohort: &Cohort,
     accuracy: Option<Accuracy>,
@@ -138,7 +139,7 @@ fn of_choices(choices: &[DegreeChoice]) -> Option<ChosenDegree> {
     Some(ChosenDegree::Surfaces { choice, degree, fitted: choices.len(), missed })
 }
 
-/// Returns the degree that suits the median size of labels, as in [`choose`]. `voxels` has the number of voxels of
+/// Returns the degree that suits the median size of labels, as in [`choose`]. `voxels` lists the number of voxels of
 /// each label. All labels have the same voxel size.
 #[must_use]
 pub fn degree_of_labels(voxels: &[usize], voxel_size: [f64; 3]) -> ChosenDegree {

@@ -7,7 +7,7 @@ use spharm::FileRecord;
 
 use crate::Row;
 
-/// Names grouped by a key, such as the contents of a file.
+/// Sets of names that share a key, such as the contents of a file.
 #[derive(Debug)]
 pub struct EqualSets<Key>(BTreeMap<Key, Vec<String>>);
 
@@ -33,7 +33,7 @@ impl<Key: Ord> EqualSets<Key> {
     }
 }
 
-/// Key of a model's input: the hash of the file's contents, the label, and the file of weights. The sphere isn't
+/// Key of a model's input: the hash of the file's contents, the label, and the path of the weights. The sphere isn't
 /// included, because the sphere of a duplicated subject has another path.
 type Made = (String, Option<i64>, Option<PathBuf>);
 
@@ -42,12 +42,12 @@ type Made = (String, Option<i64>, Option<PathBuf>);
 pub struct Inputs(EqualSets<Made>);
 
 impl Inputs {
-    /// Adds a row with the record of its file.
+    /// Adds the input of a row. `record` is the record of its file.
     pub fn add_row(&mut self, row: &Row, record: &FileRecord) {
         self.add(record, row.weights.clone(), row.id.clone());
     }
 
-    /// Adds an input with its name.
+    /// Adds an input under a name, usually the id of a row.
     pub fn add(&mut self, record: &FileRecord, weights: Option<PathBuf>, name: String) {
         self.0.add((record.blake3.clone(), record.label, weights), name);
     }

@@ -57,7 +57,7 @@ pub enum CohortError {
         /// Name of both columns.
         column: String,
     },
-    /// The name of a column is almost that of a known column.
+    /// An unknown column has nearly the same name as a known column.
     #[error(
         "{}: line {line}: unknown column {column:?}; rename the column to {nearest}, or to a name less similar to \
          {nearest}",
@@ -129,13 +129,13 @@ pub enum CohortError {
         /// First line of the file.
         found: String,
     },
-    /// The text isn't a valid shard.
+    /// A string isn't a valid shard.
     #[error("invalid shard {found}; expected INDEX/COUNT, such as 0/10 for the first of ten, or slurm")]
     NotAShard {
-        /// The text of the shard.
+        /// The invalid string.
         found: String,
     },
-    /// The environment variables of Slurm don't identify this process's task in an array.
+    /// The environment variables of Slurm are missing or invalid, or describe an array with gaps.
     #[error("--shard slurm: {problem}")]
     Slurm {
         /// Description of the problem and its remedy.

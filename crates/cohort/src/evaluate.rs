@@ -1,4 +1,4 @@
-//! Evaluates every model on a common sphere, and writes the values to files beside the models.
+//! Evaluates every model on a common sphere, and writes each result to a file beside the model.
 
 use std::path::PathBuf;
 
@@ -12,7 +12,7 @@ use crate::files::{ModelFiles, make_folder_of};
 /// A sphere on which every model is evaluated.
 #[derive(Debug, Clone)]
 pub struct Evaluate {
-    /// The sphere on which models are evaluated.
+    /// The sphere for all models, except those evaluated on [`right`](Self::right).
     pub sphere: Sphere,
     /// The sphere for models of right hemispheres, if it differs from [`sphere`](Self::sphere).
     pub right: Option<Sphere>,
@@ -27,8 +27,8 @@ impl Evaluate {
         files.model.with_file_name(format!("{}.{}.{ending}", files.name(), self.name))
     }
 
-    /// Returns the path of the signal's file if it exists, otherwise the path of the surface's file. It is for callers
-    /// that don't know the kind of the model.
+    /// Returns the path of the evaluated signal if that file exists, otherwise the path of the evaluated surface.
+    /// Callers use it if they don't know the kind of the model.
     pub(crate) fn file(&self, files: &ModelFiles) -> PathBuf {
         let signal = self.path(files, Kind::Signal);
         if signal.exists() { signal } else { self.path(files, Kind::Surface) }

@@ -57,7 +57,7 @@ impl ModelFiles {
         name.into_os_string()
     }
 
-    /// Returns the path of the file `NAME` + `ending` in the model's folder.
+    /// Returns the path of the file in the model's folder whose name is `NAME` followed by `ending`.
     fn beside(&self, ending: &str) -> PathBuf {
         let mut name = self.file_name();
         name.push(ending);
@@ -108,7 +108,7 @@ impl ModelFiles {
         [model, csv, errors, sphere, self.surface(), self.cut_surface(), self.fixed_surface()]
     }
 
-    /// Returns whether the sphere beside the model exists and was made from the given input, with any settings.
+    /// Returns whether a sphere exists beside the model and was made from the given input, with any settings.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
         let origin = read_mesh(self.sphere()).ok().and_then(|sphere| Origin::of(&sphere.meta));
@@ -118,13 +118,14 @@ impl ModelFiles {
     /// Maps a surface to a sphere, and writes the sphere beside the model. The surface is also written if it was
     /// extracted from a label, repaired, or cut at its handles.
     ///
-    /// With `reuse`, a mesh keeps an existing sphere that was made from the same file with the same settings. A sphere
-    /// made from another file is replaced only with [`Replace::ALL`]. Before mapping, the memory needed for mapping and
-    /// fitting is checked. `record` is the record of the file from which `input` was read.
+    /// If `reuse` is set, the existing sphere of a mesh is reused if it was made from the same file with the same
+    /// settings. A sphere made from another file is replaced only with [`Replace::ALL`]. Before mapping, the memory
+    /// needed for mapping and fitting is checked. `record` is the record of the file from which `input` was read.
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`], [`Error::Parametrize`], and [`Error::Surface`] for files that can't be written.
+    /// [`Error::Memory`] if the memory doesn't suffice, [`Error::Parametrize`] if the surface can't be mapped, and
+    /// [`Error::Surface`] if a file can't be written.
     pub fn map(
         &self,
         input: &Input,
@@ -169,7 +170,7 @@ impl ModelFiles {
         // The surface of a label before its handles were cut isn't in any other file, so it is written too.
         let whole = input.cut().and(input.label()).map(|label| label.quads.triangles(|_| false));
         let mut mapped = Mapped { surface: named(surface), written: Vec::new() };
-        // Write the surface last: if it exists, the sphere with the record of their origin exists too.
+        // Write the surface last: if it exists, the sphere, which records the origin of both files, exists too.
         let map = &mapped.surface.parametrized.map;
         let whole = whole.iter().map(|whole| (self.surface(), whole));
         let changed = changed.map(|path| (path, &map.surface));
@@ -183,13 +184,14 @@ impl ModelFiles {
         Ok(mapped)
     }
 
-    /// Writes the model of a fit, the standard errors if the fit has them, and, with `csv`, the complex coefficients.
-    /// Creates the folder if necessary. The model is written last: if it exists, the other files exist too.
+    /// Writes the model of a fit, the standard errors if the fit has them, and, if `csv` is set, the complex
+    /// coefficients. Creates the folder if necessary. The model is written last: if it exists, the other files exist
+    /// too.
     ///
     /// # Errors
     ///
-    /// [`Error::Surface`] for existing files that `replace` doesn't allow to be replaced, and for files that can't be
-    /// written.
+    /// [`Error::Surface`] if a file exists and `replace` doesn't allow it to be replaced, or if a file can't be
+    /// written; [`Error::Model`] if the model can't be written.
     pub fn write(
         &self,
         sphere: &Sphere,
@@ -229,7 +231,7 @@ impl ModelFiles {
         Ok(model.write_with(&self.model, replace.model)?)
     }
 
-    /// Writes standard errors, of shape (K, c), beside the model.
+    /// Writes the standard errors (K, c) to a file beside the model.
     ///
     /// # Errors
     ///
@@ -246,8 +248,8 @@ pub struct MadeOf<'a> {
     pub id: Option<&'a str>,
     /// Record of the surface's file.
     pub input: Option<&'a FileRecord>,
-    /// Record of the region's file, if reading was limited to a region. Values outside the region were extrapolated
-    /// from its edge.
+    /// Record of the region's file, if a signal was read only within a region. Values outside the region were
+    /// extrapolated from its edge.
     pub region: Option<&'a FileRecord>,
     /// Changes to the surface that were requested before the fit.
     pub preparation: Preparation,
@@ -260,13 +262,13 @@ pub struct MadeOf<'a> {
 pub struct Mapped {
     /// The surface with its sphere and the report on the mapping.
     pub surface: MappedSurface,
-    /// Paths of the files that were written: the sphere, and the surface if it differs from that of the input. Empty
-    /// if an existing sphere was reused.
+    /// Paths of the files that were written: the sphere, and the surface if it differs from the one in the input's
+    /// file. Empty if an existing sphere was reused.
     pub written: Vec<PathBuf>,
 }
 
 impl Mapped {
-    /// Removes the files that were written. Without a model, these files would cause the next run to be refused.
+    /// Removes the files that were written. If these files remained without a model, the next run would be refused.
     pub fn remove(&self) {
         for path in &self.written {
             // If a file can't be removed, the error is ignored, because the caller reports the error that caused the
@@ -280,7 +282,7 @@ impl Mapped {
 ///
 /// # Errors
 ///
-/// The errors of the serializer.
+/// The errors of `serializer`.
 pub fn serialize_shown<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&path.display())
 }

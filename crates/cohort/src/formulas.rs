@@ -13,7 +13,7 @@ fn starts_one(text: &str) -> bool {
     text.trim_start_matches('\'').starts_with(STARTS)
 }
 
-/// Returns the text as a cell that no spreadsheet evaluates as a formula, by prefixing an apostrophe if necessary.
+/// Converts a string to a cell that no spreadsheet evaluates as a formula, by prefixing an apostrophe if necessary.
 /// Numbers are unchanged.
 ///
 /// ```
@@ -27,14 +27,14 @@ pub fn guarded(text: &str) -> Cow<'_, str> {
     if starts_one(text) && text.parse::<f64>().is_err() { Cow::Owned(format!("'{text}")) } else { Cow::Borrowed(text) }
 }
 
-/// Returns the text as a cell of a tab-separated table, [`guarded`]. Control characters, which could end the cell, are
-/// replaced by blanks.
+/// Converts a string to a cell of a tab-separated table, protected by [`guarded`]. Control characters, which could end
+/// the cell, are replaced by blanks.
 #[must_use]
 pub fn cell(text: &str) -> String {
     guarded(&text.replace(char::is_control, " ")).into_owned()
 }
 
-/// Returns the original text of a cell that [`guarded`] returned.
+/// Returns the original string of a cell that [`guarded`] returned.
 #[must_use]
 pub fn unguarded(cell: &str) -> &str {
     cell.strip_prefix('\'').filter(|text| starts_one(text)).unwrap_or(cell)

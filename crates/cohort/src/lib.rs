@@ -1,10 +1,9 @@
 //! Fits cohorts: reads lists of surfaces, fits the surfaces, and writes tables of outcomes.
 //!
-//! A cohort may have thousands of surfaces, which are fitted by many processes, and processes may be killed. A
-//! [`Manifest`] is a table with one row per surface; each process fits the rows of its [`Shard`] by
-//! [`run()`](run::run). Each process has its own table of outcomes, a [`StatusFile`]. Whenever a row is finished, the
-//! process appends a line to its table, so that no outcome is lost if the process is killed. [`Merged`] merges the
-//! tables of all processes.
+//! A cohort may have thousands of surfaces, fitted by many processes that may be killed at any time. A [`Manifest`] is
+//! a table with one row per surface; each process fits the rows of its [`Shard`] with [`run()`](run::run). Each process
+//! has its own table of outcomes, a [`StatusFile`]. Whenever a row is finished, the process appends a line to its
+//! table, so that no outcome is lost if the process is killed. [`Merged`] merges the tables of all processes.
 //!
 //! ```
 //! use spharm_cohort::{Entry, Manifest, Merged, Shard, State, StatusFile};
@@ -35,15 +34,15 @@
 //! | [`Shard`] | the rows of one process |
 //! | [`StatusFile`], [`Entry`], [`State`] | outcomes of one process, a line at a time |
 //! | [`Merged`] | outcomes of all processes |
-//! | [`mod@run`] | [`run()`](run::run): fits all rows, in memory that doesn't grow with their number |
+//! | [`mod@run`] | [`run()`](run::run): fits all rows; the memory doesn't grow with the number of rows |
 //! | [`files`] | the files of a model |
 //! | [`rerun`] | decisions about existing outputs |
-//! | [`reader`] | meshes, and labels of volumes |
+//! | [`reader`] | reading of meshes, and of labels in volumes |
 //! | [`equal`] | inputs that occur twice |
-//! | [`mod@check`] | quality control of a group: subjects to look at |
+//! | [`mod@check`] | quality control of a group: flags subjects to look at |
 //! | [`mod@degree`] | one degree for the models of many surfaces |
 //! | [`evaluate`] | models evaluated on one sphere |
-//! | `table` | TSV and CSV with the numbers of lines |
+//! | `table` | TSV and CSV tables, read with line numbers |
 
 #![forbid(unsafe_code)]
 

@@ -18,7 +18,7 @@ const LABEL: &str = "label";
 const SIGNAL_MASK: &str = "signal_mask";
 /// Names of the columns with a defined meaning.
 const OWN: [&str; 7] = [ID, SURFACE, SPHERE, WEIGHTS, OUTPUT, LABEL, SIGNAL_MASK];
-/// Largest length of an id in bytes. With a file-name extension, an id is a file name, whose length is limited to 255
+/// Largest length of an id in bytes. An id is used as a file name with an extension, and file names have at most 255
 /// bytes.
 const LONGEST_ID: usize = 200;
 
@@ -27,14 +27,14 @@ const LONGEST_ID: usize = 200;
 pub struct Row {
     /// Name of the surface in models and reports.
     pub id: String,
-    /// File of the mesh or signal, or of the volume.
+    /// Path of the mesh, signal or volume.
     pub surface: PathBuf,
     /// Path of the sphere of the fit, or `None` if the surface is mapped to a sphere during the run.
     pub sphere: Option<PathBuf>,
     /// Weights of the vertices, if the row specifies them: `uniform`, `area`, or the path of a file.
     pub weights: Option<PathBuf>,
-    /// File of a mask or label to which the reading of a signal is limited. Values at other vertices are extrapolated
-    /// from the edge of this region.
+    /// Path of a mask or label that marks the region in which the values of a signal are read. Values at other vertices
+    /// are extrapolated from the edge of this region.
     pub region: Option<PathBuf>,
     /// Path of the model, relative to the folder of all models; `None` if the file is named by the id.
     pub output: Option<PathBuf>,
@@ -48,7 +48,8 @@ pub struct Row {
 }
 
 impl Row {
-    /// Returns the path of the model in the folder of all models: `output`, or `ID.spharm.npz`.
+    /// Returns the path of the model in `folder`, the folder of all models. The path in this folder is `output`, with
+    /// `.spharm.npz` appended unless it ends in `.npz`, or `ID.spharm.npz` if there is no output.
     #[must_use]
     pub fn model(&self, folder: &Path) -> PathBuf {
         match &self.output {
@@ -63,7 +64,7 @@ impl Row {
     }
 }
 
-/// Returns whether a file's name marks it as a model, by the ending .npz.
+/// Returns whether a file name has the extension of a model, `.npz`.
 #[must_use]
 pub fn is_model(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npz"))
@@ -80,12 +81,12 @@ pub struct Manifest {
     pub rows: Vec<Row>,
 }
 
-/// Checks that a text is a valid id.
+/// Checks that a string is a valid id.
 ///
 /// # Errors
 ///
-/// A description of valid ids. An id must be nonempty, without control characters and path separators, short enough for
-/// a file name.
+/// A description of valid ids, if the string is empty, `.` or `..`, contains a path separator or a control character,
+/// or is longer than 200 bytes.
 pub fn check_id(text: &str) -> Result<(), &'static str> {
     match text {
         "" => Err("an id"),
@@ -106,15 +107,15 @@ impl Manifest {
     ///
     /// # Errors
     ///
-    /// [`CohortError`], which names the line, for files that can't be read, text that isn't UTF-8, missing columns,
-    /// rows with a wrong number of cells, ids that are empty, duplicate or invalid as file names, duplicate outputs,
-    /// and unknown columns whose names are almost those of known columns.
+    /// [`CohortError`] if the file can't be read or isn't UTF-8, if a column is missing, if a row has a wrong number of
+    /// cells, if an id is empty, duplicate or invalid as a file name, if an output is duplicate, or if an unknown
+    /// column has nearly the same name as a known one. The error names the line.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         Self::of_text(path, &read_text(path)?)
     }
 
-    /// Parses a manifest from its bytes, as if they were the file at `path`. See [`read`](Self::read).
+    /// Parses a manifest from bytes, as if they were the contents of the file at `path`. See [`read`](Self::read).
     ///
     /// # Errors
     ///
@@ -153,7 +154,7 @@ impl Manifest {
     ///
     /// # Errors
     ///
-    /// The errors of [`read`](Self::read); [`CohortError::Io`] if the current folder is unknown.
+    /// The errors of [`read`](Self::read), and [`CohortError::Io`] if the current folder is unknown.
     pub fn rest(&self, to: &Path, keep: impl Fn(&Row) -> bool) -> Result<Vec<u8>, CohortError> {
         let io = |source| CohortError::Io { path: to.to_owned(), action: "write", source };
         let elsewhere = absolute(folder_of(to)).map_err(io)? != absolute(self.folder()).map_err(io)?;

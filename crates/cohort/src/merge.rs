@@ -10,11 +10,11 @@ use crate::table::{Table, read_text};
 /// The final outcome of each row, merged from several status files.
 ///
 /// Within a file, a later line of a row replaces an earlier line, except that [`State::Skipped`] doesn't replace
-/// [`State::Done`]. If several files have a line for the same row, a line that says that the model exists takes
-/// precedence over other lines, and otherwise the line of the last file given.
+/// [`State::Done`]. If several files have a line for the same row, the last file whose line says that the model exists
+/// takes precedence; if there is none, the last file given.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Merged {
-    /// Entries in the order of their first occurrence.
+    /// The entries, in the order in which their rows first occur.
     entries: Vec<Entry>,
     places: HashMap<String, usize>,
     /// Number of malformed lines that were ignored, such as lines that were incomplete because the disk was full.
@@ -26,7 +26,8 @@ impl Merged {
     ///
     /// # Errors
     ///
-    /// [`CohortError::NotStatus`] for a file that isn't a status file, and errors of reading it.
+    /// [`CohortError::NotStatus`] if a file isn't a status file, [`CohortError::Encoding`] if it isn't UTF-8, and
+    /// [`CohortError::Io`] if it can't be read.
     pub fn read(paths: impl IntoIterator<Item = impl AsRef<Path>>) -> Result<Self, CohortError> {
         let mut merged = Self::default();
         for path in paths {

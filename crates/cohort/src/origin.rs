@@ -11,14 +11,14 @@ const INPUT: &str = "SpharmInput";
 const LABEL: &str = "SpharmLabel";
 const MAP: &str = "SpharmMap";
 
-/// The input from which a sphere was made, and the method of the map.
+/// The input from which a sphere was made, and the mapping method.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Origin {
     /// BLAKE3 hash of the contents of the input's file.
     input: String,
     /// Label of the surface, if the input is a volume.
     label: Option<i64>,
-    /// Name and settings of the method.
+    /// Name and settings of the mapping method.
     map: String,
 }
 
@@ -53,7 +53,7 @@ impl Origin {
         (&self.input, self.label) == (&input.blake3, input.label)
     }
 
-    /// Writes the origin to the metadata of a new sphere. It replaces an origin that was copied from the surface's
+    /// Writes the origin to the metadata of a new sphere, and replaces any origin that was copied from the surface's
     /// file.
     pub(crate) fn write_to(&self, meta: &mut Meta) {
         meta.file_metadata.retain(|(name, _)| ![INPUT, LABEL, MAP].contains(&name.as_str()));

@@ -52,7 +52,7 @@ impl SurfaceReader {
     ///
     /// # Errors
     ///
-    /// The errors of [`LabelVolume::read_with`].
+    /// [`ParametrizeError`] if the volume can't be read; see [`LabelVolume::read_with`].
     pub fn volume(&self, path: &Path, monitor: &dyn Monitor) -> Result<Arc<LabelVolume>, ParametrizeError> {
         // Threads that need the same volume wait until one of them has read it.
         let mut last = self.volume.lock().unwrap_or_else(PoisonError::into_inner);

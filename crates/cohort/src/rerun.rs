@@ -28,7 +28,7 @@ pub enum IfExists {
 }
 
 impl IfExists {
-    /// Returns whether an existing model is kept if it is the requested one.
+    /// Returns whether an existing model that matches the request is kept.
     #[must_use]
     pub fn keeps(self) -> bool {
         matches!(self, Self::Skip | Self::Update)
@@ -46,8 +46,8 @@ pub struct Request<'a> {
     pub sphere: Option<&'a Sphere>,
     /// Settings of the fit.
     pub params: &'a FitParams,
-    /// Record of the region's file, if reading is limited to a region. Values outside the region are extrapolated from
-    /// its edge.
+    /// Record of the region's file, if a signal is read only within a region. Values outside the region are
+    /// extrapolated from its edge.
     pub region: Option<&'a FileRecord>,
     /// Changes to be made to the surface before the fit. There are none for a surface over a given sphere.
     pub preparation: Preparation,
@@ -68,7 +68,8 @@ pub enum Decision {
     Fit {
         /// Existing outputs that the fit may replace.
         replace: Replace,
-        /// Input of the existing model, if the model is replaced although it was made from another input.
+        /// With [`IfExists::Replace`], the input of the existing model if it differs from the requested input. `None`
+        /// in all other cases.
         replaces: Option<FileRecord>,
     },
 }
@@ -138,7 +139,7 @@ fn list(differences: &[Difference]) -> String {
 }
 
 impl Request<'_> {
-    /// Decides whether to fit, from the existing outputs and the provenance of the existing model.
+    /// Decides whether to fit, depending on the existing outputs and the provenance of the existing model.
     ///
     /// With [`IfExists::Skip`], a model of the same input with the same settings is kept. It is recomputed only if a
     /// requested file beside it is missing. Inputs are the same if the contents of their files are equal. If no model
@@ -154,8 +155,8 @@ impl Request<'_> {
     }
 
     /// Decides as [`decide`](Self::decide) does. `is_sound` returns whether repairing and cutting would leave the
-    /// surface unchanged. Because it has to read the surface, it is only called if the request has repairs or cuts
-    /// that the existing model was made without.
+    /// surface unchanged. It has to read the surface, so it is called only if the request has repairs or cuts that the
+    /// existing model was made without.
     ///
     /// # Errors
     ///

@@ -27,7 +27,7 @@ impl std::fmt::Display for Shard {
 impl FromStr for Shard {
     type Err = CohortError;
 
-    /// Parses `i/n`, or `slurm` for the task of a Slurm array that runs this process.
+    /// Parses `INDEX/COUNT`, or `slurm` for the shard of the Slurm array task that runs this process.
     fn from_str(text: &str) -> Result<Self, CohortError> {
         if text == "slurm" {
             return Self::of_slurm(|name| std::env::var(name).ok());
@@ -52,8 +52,8 @@ impl Shard {
     ///
     /// # Errors
     ///
-    /// [`CohortError::Slurm`] outside an array, and in an array whose task numbers have gaps, because the tasks
-    /// wouldn't cover all rows.
+    /// [`CohortError::Slurm`] if this process isn't a task of an array, or if the array's task numbers have gaps,
+    /// because the tasks then wouldn't cover all rows.
     pub fn of_slurm(variable: impl Fn(&str) -> Option<String>) -> Result<Self, CohortError> {
         let refuse = |problem: String| CohortError::Slurm { problem };
         let number = |name: &str| -> Result<usize, CohortError> {

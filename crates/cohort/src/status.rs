@@ -18,7 +18,7 @@ pub(crate) const HEADER: [&str; 7] = ["id", "state", "msd", "xsd", "seconds", "e
 pub enum State {
     /// The model was written.
     Done,
-    /// The row was skipped, because its model existed.
+    /// The row was skipped because its model existed.
     Skipped,
     /// The row couldn't be fitted. The column `error` gives the reason.
     Failed,
@@ -124,8 +124,8 @@ fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>
     writer.into_inner().map_err(|error| io::Error::other(error.to_string()))
 }
 
-/// A status file to which this process writes. If a row has several lines, the last one is valid, so that a resumed
-/// run can append to the file.
+/// A status file to which this process writes. If a row has several lines, the last one counts, so a resumed run can
+/// append to the file.
 #[derive(Debug)]
 pub struct StatusFile {
     path: PathBuf,
@@ -141,7 +141,7 @@ impl StatusFile {
     /// # Errors
     ///
     /// [`CohortError::NotStatus`] if the file isn't a status file, [`CohortError::Locked`] if another process has it
-    /// open, and [`CohortError::Io`].
+    /// open, and [`CohortError::Io`] if it can't be opened, read or written.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, CohortError> {
         let path = path.as_ref();
         let io = |action| move |source| CohortError::Io { path: path.to_owned(), action, source };
@@ -177,7 +177,7 @@ impl StatusFile {
     ///
     /// # Errors
     ///
-    /// [`CohortError::Io`]. An incomplete line is then removed, if possible.
+    /// [`CohortError::Io`] if the line can't be written completely. The incomplete line is then removed, if possible.
     pub fn append(&mut self, entry: &Entry) -> Result<(), CohortError> {
         let result = entry.line().and_then(|line| self.file.write_all(&line).map(|()| line.len() as u64));
         match result {

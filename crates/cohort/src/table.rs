@@ -1,4 +1,4 @@
-//! Reads and writes TSV and CSV tables in common dialects, and tracks line numbers.
+//! Reads and writes TSV and CSV tables in common dialects, and keeps track of line numbers.
 //!
 //! Tables follow RFC 4180, with commas if the file name ends in `.csv` and tabs otherwise. Cells in quotation marks
 //! may contain separators. All kinds of line endings are accepted. A byte-order mark, blank lines, and lines that
@@ -108,7 +108,7 @@ pub(crate) fn writer(separator: u8) -> csv::Writer<Vec<u8>> {
     csv::WriterBuilder::new().delimiter(separator).comment(Some(b'#')).flexible(true).from_writer(Vec::new())
 }
 
-/// Counts line numbers of records. Records must be given in order.
+/// Determines the line numbers of records, which must be given in order.
 struct Lines<'a> {
     bytes: &'a [u8],
     at: usize,

@@ -36,7 +36,7 @@ pub(crate) fn write_json(out: &mut dyn Write, a: &Coefficients) -> io::Result<()
     writeln!(out, "}}")
 }
 
-/// Writes a line of names and a line of values, for pandas to read.
+/// Writes a line of names and a line of values, as CSV that pandas can read.
 pub(crate) fn write_csv(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     let (names, values): (Vec<_>, Vec<_>) = named(a).into_iter().map(|(name, x)| (name, format!("{x:?}"))).unzip();
     writeln!(out, "{}\n{}", names.join(","), values.join(","))

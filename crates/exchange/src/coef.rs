@@ -10,8 +10,7 @@ use crate::convert::{from_pdm, to_pdm};
 use crate::flaw::Flaw;
 use crate::text::{number, quoted, text, write_row};
 
-/// Highest degree that SPHARM-PDM can evaluate. At higher degrees, the factorials of twice the degree overflow in
-/// SPHARM-PDM.
+/// Highest degree that SPHARM-PDM can evaluate. At higher degrees, its factorials of twice the degree overflow.
 pub(crate) const HIGHEST_EVALUATED: usize = 85;
 
 pub(crate) fn write(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
@@ -25,7 +24,7 @@ pub(crate) fn write(out: &mut dyn Write, a: &Coefficients) -> io::Result<()> {
     writeln!(out, "}}")
 }
 
-/// Returns whether a text begins like a `.coef` file: with a brace, a number and a comma.
+/// Returns whether a file begins like a `.coef` file: with a brace, a number and a comma.
 pub(crate) fn is_coef(bytes: &[u8]) -> bool {
     let rest = bytes.trim_ascii_start().strip_prefix(b"{").unwrap_or_default().trim_ascii_start();
     let digits = rest.iter().take_while(|byte| byte.is_ascii_digit()).count();

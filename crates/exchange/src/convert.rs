@@ -1,8 +1,8 @@
 //! Converts coefficients to and from the arrays of other packages.
 //!
-//! `a` denotes canonical coefficients of shape (K, c). For m > 0, the complex coefficients are `c_lm = (-1)^m (a_lm -
-//! i a_l,-m) / sqrt2` and `c_l,-m = (-1)^m conj c_lm` ([`Coefficients::to_complex`]). If a complex series doesn't
-//! represent a real function, the real part of the function is used.
+//! `a` denotes canonical coefficients (K, c). For m > 0, the complex coefficients are `c_lm = (-1)^m (a_lm - i a_l,-m)
+//! / sqrt2` and `c_l,-m = (-1)^m conj c_lm` ([`Coefficients::to_complex`]). If a complex series doesn't represent a
+//! real function, the real part of the function is used.
 //!
 //! Source: the packages' own definitions, as stated in `docs/exchange.md`; `python/spharm_rs/convert.py` has the same
 //! formulas in NumPy.
@@ -20,7 +20,7 @@ fn phase(order: isize) -> f64 {
 }
 
 /// Returns the row of a coefficient in a SPHARM-PDM file, and the factor by which the canonical coefficient is
-/// multiplied. `row` is the canonical row.
+/// multiplied. `row` is the coefficient's canonical row.
 fn pdm(row: usize) -> (usize, f64) {
     let (degree, order) = degree_order(row);
     let at = match order {
@@ -31,8 +31,8 @@ fn pdm(row: usize) -> (usize, f64) {
     (first_column(degree) + at, if order == 0 { 1.0 } else { SQRT_2 * phase(order) })
 }
 
-/// Returns the rows of a SPHARM-PDM `.coef` file, of shape (K, c). Each degree has order 0 first, then for each higher
-/// order the factors of Re Y and Im Y.
+/// Returns the rows (K, c) of a SPHARM-PDM `.coef` file. Each degree begins with order 0; then, for each higher order,
+/// come the factors of Re Y and Im Y.
 #[must_use]
 pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
     let mut rows = Array2::zeros(a.values().raw_dim());
@@ -43,11 +43,11 @@ pub fn to_pdm(a: &Coefficients) -> Array2<f64> {
     rows
 }
 
-/// Returns the canonical coefficients from the rows of a SPHARM-PDM `.coef` file, of shape (K, c).
+/// Converts the rows (K, c) of a SPHARM-PDM `.coef` file to canonical coefficients.
 ///
 /// # Errors
 ///
-/// [`NotABasisSize`](HarmonicsError::NotABasisSize).
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize) if K isn't (L + 1)^2 for any degree L.
 pub fn from_pdm(rows: &Array2<f64>) -> Result<Coefficients, HarmonicsError> {
     Coefficients::new(rows.clone())?;
     Coefficients::new(Array2::from_shape_fn(rows.raw_dim(), |(row, channel)| {
@@ -56,8 +56,8 @@ pub fn from_pdm(rows: &Array2<f64>) -> Result<Coefficients, HarmonicsError> {
     }))
 }
 
-/// Returns the `alm` of healpy and ducc0, of shape (c, (L + 1) (L + 2) / 2), sorted by order. Also returns the degree
-/// and order of each column.
+/// Returns the array `alm` (c, (L + 1) (L + 2) / 2) of healpy and ducc0, whose columns are sorted by order. Also
+/// returns the degree and order of each column.
 #[must_use]
 pub fn to_healpy(a: &Coefficients) -> (Array2<Complex64>, Vec<(usize, usize)>) {
     let complex = a.to_complex();
@@ -68,7 +68,8 @@ pub fn to_healpy(a: &Coefficients) -> (Array2<Complex64>, Vec<(usize, usize)>) {
     (alm, at)
 }
 
-/// Returns the canonical coefficients of a real function. `value(l, m)` gives its complex coefficients for m >= 0.
+/// Returns the canonical coefficients of a real function. `value(l, m)` returns its complex coefficient of degree l and
+/// order m >= 0.
 #[must_use]
 pub fn from_orders(max_degree: usize, value: impl Fn(usize, usize) -> Complex64) -> Vec<f64> {
     let canonical = |row| {
@@ -83,7 +84,7 @@ pub fn from_orders(max_degree: usize, value: impl Fn(usize, usize) -> Complex64)
     (0..basis_size(max_degree)).map(canonical).collect()
 }
 
-/// Returns the `flm` of s2fft, of shape (c, L + 1, 2 L + 1), whose orders begin at -L. s2fft's own band limit L is
+/// Returns the array `flm` (c, L + 1, 2 L + 1) of s2fft, whose orders begin at -L. s2fft's band limit is
 /// `max_degree` + 1.
 #[must_use]
 pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
@@ -96,7 +97,7 @@ pub fn to_s2fft(a: &Coefficients) -> Array3<Complex64> {
     flm
 }
 
-/// Returns the canonical coefficients from the `flm` of s2fft, of shape (c, L + 1, 2 L + 1).
+/// Converts the array `flm` (c, L + 1, 2 L + 1) of s2fft to canonical coefficients.
 ///
 /// # Errors
 ///
@@ -113,8 +114,8 @@ pub fn from_s2fft(flm: &Array3<Complex64>) -> Result<Coefficients, HarmonicsErro
     Coefficients::from_complex(&complex)
 }
 
-/// Returns pyshtools' orthonormal coefficients with `csphase=1`, of shape (c, 2, L + 1, L + 1), indexed `[k, i, l, m]`
-/// with i = 0 for cosines and 1 for sines.
+/// Returns pyshtools' orthonormal coefficients (c, 2, L + 1, L + 1) with `csphase=1`, indexed `[k, i, l, m]`, where i
+/// is 0 for cosines and 1 for sines.
 #[must_use]
 pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
     let size = a.max_degree() + 1;
@@ -126,8 +127,7 @@ pub fn to_pyshtools(a: &Coefficients) -> Array4<f64> {
     array
 }
 
-/// Returns the canonical coefficients from pyshtools' orthonormal coefficients with `csphase=1`, of shape (c, 2, L +
-/// 1, L + 1).
+/// Converts pyshtools' orthonormal coefficients (c, 2, L + 1, L + 1) with `csphase=1` to canonical coefficients.
 ///
 /// # Errors
 ///
@@ -143,7 +143,7 @@ pub fn from_pyshtools(array: &Array4<f64>) -> Result<Coefficients, HarmonicsErro
     }))
 }
 
-/// Converts canonical coefficients, of shape (K, c), to FlowShape's coefficients, or back. Each is multiplied by
+/// Converts canonical coefficients (K, c) to FlowShape's coefficients, or back, by multiplying each coefficient by
 /// (-1)^m.
 #[must_use]
 pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
@@ -152,8 +152,8 @@ pub fn with_phase(values: &Array2<f64>) -> Array2<f64> {
     found
 }
 
-/// Returns the matrix of weighted SPHARM for one channel, of shape (L + 1, 2 L + 1). The row of degree l has the
-/// cosines of orders 0 to l, then the sines of orders 1 to l, then zeros.
+/// Returns the matrix (L + 1, 2 L + 1) of weighted SPHARM for one channel. Row l has the cosines of orders 0 to l, then
+/// the sines of orders 1 to l, then zeros.
 ///
 /// The harmonics of weighted SPHARM use the azimuth plus pi, so each coefficient is multiplied by (-1)^m.
 #[must_use]
@@ -167,8 +167,8 @@ pub fn to_beta(a: &Coefficients, channel: usize) -> Array2<f64> {
     beta
 }
 
-/// Returns the canonical coefficients of one channel from its matrix of weighted SPHARM, which has L + 1 rows and at
-/// least 2 L + 1 columns. Returns `None` for any other shape.
+/// Converts the matrix of weighted SPHARM for one channel to canonical coefficients. Returns `None` unless the matrix
+/// has L + 1 rows and at least 2 L + 1 columns.
 #[must_use]
 pub fn from_beta(beta: &Array2<f64>) -> Option<Vec<f64>> {
     let degrees = beta.nrows();

@@ -23,7 +23,7 @@ pub enum ExchangeError {
     Malformed {
         /// Path of the file.
         path: PathBuf,
-        /// Description of a file in the format, with its indefinite article.
+        /// Description of a file in the format, beginning with an article.
         format: &'static str,
         /// The content that the format requires.
         expected: String,
@@ -37,7 +37,7 @@ pub enum ExchangeError {
         path: PathBuf,
         /// Description of the file's contents.
         found: String,
-        /// The possible formats of the file, from which the user has to choose.
+        /// The formats that the file may have, from which the user has to choose.
         remedy: &'static str,
     },
     /// The format can't represent the model.
@@ -84,11 +84,11 @@ pub enum ExchangeError {
     Formats {
         /// Path of the file whose format differs.
         path: PathBuf,
-        /// Format of this file, with its indefinite article.
+        /// Description of this file's format, beginning with an article.
         found: &'static str,
         /// Path of the first file of the model.
         first: PathBuf,
-        /// Format of the first file, with its indefinite article.
+        /// Description of the first file's format, beginning with an article.
         expected: &'static str,
     },
     /// The model can't be evaluated or written.

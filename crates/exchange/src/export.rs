@@ -38,7 +38,7 @@ pub enum ExportWarning {
         /// The model's degree.
         degree: usize,
     },
-    /// The model has no sphere, so the exported SPHARM-MAT file has coefficients without surface and sphere.
+    /// The model has no sphere, so the exported SPHARM-MAT file has coefficients, but no surface or sphere.
     NoSphere,
 }
 
@@ -58,7 +58,7 @@ impl fmt::Display for ExportWarning {
     }
 }
 
-/// Returns the paths of the files of an exported model: `path`, or for formats with one file per channel
+/// Returns the paths of the files of an exported model: `path`, or, for formats with one file per channel,
 /// `NAME.x.ENDING`, `NAME.y.ENDING` and so on.
 #[must_use]
 pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
@@ -80,7 +80,7 @@ pub fn files(format: Format, channels: usize, path: &Path) -> Vec<PathBuf> {
 ///
 /// # Errors
 ///
-/// [`CannotHold`](ExchangeError::CannotHold).
+/// [`CannotHold`](ExchangeError::CannotHold) if the format doesn't support the model's number of channels.
 pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
     let channels = model.coefficients.channels();
     let cannot = |format, holds, hint| Err(ExchangeError::CannotHold { format, holds, channels, hint });
@@ -104,7 +104,8 @@ pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
 ///
 /// # Errors
 ///
-/// [`CannotHold`](ExchangeError::CannotHold), and the errors of [`write_new`].
+/// The errors of [`check`], [`Model`](ExchangeError::Model) if the model can't be evaluated, and
+/// [`Surface`](ExchangeError::Surface) if a file exists and `overwrite` isn't set, or if a file can't be written.
 pub fn export(model: &Model, format: Format, path: &Path, options: &ExportOptions) -> Result<Exported, ExchangeError> {
     check(model, format)?;
     let a = &model.coefficients;

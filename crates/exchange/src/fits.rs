@@ -90,8 +90,9 @@ impl<'a> Header<'a> {
         let end = loop {
             let at = cards.len() * CARD;
             let card = bytes.get(at..at + CARD).and_then(|card| std::str::from_utf8(card).ok());
-            let card =
-                card.ok_or_else(|| Flaw::new("cards of 80 characters up to END", "the end of the file, or no text"))?;
+            let card = card.ok_or_else(|| {
+                Flaw::new("cards of 80 characters up to END", "the end of the file, or bytes that aren't text")
+            })?;
             let key = card.get(..8).unwrap_or_default().trim_end();
             if key == "END" {
                 break (at + CARD).next_multiple_of(BLOCK);
@@ -117,10 +118,10 @@ impl<'a> Header<'a> {
         value.and_then(|value| value.parse().ok()).ok_or_else(found)
     }
 
-    /// Returns the size in bytes of the data after the header. This is the product of the axis lengths plus the size
-    /// of a table's heap, times the size of a number.
+    /// Returns the size in bytes of the data after the header: the product of the axis lengths plus the size of a
+    /// table's heap, times the size of a number.
     fn length(&self) -> Result<usize, Flaw> {
-        let large = || Flaw::new("data that fit in memory", "larger ones");
+        let large = || Flaw::new("data that fit in memory", "larger data");
         let axes = self.number("NAXIS")?;
         let mut length = usize::from(axes > 0);
         for axis in 1..=axes.min(999) {
@@ -206,7 +207,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
     if at > width {
         return Err(Flaw::new(format!("rows of at least {at} bytes"), width));
     }
-    // Reject a table without rows: its declared width hasn't been checked against any data.
+    // Reject a table without rows or columns: its declared sizes haven't been checked against any data.
     if rows == 0 || width == 0 {
         return Err(Flaw::new("rows of index, real part and imaginary part", "none"));
     }
@@ -227,7 +228,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
         entries.push((l, m.unsigned_abs(), Complex64::new(re, im)));
     }
     let degree = entries.iter().map(|&(l, ..)| l).max().unwrap_or(0);
-    // Allocate memory for a degree only if the table has at least as many rows as the degree requires.
+    // A single index may declare a huge degree, so allocate memory only if the table has more rows than the degree.
     if entries.len() <= degree {
         return Err(Flaw::new(format!("rows up to degree {degree}"), format!("{} rows", entries.len())));
     }

@@ -1,4 +1,4 @@
-//! Defines the errors of parsers, which know the contents of a file but not its path.
+//! Defines the error type of parsers, which know the contents of a file but not its path.
 
 use std::path::Path;
 
@@ -22,7 +22,7 @@ impl Flaw {
     }
 }
 
-/// Returns the beginning of a text without line breaks and escape sequences, for error messages.
+/// Returns the beginning of a string for error messages, with control characters escaped.
 fn printable(text: &str) -> String {
     const MOST: usize = 160;
     let mut line = String::new();

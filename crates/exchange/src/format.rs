@@ -3,17 +3,17 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// A file format for coefficients: that of another package, or plain text.
+/// A file format for coefficients: the format of another package, or plain text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Format {
-    /// SPHARM-PDM's `.coef`.
+    /// SPHARM-PDM's `.coef` files.
     Pdm,
-    /// SPHARM-MAT's `.mat`.
+    /// SPHARM-MAT's `.mat` files.
     Mat,
     /// SHTOOLS' text files of coefficients.
     Pyshtools,
-    /// FITS tables of healpy's `write_alm`.
+    /// FITS tables, as written by healpy's `write_alm`.
     Healpy,
     /// s2fft's arrays of complex coefficients, as NumPy files.
     S2fft,
@@ -21,7 +21,7 @@ pub enum Format {
     Ktch,
     /// FlowShape's arrays of coefficients, as NumPy files.
     Flowshape,
-    /// Named coefficients of a star-shaped body's radius, as in aics-shparam.
+    /// Named coefficients of a star-shaped body's radius, for aics-shparam. This format can only be exported.
     Aics,
     /// Matrices of weighted SPHARM, as written by Chung's MATLAB code and AFNI.
     Afni,
@@ -47,7 +47,7 @@ impl Format {
         Self::Json,
     ];
 
-    /// Returns the name of the format on the command line.
+    /// Returns the name of the format, as used on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -83,16 +83,16 @@ impl Format {
         }
     }
 
-    /// Returns a description of a file in this format, with its indefinite article, for messages.
+    /// Returns a description of a file in this format for messages, beginning with an article.
     pub(crate) fn file(self) -> &'static str {
         match self {
             Self::Pdm => "a SPHARM-PDM .coef file",
             Self::Mat => "a SPHARM-MAT .mat file",
-            Self::Pyshtools => "a text file of SHTOOLS",
-            Self::Healpy => "a FITS file of healpy",
-            Self::S2fft => "an array of s2fft",
-            Self::Ktch => "an array of ktch",
-            Self::Flowshape => "an array of FlowShape",
+            Self::Pyshtools => "an SHTOOLS text file",
+            Self::Healpy => "a healpy FITS file",
+            Self::S2fft => "an s2fft array",
+            Self::Ktch => "a ktch array",
+            Self::Flowshape => "a FlowShape array",
             Self::Aics => "a file for aics-shparam",
             Self::Afni => "a matrix of weighted SPHARM",
             Self::Csv => "a table of coefficients",

@@ -26,9 +26,9 @@ pub struct ImportOptions {
 /// Result of an import.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Imported {
-    /// Canonical coefficients of shape (K, c). All are finite.
+    /// Canonical coefficients (K, c), all finite.
     pub coefficients: Coefficients,
-    /// The sphere of a SPHARM-MAT file; the other formats don't contain a sphere.
+    /// The sphere of a SPHARM-MAT file, if it has one. The other formats don't contain a sphere.
     pub sphere: Option<Sphere>,
     /// The format of the first file.
     pub format: Format,
@@ -38,9 +38,10 @@ pub struct Imported {
 ///
 /// # Errors
 ///
-/// [`Io`](ExchangeError::Io), [`Malformed`](ExchangeError::Malformed), [`Unknown`](ExchangeError::Unknown),
-/// [`WrittenOnly`](ExchangeError::WrittenOnly), [`Degrees`](ExchangeError::Degrees),
-/// [`Formats`](ExchangeError::Formats).
+/// [`Io`](ExchangeError::Io) if a file can't be read, [`Malformed`](ExchangeError::Malformed) if its contents violate
+/// the format, [`Unknown`](ExchangeError::Unknown) if its format can't be determined,
+/// [`WrittenOnly`](ExchangeError::WrittenOnly) if the format can only be exported, and
+/// [`Degrees`](ExchangeError::Degrees) or [`Formats`](ExchangeError::Formats) if the files differ in degree or format.
 pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Imported, ExchangeError> {
     let mut whole: Option<Imported> = None;
     for path in files.iter().map(AsRef::as_ref) {
@@ -97,8 +98,8 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
 /// block.
 fn load(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = spharm_files::open(path)?;
-    // Check the memory for the bytes of the file and for the numbers, which take about as many bytes as their text.
-    // The check comes before reading, because a sparse file can be far larger than its size on disk.
+    // Check that the memory suffices for the bytes of the file and for the numbers, which take about as many bytes as
+    // their text. Check before reading, because the length of a sparse file can far exceed its size on disk.
     check_room(file.metadata()?.len().saturating_mul(2))
         .map_err(|room| io::Error::other(format!("the contents need {room}")))?;
     let mut bytes = Vec::new();
@@ -148,7 +149,7 @@ fn parse(bytes: &[u8], format: Format, options: &ImportOptions) -> Result<(Coeff
         Format::Afni => channel(beta::read(bytes)?)?,
         Format::Csv => table::read_csv(bytes)?,
         Format::Json => table::read_json(bytes)?,
-        Format::Aics => return Err(Flaw::new("a format that is read", format)),
+        Format::Aics => return Err(Flaw::new("a format that can be imported", format)),
     };
     Ok((coefficients, None))
 }

@@ -7,7 +7,7 @@
 //!
 //! | format | coefficients | file |
 //! |---|---|---|
-//! | [`Pdm`](Format::Pdm) | factors of Re Y and Im Y with the phase, a degree's order 0 first | `.coef`, text |
+//! | [`Pdm`](Format::Pdm) | factors of Re Y and Im Y with the phase, order 0 of each degree first | `.coef`, text |
 //! | [`Mat`](Format::Mat) | complex with the phase, `fvec` (K, 3) | `.mat`, MATLAB level 5 |
 //! | [`Pyshtools`](Format::Pyshtools) | `C` and `S`, orthonormal, or geodesy's 4 pi | text, one file per channel |
 //! | [`Healpy`](Format::Healpy) | complex with the phase, m from 0 | FITS, one table per channel |
@@ -24,7 +24,7 @@
 //! |---|---|
 //! | [`convert`] | conversion of coefficients to and from the arrays of other packages |
 //! | `coef`, `mat`, `shtools`, `fits`, `npy`, `aics`, `beta`, `table` | one file format each |
-//! | `text` | numbers in text |
+//! | `text` | numbers in text files |
 //!
 //! # Example
 //!

@@ -24,7 +24,8 @@ pub(crate) fn is_npy(bytes: &[u8]) -> bool {
     bytes.starts_with(b"\x93NUMPY")
 }
 
-/// Determines the format from the shape of the array. If the shape fits no format, returns a description of the array.
+/// Determines the format from the shape and type of the array. If they don't determine it, returns a description of the
+/// array.
 pub(crate) fn format_of(bytes: &[u8]) -> Result<Format, String> {
     let array = Array::from_bytes(bytes).map_err(|error| error.to_string())?;
     match *array.shape() {

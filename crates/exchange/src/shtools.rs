@@ -1,7 +1,7 @@
 //! Reads and writes SHTOOLS' text files, one file per channel, with lines `l, m, C_lm, S_lm` for m from 0 to l.
 //!
-//! pyshtools reads these files by `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. A file doesn't state its
-//! convention.
+//! pyshtools reads these files with `SHCoeffs.from_file(.., normalization="ortho", csphase=1)`. The files don't state
+//! their convention.
 
 use std::io::{self, Write};
 
@@ -32,9 +32,9 @@ pub(crate) fn write(
     Ok(())
 }
 
-/// Reads the coefficients of one channel. Non-numeric lines before the first coefficient are skipped as a header. From
-/// the lowest degree in the file to the highest, every order must occur exactly once, because a missing order indicates
-/// lost data. The lowest degree need not be 0, because other programs omit degree 0 if its coefficient is 0.
+/// Reads the coefficients of one channel. Non-numeric lines before the first coefficient are skipped as a header. Every
+/// order of the degrees from the lowest to the highest in the file must occur exactly once, because a missing order
+/// indicates lost data. The lowest degree need not be 0, because other programs omit degree 0 if its coefficient is 0.
 pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64>, Flaw> {
     let mut found: Vec<(usize, usize, [f64; 2])> = Vec::new();
     for (line, text) in text(bytes)?.lines().enumerate() {
@@ -63,7 +63,8 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     }
     let highest = found.iter().map(|&(l, ..)| l).max();
     let highest = highest.ok_or_else(|| Flaw::new("lines l, m, C, S", "none"))?;
-    // Allocate memory for a degree only if the file has at least as many lines as the degree requires.
+    // A single line may state a high degree, so allocate memory only if the file has at least as many lines as this
+    // degree.
     if found.len() < highest {
         return Err(Flaw::new(format!("lines up to degree {highest}"), format!("{} lines", found.len())));
     }
@@ -83,7 +84,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     Ok(values)
 }
 
-/// Rejects coefficients if an order is duplicated or, as in a truncated file, missing.
+/// Rejects coefficients if an order occurs twice, or is missing, as in a truncated file.
 fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(), Flaw> {
     let mut orders: Vec<(usize, usize)> = found.iter().map(|&(l, m, _)| (l, m)).collect();
     orders.sort_unstable();
@@ -103,7 +104,7 @@ fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(),
     }
 }
 
-/// Returns whether one of the first lines of a text consists of degree, order and two numbers.
+/// Returns whether one of the first lines of a file's text consists of a degree, an order and two numbers.
 pub(crate) fn is_shtools(text: &str) -> bool {
     let lines = text.lines().take(4).filter(|line| !line.trim_start().starts_with('#'));
     lines.map(|line| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()).any(

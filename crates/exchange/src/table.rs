@@ -1,9 +1,9 @@
 //! Reads and writes coefficients as text: a CSV table or a JSON object.
 //!
 //! The table has columns `l,m,x,y,z` with canonical coefficients, or `l,m,c0,c1,...` if the number of channels isn't
-//! three. Tables by `spharm fit --coefficients-csv` can also be read: their columns are `l,m,x_re,x_im,...`, with the
-//! complex coefficients of Shen and Chung. The JSON object has `convention`, `max_degree`, `channels` and
-//! `coefficients`, one row per harmonic.
+//! three. Tables written by `spharm fit --coefficients-csv` can also be read: their columns `l,m,x_re,x_im,...` have
+//! the complex coefficients of Shen and Chung's paper. The JSON object has the members `convention`, `max_degree`,
+//! `channels` and `coefficients`, with one row of coefficients per harmonic.
 
 use std::io::{self, Write};
 
@@ -17,7 +17,7 @@ use spharm_model::CONVENTION;
 use crate::flaw::Flaw;
 use crate::text::{number, quoted, text};
 
-/// Returns the names of the channels.
+/// Returns the names of the channels: x, y and z if there are three, otherwise c0, c1 and so on.
 pub(crate) fn channel_names(channels: usize) -> Vec<String> {
     match channels {
         3 => ["x", "y", "z"].map(str::to_owned).to_vec(),
@@ -36,7 +36,7 @@ pub(crate) fn write_csv(out: &mut dyn Write, a: &Coefficients) -> io::Result<()>
     Ok(())
 }
 
-/// Returns whether a text begins like a CSV table of coefficients.
+/// Returns whether the text of a file begins like a CSV table of coefficients.
 pub(crate) fn is_csv(text: &str) -> bool {
     text.trim_start().starts_with("l,m,")
 }
@@ -51,7 +51,7 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     let complex = names.first().is_some_and(|name| name.ends_with("_re"));
     let alternates = |(i, name): (usize, &&str)| name.ends_with(if i % 2 == 0 { "_re" } else { "_im" });
     if complex && (names.len() % 2 == 1 || !names.iter().enumerate().all(alternates)) {
-        return Err(Flaw::new("columns NAME_re and NAME_im in turn", cells(&header)));
+        return Err(Flaw::new("alternating columns NAME_re and NAME_im", cells(&header)));
     }
     let mut values = Vec::new();
     let mut rows = 0;
@@ -81,7 +81,7 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     })
 }
 
-/// Returns the cells of a row, separated by commas and in quotes, for error messages.
+/// Returns the beginning of a row for error messages, in quotes and with commas between the cells.
 fn cells(record: &csv::StringRecord) -> String {
     quoted(&record.iter().collect::<Vec<_>>().join(","))
 }

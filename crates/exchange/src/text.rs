@@ -33,7 +33,7 @@ pub(crate) fn quoted(word: &str) -> String {
     format!("{:?}", word.chars().take(40).collect::<String>())
 }
 
-/// Returns the contents of a file as text.
+/// Returns the contents of a file as text, without a byte-order mark.
 pub(crate) fn text(bytes: &[u8]) -> Result<&str, Flaw> {
     let text = std::str::from_utf8(bytes).map_err(|error| Flaw::new("text", error))?;
     Ok(text.trim_start_matches('\u{feff}'))

@@ -2,7 +2,7 @@
 //!
 //! Opening a FIFO waits for a writer, reading from a FIFO or terminal waits for data, and a device may supply data
 //! without end. A file that is read several times can't be of these kinds, so they are rejected. The kind is checked
-//! before opening, and again after opening, because the path may be replaced in between. Functions that read an entire
+//! before opening, and again after opening, because the path may be replaced in between. Functions that read a whole
 //! file have a size limit. The limit also applies to files that grow while they are read, and to files of unknown size,
 //! such as those in `/proc`.
 //!

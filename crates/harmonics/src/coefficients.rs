@@ -14,8 +14,8 @@ use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 use crate::HarmonicsError;
 use crate::index::{basis_size, column, max_degree_of};
 
-/// Canonical coefficients of c functions, (K, c), in the unit of the functions. Row `l^2 + l + m` has degree l and
-/// order m.
+/// Canonical coefficients (K, c) of c functions, in the unit of the functions. Row `l^2 + l + m` has degree l and order
+/// m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Coefficients {
     values: Array2<f64>,
@@ -23,11 +23,11 @@ pub struct Coefficients {
 }
 
 impl Coefficients {
-    /// Wraps an array of canonical coefficients, (K, c).
+    /// Wraps an array (K, c) of canonical coefficients.
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::NotABasisSize`]: K isn't `(L + 1)^2` for any L.
+    /// [`HarmonicsError::NotABasisSize`] if K isn't `(L + 1)^2` for any L.
     pub fn new(values: Array2<f64>) -> Result<Self, HarmonicsError> {
         let rows = values.nrows();
         let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
@@ -44,17 +44,17 @@ impl Coefficients {
         self.values.ncols()
     }
 
-    /// Returns the array, (K, c).
+    /// Returns the array (K, c) of coefficients.
     pub fn values(&self) -> &Array2<f64> {
         &self.values
     }
 
-    /// Returns the rows of the degrees up to `degree`, inclusive; all rows if `degree` is above L.
+    /// Returns the coefficients of degrees up to `degree`, inclusive; all coefficients if `degree` is above L.
     pub fn up_to(&self, degree: usize) -> ArrayView2<'_, f64> {
         self.values.slice(s![..basis_size(degree.min(self.max_degree)), ..])
     }
 
-    /// Returns the complex coefficients of Shen and Chung, (K, c); see the [module](self).
+    /// Returns the complex coefficients (K, c) of Shen and Chung; see the [module](self).
     pub fn to_complex(&self) -> Array2<Complex64> {
         let mut complex = Array2::zeros(self.values.raw_dim());
         for channel in 0..self.channels() {
@@ -74,12 +74,12 @@ impl Coefficients {
 
     /// Computes the canonical coefficients of the real part of `sum c_{l,m} Y_{l,m}`, for complex coefficients (K, c).
     ///
-    /// The complex coefficients need not be those of real functions. If they are, this is the inverse of
+    /// The complex coefficients need not describe real functions. If they do, this is the inverse of
     /// [`to_complex`](Self::to_complex).
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::NotABasisSize`]: K isn't `(L + 1)^2` for any L.
+    /// [`HarmonicsError::NotABasisSize`] if K isn't `(L + 1)^2` for any L.
     pub fn from_complex(complex: &Array2<Complex64>) -> Result<Self, HarmonicsError> {
         let mut coefficients = Self::new(complex.mapv(|c| c.re))?;
         for channel in 0..complex.ncols() {

@@ -1,4 +1,4 @@
-//! Double-double arithmetic: a number as an unevaluated sum of two doubles, some 32 decimal digits.
+//! Double-double arithmetic: a number is the unevaluated sum of two doubles, with about 32 decimal digits.
 //!
 //! It is used where a recurrence would amplify the rounding errors of doubles too much: next to the poles, and in the
 //! powers of the azimuth. After T. J. Dekker, "A floating-point technique for extending the available precision",
@@ -8,13 +8,13 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// The number `hi + lo` with `|lo| <= ulp(hi) / 2`.
 ///
-/// With `FMA` the error of a product is computed by `f64::mul_add`, which should be one instruction; without, by
-/// Dekker's splitting, which gives the same bits.
+/// With `FMA` the rounding error of a product is computed by `f64::mul_add`, which should be one instruction; without
+/// `FMA`, it is computed by Dekker's splitting, which gives the same bits.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubleDouble<const FMA: bool> {
-    /// The leading double, the number rounded.
+    /// The leading double: the number rounded to a double.
     pub hi: f64,
-    /// The trailing double, the remainder.
+    /// The trailing double: the remainder.
     pub lo: f64,
 }
 

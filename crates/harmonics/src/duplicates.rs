@@ -8,9 +8,10 @@ use rayon::prelude::*;
 
 /// Number of directions per parallel task.
 const PART: usize = 1 << 13;
-/// Largest average number of hashes per bucket. A bucket's table, 16 bits per hash, then fits the second-level cache.
+/// Largest average number of hashes per bucket. A bucket's table of 16 bits per hash then fits in the second-level
+/// cache.
 const BUCKET: usize = 1 << 16;
-/// Largest number of buckets. With more, a part would have too few hashes in each.
+/// Largest number of buckets. With more buckets, a part would have too few hashes in each.
 const MOST_BUCKETS: usize = 256;
 
 /// Returns the number of directions that repeat an earlier one, bit for bit, with -0 equal to 0. Cost: one pass over
@@ -35,8 +36,8 @@ pub(crate) fn count(vectors: &[[f64; 3]]) -> usize {
     keys.windows(2).filter(|pair| pair[0] == pair[1]).count()
 }
 
-/// Maps items on all threads of the caller's rayon pool, or on the current thread outside of a pool. There the global
-/// pool would be used, which a forked process doesn't have.
+/// Maps items on all threads of the caller's rayon pool, or on the current thread if the caller isn't in a pool.
+/// Otherwise rayon would use its global pool, whose threads don't exist in a forked process.
 fn map<I: Send, T: Send>(items: Vec<I>, map: impl Fn(I) -> T + Send + Sync) -> Vec<T> {
     if rayon::current_thread_index().is_some() {
         items.into_par_iter().map(map).collect()
@@ -58,14 +59,14 @@ fn hash(v: &[f64; 3]) -> u64 {
 
 /// Returns the `bits` leading bits of a hash.
 fn leading(hash: u64, bits: u32) -> usize {
-    // Shifts in two steps, since a shift by 64 bits, for `bits` equal to 0, would overflow.
+    // The shift is in two steps, because a single shift by 64 bits, for `bits` equal to 0, would overflow.
     (hash >> 1 >> (63 - bits)) as usize
 }
 
 /// Hashes of a run of consecutive directions, sorted into buckets.
 struct Part {
     hashes: Vec<u64>,
-    /// Position of the first hash of each bucket, followed by the number of hashes.
+    /// Position of the first hash of each bucket, followed by the total number of hashes.
     starts: Vec<u32>,
 }
 

@@ -1,4 +1,4 @@
-//! The numbering of the basis functions: degree l and order m have column `l^2 + l + m`.
+//! The numbering of the basis functions: the function of degree l and order m is column `l^2 + l + m`.
 
 /// Returns the number of harmonics up to degree `max_degree`, inclusive: `K = (L + 1)^2`.
 pub const fn basis_size(max_degree: usize) -> usize {

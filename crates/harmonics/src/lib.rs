@@ -8,8 +8,8 @@
 //!
 //! # Conventions
 //!
-//! - Degree `l` runs over `0..=L` (`L` is `max_degree`, inclusive), order `m` over `-l..=l`; the basis has
-//!   `K = (L + 1)^2` functions and (l, m) is column `l^2 + l + m` ([`index`]).
+//! - Degree `l` runs over `0..=L` (`L` is `max_degree`), order `m` over `-l..=l`. The basis has `K = (L + 1)^2`
+//!   functions, and the function of degree l and order m is column `l^2 + l + m` ([`index`]).
 //! - Colatitude `theta` in `[0, pi]`, azimuth `phi` in `[0, 2 pi)`. A [direction](Directions) is a unit vector.
 //! - The canonical basis is real, orthonormal over the sphere and without the Condon-Shortley phase:
 //!   `S_{l,0} = N P_l(cos theta)`, `S_{l,m} = sqrt2 N P_l^m(cos theta) cos(m phi)`,
@@ -26,7 +26,7 @@
 //! |---|---|
 //! | [`index`] | (degree, order) to column and back |
 //! | [`directions`] | unit vectors, from vertices, from angles or spread evenly |
-//! | [`sweep`] | blocks `A_l` for a run of directions, degree after degree: the fast way to evaluate harmonics |
+//! | [`sweep`] | blocks `A_l` of the harmonics of degree l at a run of directions: the fast way to evaluate harmonics |
 //! | [`product`] | products of a block, and of its transpose, with a few columns |
 //! | [`mod@synthesis`] | coefficients to samples at any directions |
 //! | [`coefficients`] | canonical coefficients, and the complex ones of Shen and Chung |

@@ -3,7 +3,7 @@
 //! Near a pole the plain recurrence loses digits in two ways. First, `cos theta` as a double determines theta only to
 //! `eps / sin theta`. Second, a rounding error at one degree grows like `min(l, 1 / sin theta)` in the following
 //! degrees, and the errors of all degrees add up to about `eps l^1.5`. At degree 2,000 that is a relative error of
-//! 1e-11. Very few directions of a sampling scheme are near a pole, so that ten times the work for each of them isn't
+//! 1e-11. Very few directions of a sampling scheme are near a pole, so ten times the work for each of them isn't
 //! noticeable.
 
 use std::ops::{Add, Div, Mul, Sub};
@@ -13,8 +13,8 @@ use crate::recurrence::{SCALE, seeds, squares};
 
 type Dd = DoubleDouble<false>;
 
-/// Largest ratio of the sine of a polar row's colatitude to the degree. Below it, the relative error of the plain
-/// recurrence, about `eps l / sin theta`, would exceed a few 1e-13.
+/// Limit on the ratio of a row's `sin theta` to the highest degree. A row with a smaller ratio is polar: the relative
+/// error of the plain recurrence, about `eps l / sin theta`, would exceed a few 1e-13.
 const POLAR_SINE_PER_DEGREE: f64 = 5e-5;
 /// Highest degree at which no row is polar: the plain recurrence's error at the poles, `eps l^1.5`, is below 2e-13.
 const PLAIN_DEGREE: usize = 100;

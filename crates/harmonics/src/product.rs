@@ -1,17 +1,19 @@
-//! Products of a block, and of its transpose, with a few columns.
+//! Computes products of a block of harmonics, and of the block's transpose, with a few columns.
 //!
-//! Both read every value of the block once. With few columns they take 2 c flops per value and are bound by memory
-//! bandwidth. Four columns of the block are processed together, so that the columns of the residual, which stay in the
-//! L1 cache, are read and written a quarter as often. For eight columns or more a BLAS matrix product is faster.
+//! Both products read every value of the block once. With few columns (c) they take 2 c flops per value and are bound
+//! by memory bandwidth. Four columns of the block are processed together, so that the columns of the residual, which
+//! stay in the L1 cache, are read and written a quarter as often. For eight columns or more a BLAS matrix product is
+//! faster.
 //!
 //! Matrices are column-major slices with a leading dimension, as in the BLAS.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
-/// Number of lanes of an accumulator: two AVX-512 or four AVX2 registers hide the latency of their additions.
+/// Number of lanes of an accumulator: one AVX-512 register or two AVX2 registers. Several accumulators are used at
+/// once, which hides the latency of their additions.
 const LANES: usize = 8;
 
-/// A column-major matrix in a slice: entry (i, j) at `j * leading + i`.
+/// A column-major matrix in a slice, with entry (i, j) at index `j * leading + i`.
 #[derive(Debug, Clone, Copy)]
 pub struct Matrix<'a> {
     values: &'a [f64],
@@ -21,8 +23,7 @@ pub struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
-    /// Views `values` as a matrix with `leading` values from column to column; the last column needs only `rows`
-    /// values.
+    /// Views `values` as a matrix whose columns start `leading` values apart; the last column needs only `rows` values.
     ///
     /// # Panics
     ///
@@ -48,12 +49,12 @@ impl<'a> Matrix<'a> {
         self.columns
     }
 
-    /// Returns the number of values from column to column.
+    /// Returns the leading dimension: the number of values from the start of a column to the start of the next.
     pub fn leading(&self) -> usize {
         self.leading
     }
 
-    /// Returns column `j`, (rows).
+    /// Returns the values of column `j`.
     ///
     /// # Panics
     ///
@@ -68,7 +69,7 @@ impl<'a> Matrix<'a> {
     }
 }
 
-/// Computes `out += block^T r` for block (rows, k), r (rows, c) and out (k, c) row-major.
+/// Computes `out += block^T r` for block (rows, k), r (rows, c) and row-major out (k, c).
 ///
 /// # Panics
 ///
@@ -86,8 +87,8 @@ pub fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
     }
 }
 
-/// Computes `out += sign block x` for block (rows, k), x (k, c) row-major and out (rows, c) column-major with `leading`
-/// values from column to column.
+/// Computes `out += sign block x` for block (rows, k), row-major x (k, c) and column-major out (rows, c) with the
+/// leading dimension `leading`.
 ///
 /// # Panics
 ///
@@ -141,8 +142,8 @@ adjoint_for!(adjoint_1, 1);
 adjoint_for!(adjoint_2, 2);
 adjoint_for!(adjoint_3, 3);
 
-/// Returns the inner products of J columns with C others, summed in lanes and then across them, in the same order on
-/// any processor.
+/// Returns the inner products of J columns with C others. Each is summed in lanes and then across the lanes, in the
+/// same order on any processor.
 #[inline(always)]
 fn dots<const J: usize, const C: usize, const FMA: bool>(columns: [&[f64]; J], residual: [&[f64]; C]) -> [[f64; C]; J] {
     let rows = residual[0].len();
@@ -247,7 +248,7 @@ fn load(values: &[f64], start: usize) -> [f64; LANES] {
     lanes
 }
 
-/// Computes `a b + sum`. With `FMA` it is rounded once, in one instruction on processors that have it.
+/// Computes `a b + sum`. With `FMA` the result is rounded once, by one instruction if the processor has it.
 #[inline(always)]
 fn fused<const FMA: bool>(a: f64, b: f64, sum: f64) -> f64 {
     if FMA { a.mul_add(b, sum) } else { a * b + sum }

@@ -10,9 +10,10 @@
 //! integrate every function of degree up to `2n - 1`.
 //!
 //! Nodes are computed by Newton's method, from F. G. Tricomi's guess, `(1 - (n - 1)/(8 n^3)) cos(pi (4j + 3)/(4n + 2))`
-//! (Ann. Mat. Pura Appl. 31 (1950)). The method works in doubles, with the last step in double-double: next to the
-//! poles the three-term recurrence of `P_n` has a relative error of some n^1.5 eps in the sine, which determines the
-//! colatitude there. Nodes, sines and weights have a relative error of a few eps at any practical n; tested to 4,001.
+//! (Ann. Mat. Pura Appl. 31 (1950)). The method works in doubles, but its last step in double-double, because next to
+//! the poles, where the sine determines the colatitude, the three-term recurrence of `P_n` in doubles gives the sine a
+//! relative error of about n^1.5 eps. Nodes, sines and weights have a relative error of a few eps at any practical n;
+//! this is tested up to n = 4,001.
 //!
 //! Cost: about 35 n^2 flops and 32 n bytes of tables; 0.05 s for 4,001 rings.
 
@@ -22,7 +23,7 @@ use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::double_double::DoubleDouble;
 
-/// Number of nodes computed together, enough to hide the latency of the recurrence's dependent operations.
+/// Number of nodes computed together. This many hide the latency of the recurrence's dependent operations.
 const LANES: usize = 16;
 /// Number of steps of Newton's method in doubles. The guess is worst at the first node, where it is off by about 1 %
 /// of the spacing; 4 steps are enough there.
@@ -31,11 +32,11 @@ const STEPS: usize = 5;
 /// Nodes and weights of Gauss-Legendre quadrature as rings of the sphere, from north to south.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GaussLegendre {
-    /// `cos theta_j`, decreasing, (n).
+    /// Values of `cos theta_j` (n) in decreasing order.
     pub cosines: Vec<f64>,
-    /// `sin theta_j`, (n); the relative error is a few eps, even next to the poles.
+    /// Values of `sin theta_j` (n); the relative error is a few eps, even next to the poles.
     pub sines: Vec<f64>,
-    /// Weights of the integral over `cos theta`, (n); their sum is 2.
+    /// Weights (n) of the integral over `cos theta`; the sum of the weights is 2.
     pub weights: Vec<f64>,
 }
 
@@ -86,7 +87,7 @@ pub fn gauss_legendre(n: usize) -> GaussLegendre {
     rings
 }
 
-/// Returns (cosine, sine, weight) of the nodes from `first` on. Those south of the equator are meaningless.
+/// Returns (cosine, sine, weight) of the nodes from `first` on. Values for nodes south of the equator are meaningless.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 fn nodes(n: usize, first: usize) -> [[f64; 3]; LANES] {
     if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {

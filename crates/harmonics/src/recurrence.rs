@@ -11,10 +11,10 @@
 //! ```
 //!
 //! and `S_{l,m} + i S_{l,-m} = q_{l,m} u^m e^{i m phi}`. Seeds don't depend on the direction, so nothing underflows in
-//! the recurrence. `u^m` could underflow; it is multiplied by 2^930, and the seeds are divided by that, after S. A.
+//! the recurrence. `u^m` could underflow, so it is multiplied by 2^930, and the seeds are divided by 2^930, after S. A.
 //! Holmes and W. E. Featherstone, "A unified approach to the Clenshaw summation and the recursive computation of very
-//! high degree and order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. This is safe to
-//! degree 2,700; [`MAX_DEGREE`] is the highest degree that is tested.
+//! high degree and order normalised associated Legendre functions", J. Geodesy 76 (2002), section 2.4. This is safe up
+//! to degree 2,700; [`MAX_DEGREE`] is the highest degree that is tested.
 //!
 //! Cost: 3 flops for each value of q, and one for each of its two harmonics.
 
@@ -23,13 +23,14 @@ use std::ops::{Div, Mul};
 use crate::HarmonicsError;
 use crate::double_double::DoubleDouble;
 
-/// The highest degree for which accuracy is guaranteed and tested: 1e-12 sqrt((2l + 1) / (4 pi)), absolute.
+/// The highest degree for which accuracy is guaranteed and tested: absolute errors are below
+/// `1e-12 sqrt((2l + 1) / (4 pi))`.
 pub const MAX_DEGREE: usize = 2_000;
 
-/// `2^930`, near the 1e280 of Holmes and Featherstone; a power of two, so scaling is exact.
+/// The factor `2^930`, close to the 1e280 of Holmes and Featherstone. It is a power of two, so scaling is exact.
 pub(crate) const SCALE: f64 = f64::from_bits((1023 + 930) << 52);
 
-/// Coefficients `a`, `b` and seeds of the recurrence up to a degree. Computed once and shared by all threads.
+/// Coefficients `a` and `b` and seeds of the recurrence up to a degree, computed once and shared by all threads.
 #[derive(Debug, Clone)]
 pub struct Recurrence {
     max_degree: usize,
@@ -45,7 +46,7 @@ impl Recurrence {
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::DegreeTooHigh`]: `max_degree` is above [`MAX_DEGREE`].
+    /// [`HarmonicsError::DegreeTooHigh`] if `max_degree` is above [`MAX_DEGREE`].
     pub fn new(max_degree: usize) -> Result<Self, HarmonicsError> {
         if max_degree > MAX_DEGREE {
             return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE });
@@ -63,7 +64,7 @@ impl Recurrence {
         Ok(Self { max_degree, a, b, seeds })
     }
 
-    /// Returns the bytes that a recurrence to `max_degree` holds.
+    /// Returns the size in bytes of a recurrence up to degree `max_degree`.
     pub const fn bytes(max_degree: usize) -> usize {
         8 * (max_degree + 1) * (max_degree + 1)
     }
@@ -84,16 +85,17 @@ impl Recurrence {
     }
 }
 
-/// Returns numerator and denominator of `a^2` and of `b^2`, which are integers below 2^53 and therefore exact.
+/// Returns the numerators and denominators of `a^2` and `b^2`, which are integers below 2^53 and therefore exact.
 pub(crate) fn squares(l: usize, m: usize) -> [f64; 4] {
     let (l, m) = (l as f64, m as f64);
     let denominator = (l - m) * (l + m);
-    // b multiplies q_{l-2,m}, which is zero for l - m = 1, when b would not be defined.
+    // For l = m + 1, b is 0, because there is no q_{l-2,m}.
     let b_numerator = ((2.0 * l + 1.0) * (l + m - 1.0) * (l - m - 1.0)).max(0.0);
     [4.0 * l * l - 1.0, denominator, b_numerator, (2.0 * l - 3.0).abs() * denominator]
 }
 
-/// Returns `q_{m,m} / SCALE` for `m = 0..=max_degree`, in double-double, since it is a product of `max_degree` factors.
+/// Returns `q_{m,m} / SCALE` for `m = 0..=max_degree`, in double-double, because it is a product of up to `max_degree`
+/// factors.
 pub(crate) fn seeds<const FMA: bool>(max_degree: usize) -> Vec<DoubleDouble<FMA>> {
     // 1 / (4 pi) to 32 digits.
     let inverse_sphere = DoubleDouble { hi: 0.079_577_471_545_947_67, lo: -4.919_669_168_795_621_5e-18 };

@@ -8,8 +8,8 @@
 //! s_m = q_{m,m},  s_{m+1} = a_{m+1} s_m,  s_l = b_l s_{l-2},  alpha_l = a_l s_{l-1} / s_l
 //! ```
 //!
-//! `u = sin theta`, `z = cos theta`, P with the normalisation of the canonical basis. r starts at [`SEED`] and `u^m` at
-//! its inverse, as in Holmes and Featherstone (2002), so that neither leaves the range of doubles.
+//! Here `u = sin theta` and `z = cos theta`, and P has the normalisation of the canonical basis. r starts at [`SEED`]
+//! and `u^m` at its inverse, as in Holmes and Featherstone (2002), so that neither leaves the range of doubles.
 
 use std::ops::{Div, Mul};
 
@@ -19,7 +19,7 @@ use crate::recurrence::{MAX_DEGREE, SCALE, seeds, squares};
 
 type Dd = DoubleDouble<false>;
 
-/// The start value of r: `2^-930` instead of one.
+/// The start value of r: `2^-930` instead of 1.
 pub const SEED: f64 = 1.0 / SCALE;
 
 /// The recurrences of all orders up to a degree.
@@ -34,8 +34,8 @@ impl MonicRecurrence {
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::DegreeTooHigh`]: `max_degree` is above twice [`MAX_DEGREE`]. (Twice, as the moments of a Gram
-    /// matrix go to twice its degree.)
+    /// [`HarmonicsError::DegreeTooHigh`] if `max_degree` is above twice [`MAX_DEGREE`]. (The moments of a Gram matrix
+    /// have degrees up to twice the matrix's degree.)
     pub fn new(max_degree: usize) -> Result<Self, HarmonicsError> {
         if max_degree > 2 * MAX_DEGREE {
             return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: 2 * MAX_DEGREE });

@@ -1,9 +1,10 @@
-//! Basis blocks `A_l` for a run of directions, degree after degree.
+//! Computes the basis blocks `A_l` of a run of directions, one degree after another. A block holds the values of the
+//! harmonics of degree l, with a row for each direction and a column for each order.
 //!
-//! For a run of r rows the state is `q_{l-1,m}`, `q_{l-2,m}` and the azimuth factors `u^m cos m phi`, `u^m sin m phi`,
-//! each (r, L + 1): `32 r (L + 1)` bytes, 1.7 MB for 512 rows at degree 100, so that it stays in a core's L2 cache.
-//! Each pair (l, m > 0) and row costs 5 flops, 5 loads and 3 stores for two values. Runs are independent, so each
-//! thread can work on its own.
+//! For a run of r rows the state consists of `q_{l-1,m}`, `q_{l-2,m}` and the azimuth factors `u^m cos m phi` and
+//! `u^m sin m phi`, four arrays (r, L + 1). They take `32 r (L + 1)` bytes, 1.7 MB for 512 rows at degree 100, so the
+//! state stays in a core's L2 cache. Each pair (l, m > 0) and row costs 5 flops, 5 loads and 3 stores for two values.
+//! Runs are independent, so each thread can work on its own.
 //!
 //! Rows next to the poles use the double-double recurrence of [`polar`](crate::polar).
 
@@ -15,24 +16,24 @@ use crate::double_double::{DoubleDouble, unit};
 use crate::polar::Polar;
 use crate::recurrence::{Recurrence, SCALE};
 
-/// Evaluates the harmonics at one run of directions, degree after degree.
+/// Evaluates the harmonics at one run of directions, one degree after another.
 #[derive(Debug)]
 pub struct Sweep<'r> {
     recurrence: &'r Recurrence,
     rows: usize,
     next: usize,
-    /// Cosine of each row's colatitude, (rows).
+    /// Cosine of each row's colatitude.
     z: Vec<f64>,
-    /// Azimuth factors `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, (rows, L + 1) column-major.
+    /// Azimuth factors `SCALE u^m cos(m phi)` and `SCALE u^m sin(m phi)`, each (rows, L + 1) in column-major order.
     azimuth_cos: Vec<f64>,
     azimuth_sin: Vec<f64>,
-    /// Values `q_{l,m} / SCALE` for the latest even and the latest odd l, (rows, L + 1) column-major.
+    /// Values `q_{l,m} / SCALE` for the latest even and the latest odd l, each (rows, L + 1) in column-major order.
     q: [Vec<f64>; 2],
     polar: Polar,
 }
 
 impl<'r> Sweep<'r> {
-    /// Starts a sweep at degree 0. `directions` are unit vectors, (rows, 3); they are normalised once more in
+    /// Starts a sweep at degree 0. `directions` are unit vectors (rows, 3), which are normalised once more in
     /// double-double.
     ///
     /// # Panics
@@ -56,7 +57,7 @@ impl<'r> Sweep<'r> {
         sweep
     }
 
-    /// Returns the bytes that a sweep of `rows` rows to `max_degree` holds, without its recurrence.
+    /// Returns the size in bytes of a sweep of `rows` directions up to degree `max_degree`, without its recurrence.
     pub const fn bytes(rows: usize, max_degree: usize) -> usize {
         rows * (32 * (max_degree + 1) + 8)
     }
@@ -66,7 +67,8 @@ impl<'r> Sweep<'r> {
         self.next
     }
 
-    /// Writes `A_l`, (rows, 2 l + 1) column-major, orders from -l to l, and advances to the next degree.
+    /// Writes the block `A_l` (rows, 2 l + 1) in column-major order, with the orders from -l to l, and advances to the
+    /// next degree.
     ///
     /// # Panics
     ///

@@ -1,4 +1,4 @@
-//! Synthesis by direct sums: coefficients to samples at any directions.
+//! Computes samples at any directions from coefficients, by direct sums.
 //!
 //! Cost: `n K (1.5 + 2 c)` flops. Memory: one block `A_l` of 256 rows per thread. For many directions at high degrees
 //! the transforms of `spharm-transform` are faster.
@@ -12,23 +12,22 @@ use crate::recurrence::Recurrence;
 use crate::sweep::Sweep;
 use crate::{Directions, HarmonicsError};
 
-/// Number of rows per run. Up to degree 100 the sweep's state and the run's block fit a core's L2 cache together.
+/// Number of rows per run. Up to degree 100 the sweep's state and the run's block fit in a core's L2 cache together.
 const RUN: usize = 256;
 
-/// Evaluates c functions at `directions` from their canonical `coefficients`, (K, c), and returns the samples, (n,
-/// c).
+/// Evaluates c functions at n `directions` from their canonical `coefficients` (K, c), and returns the samples (n, c).
 ///
-/// Runs on the rayon pool from which it is called; the result is the same bits on any number of threads.
+/// Runs on the rayon pool from which it is called; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
-/// - [`HarmonicsError::NotABasisSize`]: K isn't `(L + 1)^2` for any L.
-/// - [`HarmonicsError::DegreeTooHigh`]: L is above [`MAX_DEGREE`](crate::MAX_DEGREE).
+/// - [`HarmonicsError::NotABasisSize`] if K isn't `(L + 1)^2` for any L.
+/// - [`HarmonicsError::DegreeTooHigh`] if L is above [`MAX_DEGREE`](crate::MAX_DEGREE).
 pub fn synthesis(directions: &Directions, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, HarmonicsError> {
     let (rows, channels) = coefficients.dim();
     let max_degree = max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
     let recurrence = Recurrence::new(max_degree)?;
-    // In row-major order, (K, c), the rows of one degree are one slice.
+    // In row-major order, the rows of one degree are contiguous.
     let coefficients = coefficients.as_standard_layout();
     let x = coefficients.as_slice().unwrap_or_default();
     let mut samples = Array2::zeros((directions.len(), channels));

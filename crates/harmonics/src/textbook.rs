@@ -1,7 +1,7 @@
-//! Harmonics by the textbook formulas, one value at a time, from the angles.
+//! Computes harmonics from the angles by the textbook formulas, one value at a time.
 //!
-//! This is the oracle for the tests of [`sweep`](crate::sweep); the two share no code. It is usable up to degree 150 or
-//! so; above that `sin(theta)^m` underflows next to the poles.
+//! The tests compare [`sweep`](crate::sweep) with this implementation; the two share no code. It is usable up to a
+//! degree of about 150; at higher degrees `sin(theta)^m` underflows next to the poles.
 
 use crate::directions::angles;
 
@@ -23,8 +23,8 @@ pub fn harmonic(degree: usize, order: isize, direction: [f64; 3]) -> f64 {
     }
 }
 
-/// Returns `N P_l^m(cos theta)` without the Condon-Shortley phase: first to degree m along the diagonal, then up in
-/// degree.
+/// Returns `N P_l^m(cos theta)` without the Condon-Shortley phase. The recurrence goes along the diagonal to degree and
+/// order m, and then up in degree.
 fn normalised_legendre(degree: usize, m: usize, theta: f64) -> f64 {
     let (sine, cosine) = theta.sin_cos();
     let mut diagonal = (1.0 / (4.0 * std::f64::consts::PI)).sqrt();

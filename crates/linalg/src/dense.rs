@@ -16,7 +16,7 @@ impl From<LltError> for NotPositiveDefinite {
     }
 }
 
-/// Computes `out = scale a b`, or `out += scale a b` with [`Accum::Add`]: a (m, k), b (k, n), out (m, n).
+/// Computes `out = scale a b`, or `out += scale a b` with [`Accum::Add`], for a (m, k), b (k, n) and out (m, n).
 ///
 /// # Panics
 ///
@@ -25,7 +25,7 @@ pub fn matmul(out: MatMut<'_, f64>, accumulate: Accum, a: MatRef<'_, f64>, b: Ma
     faer::linalg::matmul::matmul(out, accumulate, a, b, scale, Par::Seq);
 }
 
-/// Computes the lower triangle of `out += scale a a^T`: a (k, n), out (k, k). Takes `n k (k + 1)` flops.
+/// Computes the lower triangle of `out += scale a a^T` for a (k, n) and out (k, k). Takes `n k (k + 1)` flops.
 ///
 /// # Panics
 ///
@@ -35,12 +35,12 @@ pub fn add_gram(out: MatMut<'_, f64>, a: MatRef<'_, f64>, scale: f64) {
     triangular::matmul(out, lower, Accum::Add, a, whole, a.transpose(), whole, scale, Par::Seq);
 }
 
-/// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle. Entries above the
-/// diagonal are unspecified afterwards. Takes `k^3 / 3` flops.
+/// Replaces the lower triangle of a symmetric matrix (k, k) by the lower Cholesky factor. Entries above the diagonal
+/// are unspecified afterwards. Takes `k^3 / 3` flops.
 ///
 /// # Errors
 ///
-/// [`NotPositiveDefinite`]. A NaN isn't always detected.
+/// [`NotPositiveDefinite`] if the matrix isn't numerically positive definite. A NaN isn't always detected.
 pub fn cholesky_in_place(matrix: MatMut<'_, f64>) -> Result<(), NotPositiveDefinite> {
     let mut scratch = MemBuffer::new(cholesky_in_place_scratch::<f64>(matrix.nrows(), Par::Seq, Default::default()));
     let stack = MemStack::new(&mut scratch);
@@ -48,7 +48,7 @@ pub fn cholesky_in_place(matrix: MatMut<'_, f64>) -> Result<(), NotPositiveDefin
     Ok(())
 }
 
-/// Computes `x = a^-1 x` with the lower triangle of a: a (k, k), x (k, c).
+/// Replaces x (k, c) by `a^-1 x`, where a (k, k) is lower triangular. Entries above the diagonal of `a` aren't read.
 ///
 /// # Panics
 ///
@@ -57,7 +57,7 @@ pub fn solve_lower(a: MatRef<'_, f64>, x: MatMut<'_, f64>) {
     solve_lower_triangular_in_place(a, x, Par::Seq);
 }
 
-/// Computes `x = a^-1 x` with the upper triangle of a: a (k, k), x (k, c).
+/// Replaces x (k, c) by `a^-1 x`, where a (k, k) is upper triangular. Entries below the diagonal of `a` aren't read.
 ///
 /// # Panics
 ///
@@ -66,8 +66,8 @@ pub fn solve_upper(a: MatRef<'_, f64>, x: MatMut<'_, f64>) {
     solve_upper_triangular_in_place(a, x, Par::Seq);
 }
 
-/// Computes the triangular factor R of a QR factorisation, in place. What is below the diagonal are reflectors
-/// afterwards.
+/// Computes the triangular factor R of a QR factorisation, in place. Afterwards, entries below the diagonal hold the
+/// reflectors.
 pub fn triangularise(matrix: MatMut<'_, f64>) {
     let (rows, columns) = matrix.shape();
     let block = recommended_block_size::<f64>(rows, columns);
@@ -82,11 +82,11 @@ pub fn triangularise(matrix: MatMut<'_, f64>) {
 pub struct Cholesky(Llt<f64>);
 
 impl Cholesky {
-    /// Factors a symmetric matrix, (k, k), given by its lower triangle.
+    /// Factors a symmetric matrix (k, k) given by its lower triangle.
     ///
     /// # Errors
     ///
-    /// [`NotPositiveDefinite`].
+    /// [`NotPositiveDefinite`] if the matrix isn't numerically positive definite.
     pub fn new(matrix: MatRef<'_, f64>) -> Result<Self, NotPositiveDefinite> {
         Ok(Self(Llt::new(matrix, Side::Lower)?))
     }
@@ -97,18 +97,18 @@ impl Cholesky {
         (0..lower.nrows()).map(|k| 2.0 * lower[(k, k)].ln()).sum()
     }
 
-    /// Returns the solution for right-hand sides, (k, c).
+    /// Returns the solutions (k, c) for the right-hand sides `right` (k, c).
     pub fn solve(&self, right: MatRef<'_, f64>) -> Mat<f64> {
         self.0.solve(right)
     }
 
-    /// Returns the inverse of the matrix, (k, k), which is symmetric up to rounding.
+    /// Returns the inverse (k, k) of the matrix, which is symmetric up to rounding.
     pub fn inverse(&self) -> Mat<f64> {
         self.0.inverse()
     }
 }
 
-/// Error of a decomposition whose iteration didn't converge, as with NaN.
+/// Error of a decomposition whose iteration didn't converge, for example because of a NaN.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NoConvergence;
 
@@ -120,31 +120,32 @@ impl std::fmt::Display for NoConvergence {
 
 impl std::error::Error for NoConvergence {}
 
-/// The thin singular value decomposition `a = u diag(s) v^T`: a (m, n), with `k = min(m, n)`.
+/// The thin singular value decomposition `a = u diag(s) v^T` of a matrix a (m, n), with `k = min(m, n)` singular
+/// values.
 #[derive(Debug)]
 pub struct ThinSvd(Svd<f64>);
 
 impl ThinSvd {
-    /// Decomposes a matrix.
+    /// Decomposes a matrix (m, n).
     ///
     /// # Errors
     ///
-    /// [`NoConvergence`].
+    /// [`NoConvergence`] if the iteration doesn't converge, for example because of a NaN.
     pub fn new(matrix: MatRef<'_, f64>) -> Result<Self, NoConvergence> {
         matrix.thin_svd().map(Self).map_err(|_| NoConvergence)
     }
 
-    /// Returns the left singular vectors, (m, k).
+    /// Returns the left singular vectors (m, k) as columns.
     pub fn u(&self) -> MatRef<'_, f64> {
         self.0.U()
     }
 
-    /// Returns the singular values in decreasing order, k.
+    /// Returns the k singular values in decreasing order.
     pub fn singular(&self) -> Vec<f64> {
         self.0.S().column_vector().iter().copied().collect()
     }
 
-    /// Returns the right singular vectors, (n, k).
+    /// Returns the right singular vectors (n, k) as columns.
     pub fn v(&self) -> MatRef<'_, f64> {
         self.0.V()
     }
@@ -155,21 +156,21 @@ impl ThinSvd {
 pub struct SymmetricEigen(SelfAdjointEigen<f64>);
 
 impl SymmetricEigen {
-    /// Decomposes a symmetric matrix, (k, k), given by its lower triangle.
+    /// Decomposes a symmetric matrix (k, k) given by its lower triangle.
     ///
     /// # Errors
     ///
-    /// [`NoConvergence`].
+    /// [`NoConvergence`] if the iteration doesn't converge, for example because of a NaN.
     pub fn new(matrix: MatRef<'_, f64>) -> Result<Self, NoConvergence> {
         matrix.self_adjoint_eigen(Side::Lower).map(Self).map_err(|_| NoConvergence)
     }
 
-    /// Returns the eigenvalues in ascending order, k.
+    /// Returns the k eigenvalues in ascending order.
     pub fn values(&self) -> Vec<f64> {
         self.0.S().column_vector().iter().copied().collect()
     }
 
-    /// Returns the eigenvectors as columns, in the order of the eigenvalues, (k, k).
+    /// Returns the eigenvectors (k, k) as columns, in the order of the eigenvalues.
     pub fn vectors(&self) -> MatRef<'_, f64> {
         self.0.U()
     }

@@ -1,8 +1,8 @@
 //! Linear algebra by faer, in double precision and on the calling thread.
 //!
 //! faer's functions are generic, so the compiler makes another copy of them in each crate that calls them. This crate
-//! calls them from functions that aren't generic. The other crates call these, and are compiled in less time to smaller
-//! programs. Matrices are faer's own types.
+//! wraps them in functions that aren't generic and are compiled once. The other crates call these wrappers, which
+//! shortens compilation and makes programs smaller. Matrices are faer's own types.
 
 mod dense;
 mod sparse;
@@ -17,7 +17,7 @@ pub use sparse::{SparseFactor, SparsePattern, SparseSum};
 /// Error of a matrix that isn't numerically positive definite.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NotPositiveDefinite {
-    /// The first column at which the factorisation found this.
+    /// First column at which the factorisation failed, counted from 0.
     pub column: usize,
 }
 

@@ -7,7 +7,8 @@ use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{Argsort, Pair, SparseColMat, SparseColMatRef, SymbolicSparseColMat};
 use faer::{MatMut, Side};
 
-/// The pattern of a symmetric matrix's lower triangle, and the analysis of its factor. A clone shares both.
+/// The sparsity pattern of a symmetric matrix's lower triangle, and the analysis of the Cholesky factor. Clones share
+/// both.
 #[derive(Clone)]
 pub struct SparsePattern {
     pattern: Arc<SymbolicSparseColMat<usize>>,
@@ -21,12 +22,13 @@ impl std::fmt::Debug for SparsePattern {
 }
 
 impl SparsePattern {
-    /// Analyses a pattern: `rows` lists the rows of each column at and below the diagonal, and `starts` has the start
-    /// of each column in `rows` and, last, the end. Returns `None` if memory runs out.
+    /// Analyses the pattern of a matrix (n, n). `rows` lists the row indices of entries at and below the diagonal,
+    /// column by column. `starts` (n + 1) has the position in `rows` at which each column starts, followed by the
+    /// length of `rows`. Returns `None` if memory runs out.
     ///
     /// # Panics
     ///
-    /// If `starts` isn't ascending, or the rows of a column aren't.
+    /// If `starts` isn't ascending, or the row indices of a column aren't.
     pub fn new(starts: Vec<usize>, rows: Vec<usize>) -> Option<Self> {
         let n = starts.len() - 1;
         Self::analyse(SymbolicSparseColMat::new_checked(n, n, starts, None, rows))
@@ -47,14 +49,14 @@ impl SparsePattern {
     ///
     /// # Panics
     ///
-    /// If `values` hasn't as many values as the pattern has entries.
+    /// If the number of values isn't the pattern's number of entries.
     pub fn factor(&self, values: &[f64]) -> Option<SparseFactor> {
         let matrix = SparseColMatRef::new(self.pattern.as_ref().as_ref(), values);
         Llt::try_new_with_symbolic(self.analysis.clone(), matrix, Side::Lower).ok().map(SparseFactor)
     }
 }
 
-/// A pattern given by entries in any order, of which those at the same place are summed.
+/// A sparsity pattern given by entries in any order. The values of entries at the same place are summed.
 #[derive(Clone, Debug)]
 pub struct SparseSum {
     pattern: SparsePattern,
@@ -62,8 +64,8 @@ pub struct SparseSum {
 }
 
 impl SparseSum {
-    /// Analyses the pattern of a matrix (n, n) with entries at `[row, column]`; those above the diagonal are ignored.
-    /// Returns `None` if an entry isn't in the matrix, or if memory runs out.
+    /// Analyses the pattern of a matrix (n, n) from the `[row, column]` indices of its entries. Entries above the
+    /// diagonal are ignored. Returns `None` if an index is out of range, or if memory runs out.
     pub fn new(n: usize, entries: &[[usize; 2]]) -> Option<Self> {
         let pairs: Vec<Pair<usize, usize>> = entries.iter().map(|&[row, col]| Pair { row, col }).collect();
         let (pattern, order) = SymbolicSparseColMat::try_new_from_indices(n, n, &pairs).ok()?;
@@ -75,7 +77,7 @@ impl SparseSum {
     ///
     /// # Panics
     ///
-    /// If `values` has another length than the entries.
+    /// If the number of values isn't the number of entries.
     pub fn factor(&self, values: &[f64]) -> Option<SparseFactor> {
         let pattern = self.pattern.pattern.as_ref().clone();
         let matrix = SparseColMat::new_from_argsort(pattern, &self.order, values).ok()?;
@@ -88,11 +90,11 @@ impl SparseSum {
 pub struct SparseFactor(Llt<usize, f64>);
 
 impl SparseFactor {
-    /// Replaces right-hand sides, (n, c), by the solutions.
+    /// Replaces the right-hand sides `x` (n, c) by the solutions.
     ///
     /// # Panics
     ///
-    /// If `x` hasn't n rows.
+    /// If `x` doesn't have n rows.
     pub fn solve(&self, x: MatMut<'_, f64>) {
         self.0.solve_in_place(x);
     }

@@ -6,8 +6,8 @@
 //! Debian's static OpenBLAS contains kernels for twenty processors, 40 of its 55 MB, and chooses among them at run
 //! time. Each processor's kernels are reachable only through its table, `gotoblas_NAME`. If a table is linked as an
 //! alias of an older processor's table, its kernels are dropped, and the installed binaries still run everywhere: each
-//! processor uses the best remaining kernels that it can execute. Processors without AVX2, from before 2013, lose speed
-//! in large factors.
+//! processor uses the best remaining kernels that it can execute. Processors without AVX2, from before 2013, compute
+//! large Cholesky factors more slowly.
 //!
 //! # Precisions
 //!
@@ -74,8 +74,8 @@ pub fn leave_out_kernels() {
         );
         return;
     };
-    // Link the whole library if it lacks one of these tables: it then has no run-time choice, or another list of
-    // processors.
+    // Link the whole library if it lacks one of these tables: it then doesn't choose kernels at run time, or contains
+    // kernels for other processors.
     let Ok(library) = fs::read(path) else { return };
     let has = |processor: &str| {
         let table = format!("\0gotoblas_{processor}\0");

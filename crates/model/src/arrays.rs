@@ -1,4 +1,4 @@
-//! Reads and writes NumPy archives of named matrices and texts, for the results of group analyses.
+//! Reads and writes NumPy archives of named matrices and strings, for the results of group analyses.
 
 use std::fs::File;
 use std::io::{BufReader, Write};
@@ -18,9 +18,9 @@ use crate::npz::{Archive, write_all};
 pub enum Entry<'a> {
     /// A matrix of f64.
     Matrix(ArrayView2<'a, f64>),
-    /// An array of f64 with three axes, such as the coefficients of several models, of shape (models, K, c).
+    /// An array of f64 with three axes, such as the coefficients (models, K, c) of several models.
     Cube(ArrayView3<'a, f64>),
-    /// A text.
+    /// A string.
     Text(&'a str),
 }
 
@@ -28,7 +28,7 @@ pub enum Entry<'a> {
 ///
 /// # Errors
 ///
-/// The errors of [`write_new`].
+/// [`Surface`](ModelError::Surface) if the file exists and `overwrite` isn't set, or if it can't be written.
 pub fn write_arrays(path: &Path, overwrite: bool, entries: &[(&str, Entry<'_>)]) -> Result<(), ModelError> {
     let options = SimpleFileOptions::default().compression_method(CompressionMethod::Stored).large_file(true);
     write_new(path, overwrite, |out| {
@@ -64,7 +64,8 @@ impl Arrays {
     ///
     /// # Errors
     ///
-    /// [`Open`](ModelError::Open), [`Invalid`](ModelError::Invalid).
+    /// [`Open`](ModelError::Open) if the file can't be opened, and [`Invalid`](ModelError::Invalid) if it isn't an
+    /// archive.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let open = |source| ModelError::Open { path: path.to_owned(), source };
         let zip = ZipArchive::new(BufReader::new(spharm_files::open(path).map_err(open)?));
@@ -76,16 +77,16 @@ impl Arrays {
     ///
     /// # Errors
     ///
-    /// [`Invalid`](ModelError::Invalid) if the archive has no entry of that name, or the entry isn't a matrix.
+    /// [`Invalid`](ModelError::Invalid) if the archive has no entry of that name, or if the entry isn't a matrix.
     pub fn matrix(&mut self, name: &str) -> Result<Array2<f64>, ModelError> {
         self.array(name, Array::matrix)
     }
 
-    /// Reads a text.
+    /// Reads a string.
     ///
     /// # Errors
     ///
-    /// [`Invalid`](ModelError::Invalid) if the archive has no entry of that name, or the entry isn't a text.
+    /// [`Invalid`](ModelError::Invalid) if the archive has no entry of that name, or if the entry isn't a string.
     pub fn text(&mut self, name: &str) -> Result<String, ModelError> {
         self.array(name, Array::text)
     }

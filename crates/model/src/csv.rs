@@ -5,8 +5,8 @@ use std::io::{self, Write};
 use spharm_harmonics::Coefficients;
 use spharm_harmonics::index::degree_order;
 
-/// Writes complex coefficients as rows `l,m,x_re,x_im,y_re,y_im,z_re,z_im`. If the number of channels isn't three, the
-/// channels are named `c0`, `c1`, ...
+/// Writes complex coefficients as rows `l,m,x_re,x_im,y_re,y_im,z_re,z_im`, after a header. If the number of channels
+/// isn't three, the channels are named `c0`, `c1`, ...
 ///
 /// # Errors
 ///

@@ -49,7 +49,7 @@ pub enum ModelError {
         /// Value of the coefficient.
         value: f64,
     },
-    /// The model's own sphere is required, but the model has none.
+    /// The operation needs the model's own sphere, but the model has none.
     #[error("the model has no sphere of its own; give a sphere to evaluate the model on")]
     NoSphere,
     /// The requested degree exceeds the degree of the model.

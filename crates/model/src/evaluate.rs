@@ -10,11 +10,12 @@ use crate::geometry::Geometry;
 use crate::model::Model;
 
 impl Model {
-    /// Returns the values of the model at n directions, as a matrix of shape (n, c), using the degrees up to `degree`.
+    /// Returns the values (n, c) of the model at n directions, using the degrees up to `degree`.
     ///
     /// # Errors
     ///
-    /// [`DegreeTooHigh`](ModelError::DegreeTooHigh), [`Transform`](ModelError::Transform).
+    /// [`DegreeTooHigh`](ModelError::DegreeTooHigh) if `degree` exceeds the degree of the model, and
+    /// [`Transform`](ModelError::Transform) if the harmonics can't be evaluated.
     pub fn evaluate(&self, directions: &Directions, degree: usize) -> Result<Array2<f64>, ModelError> {
         let max_degree = self.coefficients.max_degree();
         if degree > max_degree {
@@ -39,12 +40,12 @@ impl Model {
     }
 
     /// Evaluates the model's surface at the vertices of a sphere. The result has the sphere's triangles, and the
-    /// metadata of the input's file that the model preserves.
+    /// metadata that the model preserves from the input's file.
     ///
     /// # Errors
     ///
-    /// [`NotASurface`](ModelError::NotASurface), [`NoTriangles`](ModelError::NoTriangles), and the errors of
-    /// [`evaluate`](Self::evaluate).
+    /// [`NotASurface`](ModelError::NotASurface) if the model is of a signal, [`NoTriangles`](ModelError::NoTriangles)
+    /// if the sphere has no triangles, and the errors of [`evaluate`](Self::evaluate).
     pub fn reconstruct(&self, sphere: &Sphere, degree: usize) -> Result<Mesh, ModelError> {
         if self.kind() != Kind::Surface {
             return Err(ModelError::NotASurface { channels: self.coefficients.channels() });
@@ -57,14 +58,14 @@ impl Model {
         Ok(Mesh { meta: self.meta(), ..Mesh::new(vertices, sphere.faces.clone()) })
     }
 
-    /// Evaluates the model at the vertices of the surface to which it was fitted, and returns it with that surface's
-    /// triangles. If handles of the surface were cut before the fit, the cuts are undone: fillings are removed and
-    /// seams are welded.
+    /// Evaluates the model at the vertices of the surface to which it was fitted. The result has the triangles of that
+    /// surface. If handles of the surface were cut before the fit, the cuts are undone: fillings are removed and seams
+    /// are welded.
     ///
     /// # Errors
     ///
-    /// [`NoSphere`](ModelError::NoSphere), [`Seam`](ModelError::Seam), and the errors of
-    /// [`reconstruct`](Self::reconstruct).
+    /// [`NoSphere`](ModelError::NoSphere) if the model has no sphere, [`Seam`](ModelError::Seam) if its record of the
+    /// cuts contradicts the sphere, and the errors of [`reconstruct`](Self::reconstruct).
     pub fn reconstruct_original(&self, degree: usize) -> Result<Welded, ModelError> {
         let sphere = self.own_sphere()?;
         let mesh = self.reconstruct(sphere, degree)?;
@@ -89,7 +90,7 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`NoSphere`](ModelError::NoSphere) for a model without a sphere.
+    /// [`NoSphere`](ModelError::NoSphere) if the model has no sphere.
     pub fn own_sphere(&self) -> Result<&Sphere, ModelError> {
         self.sphere.as_ref().ok_or(ModelError::NoSphere)
     }

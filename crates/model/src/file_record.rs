@@ -55,27 +55,28 @@ impl FileRecord {
         Ok(Self { path: path.to_string_lossy().into_owned(), bytes, blake3, ..Self::default() })
     }
 
-    /// Adds the label of a volume, and the numbers of the channel and the time point that it was read from.
+    /// Adds the label, and the numbers of the channel and time point of the volume from which the label was read.
     #[must_use]
     pub fn with_label(self, label: i64, [channel, time]: [Option<usize>; 2]) -> Self {
         Self { label: Some(label), channel, time, ..self }
     }
 
-    /// Returns what distinguishes the contents: the file's hash, the label, and the numbers of the channel and the time
-    /// point. Without a choice the file has only one image, whose numbers are 1.
+    /// Returns the values that identify the contents: the file's hash, the label, and the numbers of the channel and
+    /// the time point. A number that the user didn't choose is 1, because the file then has only one channel or time
+    /// point.
     #[must_use]
     pub fn contents(&self) -> (&str, Option<i64>, [usize; 2]) {
         (&self.blake3, self.label, [self.channel, self.time].map(|number| number.unwrap_or(1)))
     }
 
-    /// Returns whether two files have the same contents, label and image, regardless of their paths.
+    /// Returns whether two records have the same contents, label, channel and time point, regardless of the paths.
     #[must_use]
     pub fn same_contents(&self, other: &Self) -> bool {
         (self.bytes, self.contents()) == (other.bytes, other.contents())
     }
 }
 
-/// Deserializes a file record. Models of version 0.1 store only the file's name, which gives `None`.
+/// Deserializes a file record. Returns `None` for models of version 0.1, which store only the file's name.
 pub(crate) fn of_any_version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
     #[derive(Deserialize)]
     #[serde(untagged)]

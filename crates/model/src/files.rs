@@ -14,7 +14,7 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`NonFinite`](ModelError::NonFinite), and the errors of [`write_new`], such as
+    /// [`NonFinite`](ModelError::NonFinite) if a coefficient isn't finite, and the errors of [`write_new`], such as
     /// [`OutputExists`](spharm_surface::SurfaceError::OutputExists).
     pub fn write(&self, path: impl AsRef<Path>) -> Result<(), ModelError> {
         self.write_with(path, false)
@@ -38,7 +38,7 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// The errors of `out`; [`InvalidData`](io::ErrorKind::InvalidData) for a coefficient that isn't finite.
+    /// The errors of `out`, and [`InvalidData`](io::ErrorKind::InvalidData) if a coefficient isn't finite.
     pub fn write_to(&self, out: &mut dyn Write) -> io::Result<()> {
         npz::write(self, out)
     }
@@ -50,7 +50,8 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`Open`](ModelError::Open), [`Invalid`](ModelError::Invalid), [`NonFinite`](ModelError::NonFinite).
+    /// [`Open`](ModelError::Open) if the file can't be opened, [`Invalid`](ModelError::Invalid) if it isn't a valid
+    /// model, and [`NonFinite`](ModelError::NonFinite) if a coefficient isn't finite.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
         let open = |source| ModelError::Open { path: path.to_owned(), source };
@@ -61,7 +62,8 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`Invalid`](ModelError::Invalid), [`NonFinite`](ModelError::NonFinite).
+    /// [`Invalid`](ModelError::Invalid) if the bytes aren't a valid model, and [`NonFinite`](ModelError::NonFinite) if
+    /// a coefficient isn't finite.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, ModelError> {
         npz::read(Path::new("the model"), Cursor::new(bytes))
     }

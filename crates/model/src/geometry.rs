@@ -1,17 +1,17 @@
-//! Preserves the position of a surface in its volume, as recorded in the surface's file. A model stores it, and writes
-//! it to the file of a reconstruction. The author and date of the original file aren't preserved.
+//! Preserves the position of a surface in its volume, as recorded in the surface's file. A model stores this position,
+//! and writes it to the files of reconstructions. The author and date of the original file aren't preserved.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
 use spharm_surface::{CoordinateSystem, Meta};
 
-/// Metadata of a surface's file. The positions of the surface are stored as in the file: none of these transforms has
-/// been applied.
+/// Metadata of a surface's file that a model preserves. Positions are stored as in the file; the recorded transform
+/// isn't applied to them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Geometry {
-    /// GIfTI metadata of the entire file, except `Date` and `UserName`, as pairs (name, value).
+    /// GIfTI metadata of the whole file, except `Date` and `UserName`, as pairs (name, value).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub file_metadata: Vec<(String, String)>,
     /// GIfTI metadata of the point set, such as `VolGeomC_R`, except `Date` and `UserName`, as pairs (name, value).
@@ -71,7 +71,7 @@ impl Geometry {
     }
 }
 
-/// Returns metadata without the standard entries for author and date of a file.
+/// Returns metadata without the standard entries for the author and date of a file.
 fn without_maker(metadata: &[(String, String)]) -> Vec<(String, String)> {
     metadata.iter().filter(|(name, _)| !["Date", "UserName"].contains(&name.as_str())).cloned().collect()
 }

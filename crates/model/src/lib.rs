@@ -8,9 +8,9 @@
 //! | `max_degree` | i64 () | L, with K = (L + 1)^2 |
 //! | `convention` | text () | [`CONVENTION`] |
 //! | `faces` | i32 (F, 3) | triangles of the sphere, indexed from 0; none if the sphere was a list of angles |
-//! | `directions` | f64 (n, 3) | unit vectors of the sampling |
-//! | `cut_from` | i64 (2,) | for a surface whose handles were cut: its original numbers of vertices and triangles, which are the first ones of the sphere; see `Seam` of `spharm-surface` |
-//! | `seam` | i32 (k,) | with `cut_from`: the vertices of which the sphere's next k vertices are copies; the rest is filling |
+//! | `directions` | f64 (n, 3) | unit vectors of the sampling scheme |
+//! | `cut_from` | i64 (2,) | for a surface whose handles were cut: its original numbers of vertices and triangles, which come first in the sphere; see `Seam` of `spharm-surface` |
+//! | `seam` | i32 (k,) | with `cut_from`: the k vertices that are copied, in the order of their copies, which come next in the sphere; all later vertices belong to fillings |
 //! | `scheme_key` | text () | key of the sampling scheme in a basis store |
 //! | `provenance` | text () | JSON: origin of the model, see [`Provenance`] |
 //!
@@ -27,7 +27,7 @@
 //! | [`provenance`] | input, sphere and settings |
 //! | [`geometry`] | position of a surface in its volume, preserved from the input to the reconstruction |
 //! | [`arrays`] | archives of named matrices: groups of models |
-//! | [`csv`] | the paper's complex coefficients as a table |
+//! | [`csv`] | the complex coefficients of Shen and Chung's paper as a CSV table |
 //! | [`npy`] | NumPy's array files |
 //! | `npz` | models as NumPy archives |
 //!

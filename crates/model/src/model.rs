@@ -1,17 +1,17 @@
-//! Defines the model of a surface or signal, and the parts from which it is made.
+//! Defines the model of a surface or signal, and the parts from which a model is made.
 
 use spharm_harmonics::Coefficients;
 use spharm_surface::{Kind, Sphere};
 
 use crate::provenance::Provenance;
 
-/// Value of the array `convention` in the file of every model.
+/// Value of the array `convention` in every model file.
 pub const CONVENTION: &str = "real orthonormal, no Condon-Shortley phase, row l^2 + l + m, sin(m phi) for negative m";
 
 /// A fitted model, or coefficients of unknown origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Model {
-    /// Canonical coefficients of shape (K, c), in the unit of the input. All are finite.
+    /// Canonical coefficients (K, c), in the unit of the input. All are finite.
     pub coefficients: Coefficients,
     /// Sphere over which the model was fitted; `None` for a model of coefficients only.
     pub sphere: Option<Sphere>,
@@ -24,7 +24,7 @@ pub struct Model {
 /// The contents of a model except its sphere: either the result of a fit or coefficients of unknown origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fitted {
-    /// Canonical coefficients of shape (K, c).
+    /// Canonical coefficients (K, c).
     pub coefficients: Coefficients,
     /// Key of the sampling scheme in a basis store, as 64 hexadecimal digits.
     pub scheme_key: Option<String>,
@@ -39,7 +39,7 @@ impl From<Coefficients> for Fitted {
 }
 
 impl Model {
-    /// Returns the model of a fit over `sphere`, or of coefficients together with a sphere.
+    /// Creates a model from a fit, or from bare coefficients, and its sphere.
     #[must_use]
     pub fn new(sphere: Sphere, fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let mut model = Self::without_sphere(fitted, kind);
@@ -49,7 +49,7 @@ impl Model {
         model
     }
 
-    /// Returns a model without a sphere. It can be evaluated on any sphere.
+    /// Creates a model without a sphere, which can be evaluated on any sphere.
     #[must_use]
     pub fn without_sphere(fitted: impl Into<Fitted>, kind: Kind) -> Self {
         let Fitted { coefficients, scheme_key, provenance } = fitted.into();
@@ -57,8 +57,8 @@ impl Model {
         Self { coefficients, sphere: None, scheme_key, provenance }
     }
 
-    /// Returns the meaning of the channels. Three channels are positions x, y and z, unless the provenance says that
-    /// the model is of a signal.
+    /// Returns the meaning of the channels. Three channels are the positions x, y and z, unless the provenance says
+    /// that they are a signal.
     #[must_use]
     pub fn kind(&self) -> Kind {
         let surface = self.coefficients.channels() == 3 && self.provenance.surface.unwrap_or(true);

@@ -30,7 +30,7 @@ impl Array {
     ///
     /// # Errors
     ///
-    /// If the bytes aren't exactly one array, for example because the shape doesn't match the number of bytes.
+    /// [`NpyError`] if the bytes aren't exactly one array, for example if the shape doesn't match the number of bytes.
     pub fn from_bytes(mut bytes: &[u8]) -> Result<Self, NpyError> {
         let most = bytes.len() as u64;
         Self::read(&mut bytes, most).map_err(NpyError)
@@ -52,7 +52,7 @@ impl Array {
     ///
     /// # Errors
     ///
-    /// If the values aren't supported numbers.
+    /// [`NpyError`] if the values aren't numbers of a supported type.
     pub fn complex(&self) -> Result<ArrayD<Complex64>, NpyError> {
         let numbers = self.numbers().map_err(NpyError)?;
         let values = if self.is_complex() {
@@ -64,7 +64,7 @@ impl Array {
         Ok(array.map_err(|error| NpyError(error.to_string()))?.as_standard_layout().into_owned())
     }
 
-    /// Reads an array whose values have at most `most` bytes.
+    /// Reads an array whose values take at most `most` bytes.
     pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
         let header = Header::read(input).map_err(|error| error.to_string())?;
         let count = header.bytes().ok_or("the shape doesn't match the length: more values than any file can hold")?;
@@ -79,7 +79,8 @@ impl Array {
         let numbers = header.count().map_or(u64::MAX, |values| values.saturating_mul(each));
         check_room(count.saturating_add(numbers)).map_err(|room| format!("its values need {room}"))?;
         let mut bytes = Vec::new();
-        // Reading one byte beyond the values reaches the end of the entry, at which the archive's checksum is verified.
+        // Try to read one byte beyond the values: this reaches the end of the entry, at which the archive's checksum is
+        // verified.
         input.take(count + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
         if bytes.len() as u64 != count {
             return Err("the shape doesn't match the length".to_owned());
@@ -134,7 +135,7 @@ impl Array {
         }
     }
 
-    /// Returns the value of an array that has exactly one text.
+    /// Returns the string in an array that has exactly one element.
     pub(crate) fn text(&self) -> Result<String, String> {
         if self.header.kind != 'U' || self.header.count() != Some(1) {
             return Err("expected text".to_owned());
@@ -188,9 +189,9 @@ pub(crate) fn write_header(out: &mut dyn Write, descr: &str, shape: &str) -> io:
     out.write_all(header.as_bytes())
 }
 
-/// Writes a text as NumPy stores `numpy.array("text")`: with shape () and in UCS-4.
+/// Writes a string as NumPy stores `numpy.array("text")`: in UCS-4, as an array of shape ().
 pub(crate) fn write_text(out: &mut dyn Write, text: &str) -> io::Result<()> {
-    // NumPy doesn't support text of length 0, so an empty text is stored as one null character.
+    // NumPy doesn't support strings of length 0, so an empty string is stored as one null character.
     write_header(out, &format!("<U{}", text.chars().count().max(1)), "()")?;
     for character in text.chars().chain(text.is_empty().then_some('\0')) {
         out.write_all(&u32::from(character).to_le_bytes())?;

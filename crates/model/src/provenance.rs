@@ -37,7 +37,7 @@ pub struct Provenance {
     /// Settings of the fit.
     #[serde(flatten)]
     pub settings: Option<Settings>,
-    /// Whether the channels are the positions x, y and z.
+    /// Whether the channels are the positions x, y and z of a surface; `None` if unknown.
     pub surface: Option<bool>,
     /// Cube root of the volume of the input's bounding box, in the unit of the input.
     pub scale: Option<f64>,
@@ -55,14 +55,15 @@ pub struct Provenance {
     /// Voxel size along x, y and z in mm, if the user gave one that replaces the size in the volume's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<[f64; 3]>,
-    /// The kind of surface extracted from the label, if the input is a label: `smooth` or `voxels`. `None` in models
-    /// of earlier versions, whose surfaces follow the voxels.
+    /// Kind of the surface extracted from the label, if the input is a label: `smooth` or `voxels`. `None` in models of
+    /// earlier versions, whose surfaces follow the voxels.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label_surface: Option<String>,
     /// Radius for a smooth surface in voxels, if it isn't the default.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smooth_radius: Option<f64>,
-    /// Threshold at and above which voxels are inside, if the input is a volume of grey values.
+    /// Threshold of grey values, if the input is a volume of grey values. Voxels at or above the threshold are inside
+    /// the body.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threshold: Option<f64>,
     /// Whether the input is a volume of probabilities.
@@ -71,7 +72,7 @@ pub struct Provenance {
     /// Whether repairing the label or mesh was requested, even if no repair was needed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub fix: bool,
-    /// Number of voxels along the longest side at which the mesh was wrapped, if it was.
+    /// Number of voxels along the longest side of the mesh's bounding box, if the mesh was wrapped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wrap: Option<usize>,
     /// Whether cutting handles was requested, even if the surface had no handles.
@@ -167,8 +168,7 @@ pub struct Settings {
     pub dtype: String,
 }
 
-/// Mean and maximal squared distance of a model from its target. The fields msd and xsd refer to a bounding box scaled
-/// to volume 1.
+/// Mean and maximal squared distance of a model from its target.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Distances {
     /// Whether the distances were measured after an additional pass, which removes remaining rounding errors.

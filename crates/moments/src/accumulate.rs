@@ -1,7 +1,7 @@
 //! Computes the moments of tables of samples, in limited memory.
 //!
-//! While one chunk of samples is read, the previous chunk is converted and spread onto the grids. For tables of any
-//! size, this needs the memory of an [`Accumulator`] and of three chunks.
+//! While one chunk of samples is read, the previous chunk is converted and spread onto the grids. This needs memory for
+//! an [`Accumulator`] and three chunks, whatever the size of the tables.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -23,15 +23,16 @@ use crate::moments::{Moments, Shard, Source};
 use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_table, open, open_over_scheme};
 
 const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
-/// Number of bytes at the beginning, and at the end, of a file that are hashed into its key.
+/// Number of bytes at the beginning of a file, and also at its end, that are hashed into the key.
 const END: u64 = 1 << 16;
-/// Largest number of samples per chunk, and largest number per thread. A chunk is large enough to occupy all threads,
-/// and small enough that the samples of one thread stay in its core's cache between the steps of processing. Both
-/// numbers are multiples of the block size, so the sums have the same bits for any number of threads.
+/// Largest number of samples per chunk, enough to occupy all threads. It is a multiple of the block size, so the sums
+/// have the same bits for any number of threads.
 const CHUNK: usize = 1 << 19;
+/// Largest number of samples per thread and chunk, small enough that the samples stay in the core's cache between the
+/// steps of processing. It is a multiple of the block size, too.
 const CHUNK_OF_THREAD: usize = 1 << 16;
 
-/// Request for moments: the tables to read, their columns, and the highest degree of fits from the moments.
+/// A request for moments: the tables to read, their columns, and the highest degree of fits from the moments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
     /// Paths of the tables, in order; `-` is standard input.
@@ -47,13 +48,13 @@ pub struct Request {
 }
 
 impl Request {
-    /// Returns a request for the moments of entire tables. The names of the value columns must still be set.
+    /// Creates a request for the moments of whole tables. The names of the value columns must still be set.
     pub fn new(files: Vec<PathBuf>, max_degree: usize) -> Self {
         Self { files, columns: Columns::default(), max_degree, shard: Shard::WHOLE, memory: None }
     }
 
-    /// Returns the sampling scheme if the positions are given by one, and `None` if they are given by columns. With a
-    /// scheme, each table has one row per direction.
+    /// Returns the sampling scheme that gives the positions, or `None` if columns give them. With a scheme, each table
+    /// has one row per direction.
     fn scheme(&self) -> Option<&Directions> {
         match &self.columns.positions {
             Some(Positions::Scheme(directions)) => Some(directions),
@@ -114,12 +115,12 @@ pub struct Seconds {
 
 /// Computes the moments of a shard of tables.
 ///
-/// Reports the stage `moments`, counted in rows, to the monitor, with the total if it is known.
+/// Reports the stage `moments`, counted in rows, to the monitor, with the total number of rows if it is known.
 ///
 /// # Errors
 ///
-/// [`MomentsError`] for tables that can't be read or lack columns, invalid rows, or too little memory. A single invalid
-/// row is an error.
+/// [`MomentsError`] if a table can't be read or lacks a column, if any row is invalid, or if the memory budget is too
+/// small.
 pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulated, MomentsError> {
     let started = Instant::now();
     request.shard.check()?;
@@ -192,7 +193,8 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     Ok(Accumulated { moments, warnings, seconds })
 }
 
-/// Returns the memory in bytes needed to compute moments of tables with `channels` channels.
+/// Returns the memory in bytes needed to compute the moments of tables for `channels` channels and fits of degrees up
+/// to `max_degree`.
 pub fn bytes(max_degree: usize, channels: usize) -> usize {
     // The memory holds two chunks of rows (one being read, one being converted), a buffer for reading, and a chunk of
     // samples.
@@ -201,8 +203,7 @@ pub fn bytes(max_degree: usize, channels: usize) -> usize {
 }
 
 fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> {
-    // A sampling scheme also needs memory for its directions. Files of values on vertices are read into memory as a
-    // whole.
+    // A sampling scheme also needs memory for its directions. Per-vertex files are read into memory as a whole.
     let directions = request.scheme().map_or(0, |directions| std::mem::size_of_val(directions.as_slice()));
     let values = request.files.iter().filter(|path| directions > 0 && !is_table(path)).map(|path| bytes_to_read(path));
     let values = usize::try_from(values.max().unwrap_or(0)).unwrap_or(usize::MAX);
@@ -260,7 +261,7 @@ impl Key {
         Ok(())
     }
 
-    /// Adds the first and last bytes of a file to the key. They distinguish files of equal name and size.
+    /// Adds the first and last bytes of a file to the key, to distinguish files of equal name and size.
     fn ends(&mut self, path: &Path, size: u64) -> io::Result<()> {
         let mut file = File::open(path)?;
         for start in [0, size.saturating_sub(END)] {
@@ -290,7 +291,7 @@ impl Key {
 struct Reading<'a> {
     path: &'a PathBuf,
     plan: &'a Plan,
-    /// Range of row indices to use; other rows are read and skipped.
+    /// Range of the rows to use; other rows are read but not used.
     used: Range<u64>,
     sums: &'a mut Accumulator,
     seconds: &'a mut Seconds,
@@ -309,8 +310,8 @@ impl Reading<'_> {
             monitor.check()?;
             next.clear();
             let started = Instant::now();
-            // The caller's pool may have only one thread, which then runs the two closures in turn. So neither may wait
-            // for the other.
+            // The caller's pool may have only one thread, which then runs one closure after the other. So neither may
+            // wait for the other.
             let (count, done) = rayon::join(
                 || table.read(most, &mut next).map(|count| (count, started.elapsed().as_secs_f64())),
                 || self.one(&rows, before, &mut chunk),
@@ -351,8 +352,8 @@ impl Reading<'_> {
     }
 }
 
-/// Records which channels have a nonzero value at a sample of nonzero weight. If the sum of squares of such a channel
-/// is zero, its squares have underflowed.
+/// Records which channels have a nonzero value at a sample of nonzero weight. If such a channel's sum of squares is
+/// zero, the squares have underflowed.
 fn note_values(has: &mut [bool], weights: Option<&[f64]>, values: ArrayView2<'_, f64>) {
     let counts = |row: usize| weights.is_none_or(|weights| weights[row] != 0.0);
     for (has, column) in has.iter_mut().zip(values.columns()) {

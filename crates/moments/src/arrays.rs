@@ -1,10 +1,10 @@
 //! Computes the moments of samples in memory, which may be one chunk of a larger set of samples that the caller
 //! manages.
 //!
-//! Tables are identified by their names, sizes and first and last bytes; arrays are identified by a name that the
-//! caller gives to the whole set, or by all their bytes. With this identification, [`merge`](mod@crate::merge) detects
-//! missing and repeated chunks, as it does for shards of tables. The computation needs the memory of an [`Accumulator`]
-//! and of one chunk of converted samples.
+//! Arrays are identified by a name that the caller gives to the whole set, or by all their bytes; tables, by contrast,
+//! are identified by their names, sizes, and first and last bytes. With this identification,
+//! [`merge`](mod@crate::merge) detects missing and repeated chunks, as it does for shards of tables. The computation
+//! needs memory for an [`Accumulator`] and one chunk of converted samples.
 
 use ndarray::{ArrayView1, ArrayView2, Axis, s};
 use rayon::prelude::*;
@@ -22,11 +22,11 @@ const CHUNK: usize = 1 << 18;
 /// Samples in memory. The arrays may have any strides.
 #[derive(Debug, Clone, Copy)]
 pub struct Samples<'a> {
-    /// Vectors of any nonzero length, (n, 3).
+    /// Vectors (n, 3) of any nonzero length.
     pub directions: ArrayView2<'a, f64>,
-    /// Values, (n, c), finite.
+    /// Values (n, c), all finite.
     pub values: ArrayView2<'a, f64>,
-    /// Weights, (n), finite and nonnegative; `None` if all weights are 1.
+    /// Weights (n), finite and nonnegative; `None` if all weights are 1.
     pub weights: Option<ArrayView1<'a, f64>>,
 }
 
@@ -35,7 +35,7 @@ pub struct Samples<'a> {
 pub struct Part {
     /// Name of the larger set. `None` (default) identifies the samples by their own bytes.
     pub whole: Option<String>,
-    /// Part of the larger set that these samples form.
+    /// The part of the larger set that these samples are.
     pub shard: Shard,
 }
 
@@ -53,8 +53,10 @@ impl Default for Part {
 ///
 /// # Errors
 ///
-/// [`MomentsError::Arrays`] for arrays whose sizes don't match, [`MomentsError::Sample`] for an invalid sample,
-/// [`MomentsError::Shard`] for an invalid shard, [`MomentsError::Transform`] for a degree that is too high.
+/// [`MomentsError::Arrays`] if the sizes of the arrays don't match, [`MomentsError::Sample`] if a sample is invalid,
+/// [`MomentsError::Shard`] if the shard is invalid, [`MomentsError::Transform`] if the degree is too high,
+/// [`MomentsError::Range`] if a sum is outside the range of f64, and [`MomentsError::Interrupted`] if `monitor` cancels
+/// the computation.
 pub fn accumulate_samples(
     samples: &Samples<'_>,
     channels: Vec<String>,

@@ -1,4 +1,4 @@
-//! Errors of reading tables of samples, and of reading, adding and writing moments.
+//! Defines the errors of reading tables of samples, and of reading, adding and writing moments.
 
 use std::io;
 use std::ops::RangeInclusive;
@@ -98,7 +98,7 @@ pub enum MomentsError {
         /// The size found.
         found: usize,
     },
-    /// The squares of a channel's values, or the weights, have a sum outside the range of f64.
+    /// The sum of a channel's squared values, or of the weights, is outside the range of f64.
     #[error(
         "column {channel}: expected values whose weighted squares sum to 1e-307 to 1e308; scale the values or the weights"
     )]
@@ -119,10 +119,10 @@ pub enum MomentsError {
         path: PathBuf,
         /// Number of vertices of the sampling scheme.
         expected: u64,
-        /// Number of rows in the entire table.
+        /// Number of rows in the whole table.
         found: u64,
     },
-    /// A file of values on vertices couldn't be read.
+    /// A per-vertex file couldn't be read.
     #[error(transparent)]
     Signal(SurfaceError),
     /// A file grew or shrank while it was read.
@@ -135,7 +135,7 @@ pub enum MomentsError {
         /// Size in bytes after the file was read.
         now: u64,
     },
-    /// The index of a shard isn't below the number of shards.
+    /// The index of a shard isn't below the number of shards, or there are too many shards.
     #[error("shard {index} of {of}: expected an index from 0 to {}, and at most {} shards", .of.saturating_sub(1), crate::moments::MOST_SHARDS)]
     Shard {
         /// Index of the shard, from 0.
@@ -158,7 +158,7 @@ pub enum MomentsError {
         budget: usize,
     },
     /// The file isn't a file of moments, or is damaged.
-    #[error("{}: damaged or not a file of moments: {what}: expected {expected}, found {found}; make this part again", .path.display())]
+    #[error("{}: damaged or not a file of moments: {what}: expected {expected}, found {found}; compute this part again", .path.display())]
     Corrupt {
         /// Path of the file.
         path: PathBuf,
@@ -170,7 +170,7 @@ pub enum MomentsError {
         found: String,
     },
     /// The file has a format version that this program can't read.
-    #[error("{}: the moments have format version {found}, but this program reads versions {} to {}; use the program that wrote it, or make this part again", .path.display(), .expected.start(), .expected.end())]
+    #[error("{}: the moments have format version {found}, but this program reads versions {} to {}; use the program that wrote it, or compute this part again", .path.display(), .expected.start(), .expected.end())]
     Version {
         /// Path of the file.
         path: PathBuf,
@@ -197,7 +197,7 @@ pub enum MomentsError {
         found: String,
     },
     /// Two parts contain the same samples.
-    #[error("{first} and {second}: both have {what}; leave one of them out")]
+    #[error("{first} and {second}: both contain {what}; omit one of the two")]
     Overlap {
         /// Name of one part.
         first: String,
@@ -206,14 +206,14 @@ pub enum MomentsError {
         /// The samples that both parts contain.
         what: String,
     },
-    /// Shards are missing, so that the parts don't make up the whole.
+    /// Shards are missing, so the parts don't make up the whole.
     #[error("{} missing: {}", ranges(.missing.len()), .missing.join(", "))]
     Missing {
         /// The missing shards.
         missing: Vec<String>,
     },
     /// A table has Parquet, Arrow or LAS format, and the program was built without support for these formats.
-    #[error("{}: this build of the program can't read Parquet, Arrow and LAS; the program installed by cargo can, and every build reads .npy and .csv", .path.display())]
+    #[error("{}: this build of the program can't read Parquet, Arrow or LAS files; use the program installed by cargo, or convert the table to .npy or .csv", .path.display())]
     LeftOut {
         /// Path of the file.
         path: PathBuf,

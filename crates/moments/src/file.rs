@@ -47,7 +47,7 @@ const HASH: usize = 32;
 const SOURCE: usize = 48;
 const MOST_SOURCES: usize = 1 << 24;
 const LONGEST_NAMES: usize = 1 << 24;
-/// Name that errors show in place of a path for moments that weren't read from a file.
+/// Name that errors show instead of a path for moments that aren't in a file.
 const IN_MEMORY: &str = "the moments";
 
 impl Moments {
@@ -68,7 +68,8 @@ impl Moments {
     ///
     /// # Errors
     ///
-    /// [`MomentsError::Io`], [`MomentsError::Corrupt`], [`MomentsError::Version`].
+    /// [`MomentsError::Io`] if the file can't be read, [`MomentsError::Corrupt`] if it is damaged or not a file of
+    /// moments, and [`MomentsError::Version`] if its format version can't be read.
     pub fn read(path: &Path) -> Result<Self, MomentsError> {
         let mut file = spharm_files::open(path).map_err(MomentsError::io(path, "open"))?;
         let length = file.metadata().map_err(MomentsError::io(path, "open"))?.len();
@@ -79,7 +80,7 @@ impl Moments {
     ///
     /// # Errors
     ///
-    /// [`MomentsError::Io`] for sizes that the format can't represent.
+    /// [`MomentsError::Io`] if the format can't represent a size.
     pub fn to_bytes(&self) -> Result<Vec<u8>, MomentsError> {
         let mut bytes = Vec::new();
         self.encode(&mut bytes).map_err(MomentsError::io(Path::new(IN_MEMORY), "write"))?;
@@ -90,7 +91,8 @@ impl Moments {
     ///
     /// # Errors
     ///
-    /// [`MomentsError::Corrupt`], [`MomentsError::Version`].
+    /// [`MomentsError::Corrupt`] if the bytes are damaged or not a file of moments, and [`MomentsError::Version`] if
+    /// their format version can't be read.
     pub fn from_bytes(mut bytes: &[u8]) -> Result<Self, MomentsError> {
         let length = bytes.len() as u64;
         decode(&mut bytes, length, Path::new(IN_MEMORY))
@@ -169,7 +171,7 @@ impl Sizes {
     }
 }
 
-/// A writer that also computes the hash of the bytes written.
+/// A writer that also hashes the bytes written.
 struct Hashing<'a> {
     out: &'a mut dyn Write,
     hasher: blake3::Hasher,

@@ -1,5 +1,5 @@
-//! Computes moments of samples. Least-squares fits can be made from the moments alone, without the samples. Moments of
-//! parts of the data can be stored in files and added, so the samples need not fit in memory, or on one machine.
+//! Computes moments of samples. Least-squares fits need only the moments, not the samples. Moments of parts of the data
+//! can be stored in files and added, so the samples need not fit in memory or on one machine.
 //!
 //! A least-squares fit of samples f at directions x with weights w depends on these data only through the moments of
 //! the weights to degree 2L, the right-hand sides `A^T W f` to degree L, `sum w f^2`, and the number of samples. All of
@@ -14,7 +14,7 @@
 //! | [`samples`] | tables of samples, one module per file format; converts columns to directions, weights, values |
 //! | [`mod@accumulate`] | moments of tables, in bounded memory |
 //! | [`arrays`] | moments of samples that are in memory |
-//! | [`moments`] | [`Moments`]: the sums, and the samples they were computed from |
+//! | [`moments`] | [`Moments`]: the sums, and a record of the samples |
 //! | [`merge()`](mod@merge) | sum of the moments of several parts |
 //! | `file` | the file format |
 //!

@@ -13,8 +13,9 @@ use crate::{MomentsError, Source as PartSource};
 ///
 /// # Errors
 ///
-/// [`MomentsError::Differ`], [`MomentsError::Overlap`], [`MomentsError::Missing`], [`MomentsError::NoParts`]. Errors
-/// identify a part by its number in the list, from 1.
+/// [`MomentsError::Differ`] if the parts differ in degree or channels, [`MomentsError::Overlap`] if two parts have
+/// samples in common, [`MomentsError::Missing`] if shards are missing and `partial` isn't set, and
+/// [`MomentsError::NoParts`] if the list is empty. Errors identify a part by its number in the list, from 1.
 pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError> {
     let names = (1..=parts.len()).map(|number| format!("part {number}")).collect();
     merge_named(parts.into_iter().map(Ok), names, partial)
@@ -25,7 +26,7 @@ pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError
 ///
 /// # Errors
 ///
-/// The errors of [`merge()`], and errors that the iterator returns in place of a part.
+/// The errors of [`merge()`], and any error that the iterator returns instead of a part.
 pub fn merge_named(
     parts: impl IntoIterator<Item = Result<Moments, MomentsError>>,
     names: Vec<String>,
@@ -79,8 +80,7 @@ fn add(all: &mut Moments, part: Moments) {
     all.weight += part.weight;
 }
 
-/// Returns the sources of all parts. If all shards of a source are present, they are replaced by one source for the
-/// whole.
+/// Returns the sources of all parts, with the shards of each complete source replaced by one entry for the whole.
 fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result<Vec<Source>, MomentsError> {
     let mut by_key: BTreeMap<[u8; 32], Vec<(Source, usize)>> = BTreeMap::new();
     for (source, part) in held {
@@ -116,8 +116,8 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     if missing.is_empty() || partial { Ok(joined) } else { Err(MomentsError::Missing { missing }) }
 }
 
-/// Adds the shards between the fractions `from` and `to` of the whole, if any, to the list `missing`. Shards are
-/// numbered within `of` shards.
+/// Adds a description of the shards between the fractions `from` and `to` of the whole, if there are any, to `missing`.
+/// The whole is divided into `of` shards.
 fn gap(from: Fraction, to: Fraction, of: u32, missing: &mut Vec<String>) {
     if !from.cmp_to(to).is_lt() {
         return;

@@ -1,4 +1,4 @@
-//! Defines [`Moments`]: the sums over samples that a fit needs, and a record of the samples they were computed from.
+//! Defines [`Moments`]: the sums over samples that a fit needs, and a record of these samples.
 
 use spharm_store::SchemeKey;
 use spharm_transform::{Occupied, SampleSums};
@@ -21,8 +21,8 @@ impl Shard {
     /// The shard that contains all samples.
     pub const WHOLE: Self = Self { index: 0, of: 1 };
 
-    /// Returns the part of the range `0..count` that belongs to this shard. The parts of all shards cover the range
-    /// without overlap.
+    /// Returns the part of the range `0..count` that belongs to this shard. The parts of all shards together cover the
+    /// range without overlap.
     pub fn range(self, count: u64) -> std::ops::Range<u64> {
         let at = |index: u32| (u128::from(count) * u128::from(index) / u128::from(self.of)) as u64;
         at(self.index)..at(self.index + 1)
@@ -49,25 +49,25 @@ pub struct Source {
 /// The sums over the samples of one part of the data, or of all data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moments {
-    /// Names of the channels, (c).
+    /// Names of the c channels.
     pub channels: Vec<String>,
-    /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, number of samples.
+    /// The sums: moments to degree 2L, right-hand sides to degree L, `sum w f^2`, and the number of samples.
     pub sums: SampleSums,
     /// Number of samples, including those with weight 0.
     pub rows: u64,
-    /// The regions of the sphere that contain samples of nonzero weight.
+    /// The cells of the sphere that contain samples of nonzero weight.
     pub occupied: Occupied,
     /// Key, for scalar type f64, of the sampling scheme that gives the directions of the samples. `None` if the table
     /// has columns for the positions.
     pub scheme: Option<SchemeKey>,
-    /// Records of the samples that the moments were computed from, sorted by key and shard.
+    /// Records of the samples from which the moments were computed, sorted by key and shard.
     pub sources: Vec<Source>,
 }
 
 impl Moments {
-    /// Returns the first channel whose sum of squares is unusable: outside the range of f64, or too small for full
-    /// precision although the channel has nonzero values. The error of a fit couldn't be computed from such a sum.
-    /// Returns `of the weights` if the sums of the weights are unusable.
+    /// Returns the name of the first channel whose sum of squares is unusable: it is outside the range of f64, or so
+    /// small that it lacks full precision even though the channel has nonzero values. The error of a fit couldn't be
+    /// computed from such a sum. Returns `of the weights` if the sums of the weights are unusable.
     pub fn out_of_range(&self) -> Option<&str> {
         let sums = &self.sums;
         let weights_are = sums.weight.is_normal() && sums.moments.iter().all(|moment| moment.is_finite());

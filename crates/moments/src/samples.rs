@@ -42,7 +42,7 @@ pub enum Positions {
     Angles([String; 2]),
     /// Columns of longitude and latitude, in degrees.
     LonLat([String; 2]),
-    /// Columns of x, y and z. The vectors must be unit vectors, unless [`RADIUS`] is one of the values or a centre is
+    /// Columns of x, y and z. The vectors must have unit length, unless [`RADIUS`] is one of the values or a centre is
     /// given.
     Vectors([String; 3]),
     /// The directions of a sampling scheme, such as the vertices of a sphere: row i of each table has direction i.
@@ -86,7 +86,7 @@ pub struct Columns {
     pub centre: [f64; 3],
 }
 
-/// Locations of position, values and weight in the rows that a table returns.
+/// Indices of the position, values and weight in the rows that a table returns.
 #[derive(Debug, Clone)]
 pub(crate) struct Plan {
     positions: Positions,
@@ -174,7 +174,7 @@ impl Plan {
     }
 
     /// Converts rows to samples, and checks them. `start` is the index, from 0, of the first row within its table. If
-    /// positions are given by a sampling scheme, it must have a direction for each row.
+    /// positions are given by a sampling scheme, the scheme must have a direction for each row.
     pub(crate) fn samples(&self, rows: &[f64], start: usize, chunk: &mut Chunk) -> Result<(), BadRow> {
         let (columns, channels) = (self.columns(), self.values.len());
         let n = rows.len() / columns;
@@ -287,7 +287,8 @@ impl Plan {
 }
 
 /// Returns the direction and the length of a vector; `None` if the vector is zero or not finite. The result has the
-/// same bits as that of [`normalise`], which scales every vector to prevent overflow and underflow of its squares.
+/// same bits as the result of [`normalise`], which scales every vector to prevent overflow and underflow of its
+/// squares.
 #[inline]
 fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
     let [x, y, z] = vector;
@@ -299,10 +300,11 @@ fn unit(vector: [f64; 3]) -> Option<([f64; 3], f64)> {
     normalise(vector, 0).ok()
 }
 
-/// Upper limits of colatitude (pi) and azimuth (2 pi), with a margin for values rounded to single precision.
+/// Largest accepted colatitude: pi, with a margin for values rounded to single precision.
 const MOST_THETA: f64 = std::f64::consts::PI + 1e-6;
+/// Largest accepted absolute azimuth: 2 pi, with the same margin.
 const MOST_PHI: f64 = std::f64::consts::TAU + 1e-6;
-/// Largest accepted deviation of a unit vector's length from 1. It allows for values in single precision, or with few
+/// Largest accepted deviation of a unit vector's length from 1. It allows for values that have single precision or few
 /// digits.
 const UNIT: f64 = 1e-3;
 

@@ -68,7 +68,7 @@ fn what_does_not_belong_together_is_refused() {
     let twice = merge(vec![first.clone(), first.clone()], true).unwrap_err();
     assert!(matches!(&twice, MomentsError::Overlap { .. }), "{twice}");
     let overlapping = merge(vec![second.clone(), part(&path, 2, 3)], true).unwrap_err();
-    assert_eq!(overlapping.to_string(), "part 1 and part 2: both have samples of shard 2/3; leave one of them out");
+    assert_eq!(overlapping.to_string(), "part 1 and part 2: both contain samples of shard 2/3; omit one of the two");
     let missing = merge(vec![part(&path, 1, 7), part(&path, 3, 7)], false).unwrap_err();
     assert_eq!(missing.to_string(), "3 ranges of shards are missing: shard 0/7, shard 2/7, shards 4/7 to 6/7");
     assert_eq!(merge(vec![part(&path, 1, 7), part(&path, 3, 7)], true).unwrap().sources.len(), 2);

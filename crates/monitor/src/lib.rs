@@ -2,7 +2,7 @@
 //!
 //! Every function of this project that may take longer than a second takes a `&dyn Monitor`. The function announces a
 //! stage, counts its steps, and checks between steps whether it should stop. A command-line program implements
-//! `Monitor` by a progress bar, a language binding by callbacks; [`Silent`] does nothing.
+//! `Monitor` with a progress bar, a language binding with callbacks; [`Silent`] does nothing.
 //!
 //! ```
 //! use std::sync::atomic::{AtomicU64, Ordering};
@@ -143,7 +143,7 @@ impl Monitor for OnlyCancel<'_> {
     }
 }
 
-/// A flag as a monitor: it shows nothing, and cancels the computation when it is set to true.
+/// A flag can serve as a monitor, which shows nothing and cancels the computation when the flag is set to true.
 impl Monitor for AtomicBool {
     fn cancelled(&self) -> bool {
         self.load(Ordering::Relaxed)

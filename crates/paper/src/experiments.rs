@@ -206,7 +206,7 @@ pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<
 }
 
 impl Pass {
-    /// Returns whether the result is that after `passes` passes at granularity `granularity`.
+    /// Returns whether this is the result after `passes` passes at granularity `granularity`.
     pub(crate) fn is(&self, passes: usize, granularity: usize) -> bool {
         self.pass == passes && self.granularity == granularity
     }

@@ -9,15 +9,17 @@ pub(crate) struct Extent {
     pub(crate) max_degree: usize,
     /// Degrees of the SIRF fits in figure 5.
     pub(crate) sirf: &'static [usize],
-    /// Granularities g in figures 6 and 7; `passes` is the largest number of passes p.
+    /// Granularities g in figures 6 and 7.
     pub(crate) granularities: &'static [usize],
+    /// Largest number of passes p in figures 6 and 7.
     pub(crate) passes: usize,
     /// Highest degree at which NLSF is run for table 1. For higher degrees, only its memory is planned.
     pub(crate) nlsf: usize,
-    /// Degrees in the first part of figure 3, at the cortex's number of vertices. `basis_degree` and
-    /// `basis_subdivisions` are the degree and the icospheres in the second part.
+    /// Degrees in the first part of figure 3, at the cortex's number of vertices.
     pub(crate) basis_degrees: &'static [usize],
+    /// Degree in the second part of figure 3.
     pub(crate) basis_degree: usize,
+    /// Numbers of subdivisions of the icospheres in the second part of figure 3.
     pub(crate) basis_subdivisions: &'static [u32],
     /// Degrees at which least squares and quadrature are compared.
     pub(crate) families: &'static [usize],
@@ -37,7 +39,7 @@ const FULL: Extent = Extent {
     families: &[20, 40, 60, 80, 100, 150, 200],
 };
 
-/// Small sizes, for a check that the experiments work that takes seconds instead of minutes.
+/// Small sizes, with which a check that the experiments work takes seconds instead of minutes.
 const QUICK: Extent = Extent {
     subdivisions: 4,
     max_degree: 20,

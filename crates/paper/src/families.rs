@@ -31,7 +31,7 @@ pub(crate) struct Family {
     pub(crate) quadrature: Measured,
 }
 
-/// Accuracy of the transforms, equal to that in `fit`.
+/// Relative accuracy of the transforms, equal to the value in `fit`.
 const ACCURACY: f64 = 1e-12;
 
 pub(crate) fn families(bench: &Bench<'_>, extent: &Extent, surface: &Surface) -> Result<Vec<Family>> {

@@ -4,8 +4,8 @@ use crate::experiments::{Basis, Nlsf, Pass, Results, Sirf};
 use crate::extent::Extent;
 use crate::plots::{Axis, Curve, Panel, svg};
 
-/// Returns the file names of all figures: first those of the figures for all surfaces, then figures 6 and 7 of each
-/// surface.
+/// Returns the file names of all figures: first the figures that show all surfaces together, then figures 6 and 7 of
+/// each surface.
 pub(crate) fn names(surfaces: &[String]) -> Vec<String> {
     let of_all = ["figure3.svg", "figure5.svg", "table1.svg"].map(str::to_owned);
     of_all.into_iter().chain(surfaces.iter().map(|surface| format!("figures6-7.{surface}.svg"))).collect()

@@ -13,8 +13,8 @@ use crate::stretch::{StretchParams, stretch};
 ///
 /// # Errors
 ///
-/// [`ParametrizeError::BadSurface`], [`ParametrizeError::Argument`] and [`ParametrizeError::Interrupted`] as for
-/// `cald`; otherwise the error of the last method tried.
+/// The error of `cald` if it isn't [`ParametrizeError::NotBijective`] or [`ParametrizeError::NoPlace`]; the error of
+/// `stretch` if both methods fail.
 pub fn auto(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrization, ParametrizeError> {
     match cald(surface, params, monitor) {
         Err(first @ (ParametrizeError::NotBijective { .. } | ParametrizeError::NoPlace { .. })) => {

@@ -13,7 +13,7 @@ pub(crate) const BATCH: usize = 64;
 /// Inputs of up to [`BATCH`] triangles, one array per input: nine coordinates, three cotangents, the area.
 pub(crate) struct Batch([[f64; BATCH]; INPUTS]);
 
-/// Results of a batch: one array per number of [`derivatives`](Batch::derivatives), with an entry for each triangle.
+/// Results of [`derivatives`](Batch::derivatives) for a batch: one array per result, with an entry for each triangle.
 pub(crate) type Numbers = [[f64; BATCH]; NUMBERS];
 
 impl Batch {

@@ -1,15 +1,14 @@
 //! Assembles a symmetric sparse matrix of 2 x 2 blocks from triangles, with a block for each vertex and each ordered
 //! pair of neighbouring vertices.
 //!
-//! Both triangles of the symmetric matrix are stored, so each row can be processed independently of the others.
-//! Products with vectors and sums over triangles therefore run on all cores and give the same bits for any number of
-//! cores.
+//! Both halves of the symmetric matrix are stored, so each row can be processed independently of the others. Products
+//! with vectors and sums over triangles therefore run on all cores and give the same bits for any number of cores.
 
 use rayon::prelude::*;
 
 use crate::local::NUMBERS;
 
-/// Number of results kept per triangle: the gradient (6) and the lower triangle of the Hessian (21).
+/// Number of results kept per triangle: the gradient (6) and the lower half of the Hessian (21).
 pub(crate) const KEPT: usize = NUMBERS - 1;
 
 /// Number of matrix rows per parallel task.
@@ -17,11 +16,11 @@ const ROWS: usize = 1024;
 
 /// The sparsity pattern of the matrix, and the position of each triangle's blocks in it.
 pub(crate) struct Pattern {
-    /// Start of each row in `columns`; one more entry than rows.
+    /// Start of each row in `columns`, then the length of `columns`.
     pub(crate) starts: Vec<u32>,
     /// Vertex of each block: in each row the row's own vertex first, then its neighbours in ascending order.
     pub(crate) columns: Vec<u32>,
-    /// Start of each vertex's entries in `corners`; one more entry than vertices.
+    /// Start of each vertex's entries in `corners`, then the number of all entries.
     around: Vec<u32>,
     /// The triangle corners at each vertex, encoded as three times the triangle's index plus the corner's number.
     corners: Vec<u32>,

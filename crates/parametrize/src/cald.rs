@@ -1,5 +1,5 @@
-//! Maps a surface with equal areas and bounded length distortion: control of area and length distortion (L. Shen and F.
-//! Makedon, "Spherical mapping for processing of 3D closed surfaces", Image and Vision Computing 24, 2006).
+//! Maps a surface with equal areas and bounded length distortion by CALD, the control of area and length distortion (L.
+//! Shen and F. Makedon, "Spherical mapping for processing of 3D closed surfaces", Image and Vision Computing 24, 2006).
 //!
 //! As in the paper, local and global smoothing start from a one-to-one map. Local smoothing moves single vertices
 //! within the triangles around them; global smoothing moves all vertices at once. Unlike in the paper, both descend the
@@ -34,8 +34,8 @@ const BOUND: f64 = 0.02;
 /// Share of the allowed area distortion that may be spent on lower shape distortion.
 const FOR_SHAPE: f64 = 0.75;
 
-/// Area distortion at which the adaptation aims, relative to the allowed one. The margin is for the last smoothing,
-/// which still changes areas slightly.
+/// Area distortion that the adaptation aims at, as a share of the allowed distortion. The rest is a margin for the last
+/// smoothing, which still changes areas slightly.
 const AIM: f64 = 0.98;
 
 /// Largest area distortion spent on lower shape distortion. Beyond it, the error of a fit increases.
@@ -44,17 +44,19 @@ const MOST_FOR_SHAPE: f64 = 0.3;
 /// Largest number of rounds that adapt the target areas.
 const ROUNDS: usize = 8;
 
-/// The largest change of target areas in a round, and the smallest one worth a round, as the root mean square of the
-/// logarithms of the factors by which areas are multiplied.
+/// Largest change of target areas in a round: the root mean square of the logarithms of the factors by which areas are
+/// multiplied.
 const STEP: f64 = 0.2;
+
+/// Smallest change of target areas for which a round is made, measured like [`STEP`].
 const SMALLEST_STEP: f64 = 0.03;
 
-/// Residual, relative to the surface's radius, below which areas aren't adapted. It can't be distinguished from the
-/// error of the fit itself.
+/// Residual, relative to the surface's radius, below which areas aren't adapted. So small a residual can't be
+/// distinguished from the error of the fit itself.
 const NEGLIGIBLE: f64 = 3e-5;
 
-/// Largest ratio of a round's residual to the previous one at which the round is kept. For a sphere, no round is
-/// kept.
+/// Largest ratio of a round's residual to the previous one at which the round is kept. If the surface is a sphere, no
+/// round is kept.
 const WORTHWHILE: f64 = 0.99;
 
 /// Settings of [`cald`].
@@ -93,10 +95,11 @@ impl CaldParams {
 ///
 /// # Errors
 ///
-/// [`ParametrizeError::BadSurface`] for a mesh that isn't a closed surface of genus zero, or has degenerate triangles;
-/// [`ParametrizeError::Argument`] for an `area` outside of 0 to 1; [`ParametrizeError::NoPlace`] or
-/// [`ParametrizeError::NotBijective`] if 64-bit numbers don't suffice; [`ParametrizeError::Solver`] if the fit used for
-/// the adaptation fails; [`ParametrizeError::Interrupted`].
+/// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range;
+/// [`ParametrizeError::BadSurface`] if the mesh isn't a closed surface of genus zero, or has degenerate triangles;
+/// [`ParametrizeError::Argument`] if `area` is outside of 0 to 1; [`ParametrizeError::NoPlace`] or
+/// [`ParametrizeError::NotBijective`] if 64-bit numbers aren't precise enough for the map; [`ParametrizeError::Solver`]
+/// if the fit used for the adaptation fails; [`ParametrizeError::Interrupted`].
 pub fn cald(surface: &Mesh, params: &CaldParams, monitor: &dyn Monitor) -> Result<Parametrization, ParametrizeError> {
     if !(0.0..=1.0).contains(&params.area) {
         let found = params.area.to_string();

@@ -43,15 +43,15 @@ const NOWHERE: u32 = u32::MAX;
 
 /// Patches of a triangulation, and the symbolic factorisation of the coarse matrix.
 pub(crate) struct Coarse {
-    /// Start of each vertex's entries in `weights`; one more entry than vertices.
+    /// Start of each vertex's entries in `weights`, then the number of all entries.
     starts: Vec<u32>,
     /// The patches that contain each vertex: (patch, weight).
     weights: Vec<(u32, f32)>,
-    /// Start of each patch's entries in `members`; one more entry than patches.
+    /// Start of each patch's entries in `members`, then the number of all entries.
     members_of: Vec<u32>,
     /// The vertices of each patch: (vertex, weight).
     members: Vec<(u32, f32)>,
-    /// Start of each patch's neighbours in `columns`; one more entry than patches.
+    /// Start of each patch's neighbours in `columns`, then the length of `columns`.
     rows: Vec<u32>,
     columns: Vec<u32>,
     symbolic: Symbolic,
@@ -204,8 +204,8 @@ pub(crate) fn turns(p: Vec3) -> [Vec3; 2] {
     [w, scale(u, -1.0)]
 }
 
-/// Covers all vertices by patches: balls of a radius, in edges, around seeds that are farther apart than the radius.
-/// Returns (patch, vertex, weight).
+/// Covers all vertices with patches: balls of the given radius, in edges, around seeds that are farther apart than the
+/// radius. Returns a list of (patch, vertex, weight).
 fn balls(pattern: &Pattern, radius: usize) -> Vec<(u32, u32, f32)> {
     let n = pattern.rows();
     let mut found = Vec::with_capacity(3 * n);

@@ -74,8 +74,8 @@ pub fn conformal(
     Ok(found)
 }
 
-/// Applies a boost, the Moebius transformation given by a vector c, |c| < 1: areas towards c expand, the opposite ones
-/// contract.
+/// Applies a boost, the Moebius transformation given by a vector c, |c| < 1: areas in the direction of c expand, and
+/// areas on the opposite side contract.
 fn boost(c: Vec3, x: Vec3) -> Vec3 {
     let d = sub(x, c);
     unit(sub(scale(d, (1.0 - dot(c, c)) / dot(d, d)), c))

@@ -15,11 +15,11 @@ use crate::newton::Newton;
 use crate::report::Parametrization;
 use crate::star::{Classes, sweep};
 
-/// The monitor's stage for [`Descent::descend`], in Newton steps. Their number isn't known in advance.
+/// The monitor's stage for [`Descent::descend`], counted in Newton steps. The number of steps isn't known in advance.
 pub(crate) const SMOOTHING: Stage = Stage::counted("smoothing", "steps");
 
-/// Share of a Newton step below which single vertices are assumed to block the step. A sweep over single vertices
-/// then helps more than another Newton step.
+/// Fraction of a Newton step. If less than this was taken, single vertices are assumed to block the step, and a sweep
+/// over single vertices helps more than another Newton step.
 const BLOCKED: f64 = 0.2;
 
 /// A map under optimisation.
@@ -43,8 +43,8 @@ impl Descent {
         Ok(Self { map, iterations, converged: false, hierarchy, newton, classes })
     }
 
-    /// Minimises an energy. Stops when the estimated gain of another step is below `tolerance` times the excess of the
-    /// energy over that of an isometry, or after `steps` steps.
+    /// Minimises an energy. Stops when another step is estimated to lower the energy by less than `tolerance` times its
+    /// excess over the energy of an isometry, or after `steps` steps.
     pub(crate) fn descend(
         &mut self,
         energy: Energy,
@@ -81,7 +81,7 @@ impl Descent {
         }
     }
 
-    /// Returns the root mean square over triangles of the log area ratio.
+    /// Returns the root mean square of the triangles' log area ratios.
     pub(crate) fn area_distortion(&self, domain: &Domain) -> f64 {
         let log = |(face, area): (&[u32; 3], &f64)| {
             let angle = solid_angle(face.map(|v| self.map[v as usize]));

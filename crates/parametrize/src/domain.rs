@@ -14,8 +14,8 @@ use crate::trial::mending;
 /// Largest number of handles for which an error message lists the lengths of the loops.
 const MOST_LOOPS: usize = 5;
 
-/// Largest number of vertices of a mesh for which loops are searched for an error message. The search takes a second at
-/// this size.
+/// Largest number of vertices of a mesh whose loops are computed for an error message. This takes a second at this
+/// size.
 const MOST_VERTICES: usize = 50_000;
 
 /// A closed surface of genus zero without defects.
@@ -35,8 +35,9 @@ impl Domain {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::BadSurface`] with all problems found, and the repair that would succeed;
-    /// [`ParametrizeError::Interrupted`].
+    /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range;
+    /// [`ParametrizeError::BadSurface`] if the mesh has handles or defects, with all problems found and, if a repair
+    /// would succeed, this repair; [`ParametrizeError::Interrupted`].
     pub(crate) fn new(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let scaled = scaled_meshes([mesh]);
         let (mesh, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
@@ -54,7 +55,7 @@ impl Domain {
         Ok(Self { positions, faces: mesh.faces.iter().map(turned).collect(), areas, inward })
     }
 
-    /// Returns the sphere of the given mesh, from the map of this domain: the mesh's triangles over the vectors `unit`.
+    /// Returns the sphere of the given mesh: the mesh's triangles, with the vectors `unit` as vertices.
     ///
     /// If the mesh winds inwards, so does its sphere: neither is mirrored.
     pub(crate) fn sphere(&self, mesh: &Mesh, unit: Vec<Vec3>) -> Mesh {

@@ -1,5 +1,5 @@
-//! Builds a map without flipped triangles of any closed surface of genus zero, coarse to fine (E. Praun and H. Hoppe,
-//! SIGGRAPH 2003).
+//! Maps any closed surface of genus zero to the sphere without flipped triangles, coarse to fine (E. Praun and H.
+//! Hoppe, SIGGRAPH 2003).
 //!
 //! The [`Hierarchy`] is coarsened to a tetrahedron, which is placed on the sphere as a regular tetrahedron. Then the
 //! vertices are reinserted in reverse order, each inside the kernel of the ring of its neighbours: the region from

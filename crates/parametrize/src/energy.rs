@@ -13,7 +13,7 @@
 //! | energy | F(q, r) | minimal if |
 //! |---|---|---|
 //! | [`Energy::balanced`] | a (r + 1/r) / 2 + b q / r | areas are equal (a), angles are kept (b) |
-//! | [`Energy::bounded`] | that of `balanced` + c (q / r)^3 | also no triangle is much longer than the others (c) |
+//! | [`Energy::bounded`] | F of `balanced` + c (q / r)^3 | also no triangle is much longer than the others (c) |
 //! | [`Energy::CONFORMAL`] | q / r | angles are kept (the MIPS of Hormann and Greiner, 2000) |
 //! | [`Energy::STRETCH`] | q / r^2 + e q | L2 stretch is least (Sander et al. 2001) |
 //!

@@ -25,13 +25,14 @@ pub enum ParametrizeError {
         problems: String,
         /// Number of handles (the genus) of a closed surface; 0 if the surface isn't closed.
         handles: usize,
-        /// Advice to the user on the problems if there is no `mending`.
+        /// Advice to the user if there is no `mending`.
         remedy: &'static str,
         /// The repair that would close the surface, if there is one.
         mending: Option<Box<Mending>>,
     },
 
-    /// The mesh has coordinates or vertex numbers that describe no surface, or a label's surface isn't a ball.
+    /// The mesh has coordinates that aren't finite or vertex numbers out of range, or a label's surface isn't a single
+    /// closed surface of genus zero.
     #[error("not a closed, clean surface of genus zero: {problems}; {remedy}")]
     InvalidMesh {
         /// The problem with its count.
@@ -128,7 +129,7 @@ pub enum ParametrizeError {
 
     /// The file has several images and none is chosen, or the chosen image doesn't exist.
     #[error(
-        "{}: the file has {} and {}; choose one channel and one time ({chosen} chosen)",
+        "{}: the file has {} and {}; choose one channel and one time point (chosen: {chosen})",
         path.display(), counted(*channels, "channel"), counted(*times, "time point")
     )]
     SeveralImages {
@@ -147,7 +148,7 @@ pub enum ParametrizeError {
     NoVoxelSize {
         /// Path of the file.
         path: PathBuf,
-        /// The file's format, with an article.
+        /// The file's format, with an article: "a NumPy array", for example.
         format: &'static str,
     },
 
@@ -188,7 +189,7 @@ pub enum ParametrizeError {
         label: i64,
         /// The problems with their counts, one phrase each, joined by semicolons.
         problems: String,
-        /// Number of handles. They can be cut if the label has no other problems.
+        /// Number of handles, which can be cut if the label has no other problems.
         handles: usize,
         /// Whether a repair can turn the label into one ball.
         repairable: bool,
@@ -219,7 +220,7 @@ pub enum ParametrizeError {
     LargeRepair {
         /// The repair that wasn't accepted.
         repair: Box<MeshRepair>,
-        /// Largest share of the area that may be dropped or added, of the one that is exceeded.
+        /// The limit that the repair exceeds: the largest share of the area that it may drop, or that it may add.
         most: f64,
         /// Whether the repaired surface could be mapped to the sphere, perhaps after cutting its handles.
         succeeds: bool,
@@ -229,10 +230,10 @@ pub enum ParametrizeError {
     #[error("interrupted")]
     Interrupted(#[from] spharm_monitor::Interrupted),
 
-    /// A mesh encloses none of the voxels of a wrap.
+    /// The mesh encloses no voxel of the grid that is laid around it for a wrap.
     #[error(
         "the mesh encloses no voxel of a grid with {voxels} voxels along its longest side; a wrap needs a mesh that \
-         encloses a body, even if it has holes, and more voxels find thinner bodies"
+         encloses a body, even if it has holes; use more voxels for thinner bodies"
     )]
     NothingToWrap {
         /// Number of voxels along the longest side.
@@ -240,7 +241,7 @@ pub enum ParametrizeError {
     },
 
     /// Wrapping a mesh needs more memory than is free.
-    #[error("a wrap at {voxels} voxels along the longest side needs {room}; give fewer voxels")]
+    #[error("wrapping with {voxels} voxels along the longest side needs {room}; use fewer voxels")]
     NoRoomToWrap {
         /// Number of voxels along the longest side.
         voxels: usize,

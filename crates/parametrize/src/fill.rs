@@ -1,19 +1,19 @@
 //! Fills in missing vertex values from the known values around them.
 //!
 //! The filled values are harmonic on the graph of the mesh's edges: each is the mean of its neighbours' values, and
-//! lies between the smallest and largest known values around the gap. Without them, a least-squares model of high
-//! degree isn't determined inside the gap and can oscillate there without bound.
+//! lies between the smallest and largest known values around the gap. Without filled values, a least-squares model of
+//! high degree isn't determined inside the gap and can oscillate there without bound.
 
 use spharm_monitor::Monitor;
 
 use crate::ParametrizeError;
 use crate::sparse_cholesky::Symbolic;
 
-/// Marks a vertex with a known value in the list that assigns each vertex its unknown.
+/// Marks a vertex with a known value in the list that gives each vertex the index of its unknown.
 const KNOWN: u32 = u32::MAX;
 
-/// Fills in the values of the vertices for which `known`, (n), is false. `values` are (n, c) row-major; the values at
-/// these vertices are overwritten without being read.
+/// Fills in the values of the vertices for which `known` (n) is false. `values` (n, `channels`) is row-major; its
+/// entries for these vertices are overwritten without being read.
 ///
 /// Cost: O(m^1.5) flops for a sparse factorisation with m unknowns, one per missing vertex.
 ///

@@ -8,7 +8,7 @@ use crate::geometry::{Vec3, area, norm, sub};
 
 /// Defects of a mesh.
 pub(crate) struct Flaws {
-    /// Descriptions of the problems as phrases; handles aren't among them.
+    /// Phrases that describe the problems, except for handles.
     pub(crate) problems: Vec<String>,
     /// Advice to the user on the problems.
     pub(crate) remedy: &'static str,
@@ -20,7 +20,7 @@ impl Flaws {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::InvalidMesh`] for coordinates that aren't finite or indices out of range.
+    /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range.
     pub(crate) fn of(mesh: &Mesh) -> Result<Self, ParametrizeError> {
         let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
         let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();

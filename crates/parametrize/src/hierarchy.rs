@@ -13,7 +13,7 @@
 //! inserted.
 //!
 //! Cost: O(n log n). A heap orders the vertices by cost, and a cost is recomputed when its vertex reaches the top.
-//! Computing the cost takes time quadratic in the vertex's number of triangles, so vertices of many triangles aren't
+//! Computing the cost takes time quadratic in the vertex's number of triangles, so vertices with many triangles aren't
 //! removed until they have fewer. There is always a vertex with at most five triangles that can be removed.
 
 use std::cmp::Reverse;
@@ -132,7 +132,7 @@ impl Hierarchy {
     }
 
     /// Collapses vertices until a tetrahedron is left, reporting each as a step to the monitor. Returns the
-    /// tetrahedron's vertices: those of one triangle, then the one opposite it.
+    /// tetrahedron's vertices: the three corners of one triangle, then the opposite vertex.
     pub(crate) fn coarsen(&mut self, monitor: &dyn Monitor) -> Result<[u32; 4], Interrupted> {
         let entry = |v: u32| self.best(v).map(|(cost, _)| Reverse(Entry(cost, v)));
         let all: Vec<_> = (0..self.positions.len() as u32).into_par_iter().filter_map(entry).collect();
@@ -193,7 +193,7 @@ impl Hierarchy {
         let mut best: Option<(f64, u32)> = None;
         for i in 0..k {
             let u = ring[i].0;
-            // Rejects u if it shares with v another neighbour than the two beside u on the ring.
+            // Rejects u if u and v have a common neighbour other than the two beside u on the ring.
             let beside = [ring[(i + 1) % k].0, ring[(i + k - 1) % k].0];
             if ring.iter().any(|&(w, _)| w != u && !beside.contains(&w) && self.is_neighbour(u, w)) {
                 continue;
@@ -245,7 +245,7 @@ impl Hierarchy {
         self.present -= 1;
     }
 
-    /// Reinserts the vertex that was removed last. Returns it and the vertex that it was collapsed into.
+    /// Reinserts the vertex that was removed last. Returns this vertex and the vertex into which it had been collapsed.
     pub(crate) fn refine(&mut self) -> Option<(u32, u32)> {
         let collapse = self.collapses.pop()?;
         Some(self.undo(collapse))
@@ -289,7 +289,7 @@ impl Hierarchy {
         groups
     }
 
-    /// Reinserts the vertices of a group. Returns each with the vertex that it was collapsed into.
+    /// Reinserts the vertices of a group. Returns each vertex with the one into which it had been collapsed.
     pub(crate) fn refine_group(&mut self, group: Vec<Collapse>) -> Vec<(u32, u32)> {
         group.into_iter().map(|collapse| self.undo(collapse)).collect()
     }

@@ -110,7 +110,7 @@ impl Hubs {
         self.0.remove(&vertex);
     }
 
-    /// Returns whether a hub has a triangle in common with a vertex; `None` if it isn't a hub.
+    /// Returns whether a hub has a triangle in common with a vertex; `None` if `hub` isn't a hub.
     pub(crate) fn is_neighbour(&self, hub: u32, vertex: u32) -> Option<bool> {
         self.0.get(&hub).map(|hub| hub.neighbours.contains_key(&vertex))
     }

@@ -23,7 +23,7 @@ pub enum Input {
     Mesh(Mesh),
     /// A repaired mesh, with the changes made.
     Fixed(Mesh, MeshRepair),
-    /// A surface whose handles were cut, and the kind of the given surface.
+    /// A surface whose handles were cut, and the kind of surface that it was made from.
     Cut(CutSurface, Given),
     /// The surface around a label of a volume.
     Label(VolumeSurface),
@@ -51,7 +51,8 @@ impl<'a> From<&'a Input> for Source<'a> {
 }
 
 impl Input {
-    /// Cuts the handles of the surface, if it has any. The surface around a label is cut as triangles.
+    /// Cuts the handles of the surface, if it has any. If the surface around a label has handles, it is first converted
+    /// to triangles.
     ///
     /// # Errors
     ///
@@ -103,7 +104,7 @@ impl Input {
         Ok(Self::Fixed(outer, repair))
     }
 
-    /// Returns the changes that the repair of a mesh made, if any.
+    /// Returns the changes made by the repair of a mesh; `None` if no mesh was repaired.
     #[must_use]
     pub fn mesh_repair(&self) -> Option<&MeshRepair> {
         if let Self::Fixed(_, repair) | Self::Cut(_, Given::Fixed(repair)) = self { Some(repair) } else { None }
@@ -135,8 +136,8 @@ impl Input {
         if let Self::Cut(cut, _) = self { Some(cut) } else { None }
     }
 
-    /// Returns descriptions, for warnings, of the changes to the given surface: repairs and cuts. If handles were
-    /// `to_be_cut` but a repair has removed them all, this is included.
+    /// Describes the changes to the given surface, repairs and cuts, for warnings. If `to_be_cut` is true but a repair
+    /// has already removed all handles, one description says so.
     #[must_use]
     pub fn changes(&self, to_be_cut: bool) -> Vec<String> {
         let repair = self.label().and_then(|label| label.repair.as_ref());
@@ -152,7 +153,7 @@ impl Input {
     }
 }
 
-/// A sampling of the sphere for [`resample`](crate::resample()). It is parsed from `icosphere:N`, or from the path of a
+/// A sampling of the sphere for [`resample`](crate::resample()). It is parsed from `icosphere:N` or from the path of a
 /// sphere's file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Sampling {
@@ -175,14 +176,14 @@ impl FromStr for Sampling {
 }
 
 impl Sampling {
-    /// Bytes needed to resample a surface, per vertex of the sampling.
+    /// Number of bytes needed to resample a surface, per vertex of the sampling.
     pub const BYTES_PER_VERTEX: u64 = 700;
 
-    /// Returns an estimate of the bytes needed to resample a surface on this sampling, which includes the sphere, its
-    /// search tree and the resampled meshes. For a file, the number of vertices is estimated from the file's size.
+    /// Estimates the number of bytes needed to resample a surface on this sampling, including the sphere, its search
+    /// tree and the resampled meshes. For a file, the number of vertices is estimated from the file's size.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        /// Least bytes per vertex in a sphere's file: 12 for the vertex and 24 for its triangles.
+        /// Smallest number of bytes per vertex in a sphere's file: 12 for the vertex and 24 for its triangles.
         const FILE: u64 = 36;
         match self {
             Self::Icosphere(subdivisions) => Self::BYTES_PER_VERTEX * icosphere_counts(*subdivisions)[0],
@@ -190,11 +191,11 @@ impl Sampling {
         }
     }
 
-    /// Returns the sphere's mesh.
+    /// Returns the sphere, which is generated or read from its file.
     ///
     /// # Errors
     ///
-    /// The errors of `spharm_surface::io::read_mesh`.
+    /// The errors of `spharm_surface::io::read_mesh` if the sphere's file can't be read.
     pub fn sphere(&self) -> Result<Mesh, ParametrizeError> {
         match self {
             Self::Icosphere(subdivisions) => Ok(icosphere(*subdivisions)),

@@ -1,9 +1,9 @@
 //! Maps closed surfaces to the sphere, one to one.
 //!
-//! A SPHARM model can only be as good as the map from the surface to the sphere that it is fitted over. If the map
+//! A SPHARM model is fitted over a map from the surface to the sphere, and can only be as good as that map. If the map
 //! compresses a part of the surface, few samples lie on that part, and high degrees are wasted elsewhere. This crate
-//! computes such maps. The result of every method is either a one-to-one map, as verified by an exact predicate on each
-//! spherical triangle, or an error.
+//! computes such maps. Every method returns either a one-to-one map, verified by an exact predicate on each spherical
+//! triangle, or an error.
 //!
 //! # Example
 //!
@@ -21,8 +21,8 @@
 //!
 //! # Conventions
 //!
-//! - A sphere has the vertices and triangles of its surface, in the same order; its vertices lie on the unit sphere to
-//!   rounding.
+//! - A sphere has the vertices and triangles of its surface, in the same order; its vertices lie on the unit sphere up
+//!   to rounding.
 //! - Triangles that wind outwards on the surface also wind outwards on the sphere.
 //! - For comparisons of areas, the surface is scaled to the area of the sphere, 4 pi.
 //! - The same input and seed give the same bits, for any number of threads.
@@ -47,7 +47,7 @@
 //! | [`cald()`] | equal areas with little length distortion (Shen and Makedon 2006), adapted to the residual of a fit |
 //! | [`conformal()`] | least angle distortion |
 //! | [`stretch()`] | least stretch (Praun and Hoppe 2003) |
-//! | [`deform()`] | an icosphere deformed onto the surface, coarse to fine |
+//! | [`deform()`] | deforms an icosphere onto the surface, coarse to fine |
 //! | [`equal_area()`] | equal areas for the surface of a voxel object (Brechbuehler et al. 1995) |
 //! | [`resample()`] | resamples a surface on another sampling of its sphere |
 //! | [`handles`] | cuts and fills surfaces with handles, so that they have genus zero |

@@ -1,7 +1,7 @@
 //! Computes energy, gradient and positive semidefinite Hessian of one triangle, in closed form.
 //!
 //! Each corner has two unknowns, its coordinates in the [`frame`] of the tangent plane. Value and gradient are exact on
-//! the sphere. The Hessian is that of the flat triangle between the corners, with its negative eigenvalues raised to
+//! the sphere. The Hessian is computed for the flat triangle between the corners, with negative eigenvalues raised to
 //! zero; its relative error is of the order of the triangle's squared size. In complex numbers the linear map between
 //! the flat triangles is z -> alpha z + beta conj(z), with
 //!
@@ -10,9 +10,9 @@
 //! ```
 //!
 //! so an energy F(q, r) = G(u, v) depends only on u = |alpha|^2 and v = |beta|^2. Split the changes of alpha and beta
-//! into components along alpha and beta, which change their lengths, and across, which change their arguments. The
-//! Hessian is then diagonal except for a 2 x 2 block. The entries across alpha and across beta are 2 G_u (twist) and 2
-//! G_v (flip). The block of the components along alpha and beta is
+//! into components along alpha and beta, which change the lengths, and across alpha and beta, which change the
+//! arguments. The Hessian is then diagonal except for a 2 x 2 block. The entries across alpha and across beta are 2 G_u
+//! (twist) and 2 G_v (flip). The block of the components along alpha and beta is
 //!
 //! ```text
 //! | 2 G_u + 4 u G_uu     4 sqrt(u v) G_uv |
@@ -29,8 +29,7 @@
 use crate::angle::atan2_upper;
 use crate::density::Density;
 
-/// Number of results per triangle: the value, six numbers of the gradient, and the lower triangle of the Hessian by
-/// rows.
+/// Number of results per triangle: the value (1), the gradient (6) and the lower half of the Hessian by rows (21).
 pub(crate) const NUMBERS: usize = 28;
 
 /// Number of inputs of a triangle's derivatives: three corners, three cotangents, an area.
@@ -108,8 +107,8 @@ pub(crate) fn value<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64; 3], 
     if t.volume > 0.0 { value } else { f64::INFINITY }
 }
 
-/// Returns the derivatives with respect to a corner's two unknowns of four numbers: |alpha|, |alpha| times the argument
-/// of alpha, |beta|, and |beta| times the argument of beta.
+/// Returns the derivatives of four numbers with respect to a corner's two unknowns. The numbers are |alpha|, |alpha|
+/// times the argument of alpha, |beta|, and |beta| times the argument of beta.
 #[inline(always)]
 fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], frame: [Vec3; 2]) -> [[f64; 2]; 4] {
     // a = conj(alpha) conj(i e) / (4 A) and b = conj(beta) i e / (4 A), with alpha and beta scaled to length 1.
@@ -126,7 +125,7 @@ fn rows(alpha: [f64; 2], beta: [f64; 2], across: [f64; 2], plane: [Vec3; 2], fra
     ]
 }
 
-/// Coefficients of the Hessian in the rows of derivatives, multiplied by the area.
+/// Coefficients of the Hessian with respect to the four numbers of `rows`, multiplied by the triangle's area.
 struct Weights {
     /// Entries of the 2 x 2 block: along alpha, mixed, along beta.
     along: [f64; 3],
@@ -150,7 +149,8 @@ fn weights([_, fq, fr, fqq, fqr, frr]: [f64; 6], u: f64, v: f64, area: f64) -> W
     }
 }
 
-/// The Hessian in factored form: its coefficients, and the data for the rows of derivatives of each corner.
+/// The Hessian in factored form: its coefficients, and the data from which `rows` computes the derivatives at each
+/// corner.
 struct Flat {
     weights: Weights,
     /// alpha and beta, scaled to length 1.
@@ -244,8 +244,8 @@ pub(crate) fn derivatives<D: Density>(density: D, p: [Vec3; 3], cotangents: [f64
     numbers
 }
 
-/// Returns the derivatives with respect to the two unknowns of the first corner: value, gradient, and the entries 00,
-/// 10 and 11 of the Hessian.
+/// Returns one triangle's value, and its gradient and Hessian (entries 00, 10 and 11) with respect to the two unknowns
+/// of the first corner. For a flipped triangle the value is infinite and the rest zero.
 #[inline(always)]
 pub(crate) fn corner_derivatives<D: Density>(
     density: D,

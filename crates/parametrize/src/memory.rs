@@ -9,11 +9,13 @@ use crate::cald::CaldParams;
 use crate::method::{Method, Source};
 use crate::residual_areas::degree_for;
 
-/// Bytes per vertex of any method, for the hierarchy, the triangles and their derivatives, and the matrices of the
-/// Newton steps. Measured: cald 2.1 kB (655,362 vertices) to 2.9 kB (40,962 vertices), conformal and stretch 2.1 kB.
+/// Number of bytes per vertex that any method needs for the hierarchy, the triangles and their derivatives, and the
+/// matrices of the Newton steps. Measured: cald 2.1 kB (655,362 vertices) to 2.9 kB (40,962 vertices), conformal and
+/// stretch 2.1 kB.
 const BYTES_PER_VERTEX: u64 = 3000;
 
-/// Bytes per L^2 of samples and transform of a model of degree L. Measured: 2.8 kB (L = 100) to 5.3 kB (L = 34).
+/// Number of bytes for the samples and the transform of a model of degree L, divided by L^2. Measured: 2.8 kB (L = 100)
+/// to 5.3 kB (L = 34).
 const BYTES_PER_SQUARED_DEGREE: u64 = 5500;
 
 /// Number of bytes that any method needs independently of the surface.

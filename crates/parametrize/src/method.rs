@@ -58,7 +58,7 @@ pub enum Method {
     Conformal(ConformalParams),
     /// Maps meshes by [`stretch`](crate::stretch()).
     Stretch(StretchParams),
-    /// Maps quadrangles, but no meshes, by [`equal_area`](crate::equal_area()).
+    /// Maps quadrangles by [`equal_area`](crate::equal_area()); meshes are rejected.
     EqualArea(EqualAreaParams),
     /// Deforms an icosphere by [`deform`](crate::deform()), starting from the map made by [`auto`](crate::auto()).
     Deform {

@@ -1,11 +1,11 @@
 //! Minimises an energy by projected Newton steps that move all vertices of a mesh at once.
 //!
 //! Each vertex has two unknowns, in a frame of its tangent plane. The negative eigenvalues of each triangle's Hessian
-//! are raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`). The sum over triangles is solved by
-//! conjugate gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a Cholesky factorisation. A
-//! step is halved until it flips no triangle and decreases the energy sufficiently (Armijo). Newton steps reduce the
-//! low-frequency errors of stiff energies. Sweeps over single vertices would need as many rounds for this as the mesh
-//! is edges wide.
+//! are raised to zero (J. Teran et al., SCA 2005), in closed form (`local.rs`). The linear system, summed over
+//! triangles, is solved by conjugate gradients with a two-grid preconditioner (`pcg.rs`), or on small meshes by a
+//! Cholesky factorisation. A step is halved until it flips no triangle and decreases the energy sufficiently (Armijo).
+//! Newton steps reduce the low-frequency errors of stiff energies. Sweeps over single vertices would need about as many
+//! rounds for this as there are edges across the mesh.
 //!
 //! Sums are taken over chunks of fixed length in a fixed order, so the result has the same bits for any number of
 //! threads.
@@ -33,7 +33,7 @@ pub(crate) struct Newton {
     solver: Solver,
 }
 
-/// The solver of the linear systems.
+/// The solver of the linear systems: `Direct`, a Cholesky factorisation, for small meshes; `Iterative` for large ones.
 enum Solver {
     Direct(Symbolic),
     /// Conjugate gradients. A factor of the coarse matrix is reused in later steps as long as few iterations suffice.
@@ -43,14 +43,14 @@ enum Solver {
     },
 }
 
-/// Number of iterations from which the coarse matrix is factored again for the next step.
+/// Smallest number of iterations after which the coarse matrix is factored again for the next step.
 const SLOW: usize = 10;
 
 /// Number of vertices from which conjugate gradients are faster than a factorisation.
 const MANY: usize = 2000;
 
-/// Relative shift of the diagonal before a factorisation. It makes the matrix positive definite, although rotations of
-/// the entire sphere don't change the energy.
+/// Relative shift of the diagonal before a factorisation. Without it the matrix could be singular, since rotations of
+/// the whole sphere don't change the energy.
 const SHIFT: f64 = 1e-8;
 
 /// The result of a Newton step.
@@ -69,7 +69,8 @@ pub(crate) struct Step {
 impl Step {
     /// Estimates the decrease of the energy by another step, given the actual decrease `gain` by this one.
     ///
-    /// After a full step, the estimate is the difference between the actual and the predicted decrease.
+    /// After a full step, the estimate is the difference between the actual and the predicted decrease, but at most
+    /// `gain`; after a shorter step, it is `gain`.
     pub(crate) fn left(&self, gain: f64) -> f64 {
         if self.taken < 1.0 { gain } else { gain.min((gain - self.promised).abs()) }
     }
@@ -99,7 +100,8 @@ impl Newton {
         set_areas(&mut self.shapes, areas);
     }
 
-    /// Loads the triangles from `first` on, before `end`, into a batch. Returns the number of triangles loaded.
+    /// Loads triangles into a batch: up to [`BATCH`] triangles from index `first` on, all before `end`. Returns the
+    /// number of triangles loaded.
     fn fill(&self, batch: &mut Batch, unit: &[Vec3], first: usize, end: usize) -> usize {
         let last = (first + BATCH).min(end);
         for f in first..last {
@@ -191,7 +193,7 @@ impl Newton {
         }
     }
 
-    /// Takes one step, and moves the vertices `unit`.
+    /// Takes one Newton step, which moves the vertices `unit`.
     pub(crate) fn step(
         &mut self,
         energy: Energy,

@@ -31,7 +31,8 @@ const RANGE: [f64; 2] = [0.3, 3.0];
 /// Largest number of iterations.
 const ITERATIONS: usize = 100;
 
-/// Share of its initial value to which the residual's norm, in the preconditioner's inner product, must fall.
+/// Ratio of the residual's norm to its initial value, in the preconditioner's inner product, at which the iterations
+/// end.
 const REDUCTION: f64 = 0.01;
 
 /// Counts the matrix blocks that are multiplied; for tests.
@@ -50,13 +51,13 @@ pub(crate) struct System<'a> {
     /// The blocks of H in single precision, which is accurate enough for a search direction.
     pub(crate) blocks: Vec<[f32; 4]>,
     pub(crate) coarse: &'a Coarse,
-    /// Factor of the coarse matrix of H, or of the H of an earlier step.
+    /// Cholesky factor of the coarse matrix for H, or for the H of an earlier step.
     pub(crate) factor: &'a Factor,
-    /// The rows [`turns`](crate::coarse::turns) at each vertex's position.
+    /// For each vertex, the two rows that [`turns`](crate::coarse::turns) returns for its position.
     pub(crate) turns: &'a [[Vec3; 2]],
 }
 
-/// Vectors that are reused by all cycles.
+/// Memory that all cycles of the preconditioner reuse.
 struct Workspace {
     inverses: Vec<[f64; 3]>,
     rest: Vector,
@@ -118,7 +119,7 @@ impl System<'_> {
         });
     }
 
-    /// Returns the inverses of the diagonal blocks of H; of each symmetric inverse, the entries 00, 01 and 11.
+    /// Returns the inverse of each diagonal block of H, as the entries 00, 01 and 11 of the symmetric inverse.
     fn inverses(&self) -> Vec<[f64; 3]> {
         let inverse = |v: usize| {
             let [a, b, _, c] = self.blocks[self.pattern.range(v).start].map(f64::from);
@@ -132,7 +133,8 @@ impl System<'_> {
         (0..self.turns.len()).into_par_iter().map(inverse).collect()
     }
 
-    /// Stores in x the preconditioner applied to r. The preconditioner is symmetric and positive definite.
+    /// Applies the preconditioner to r and stores the result in x. The preconditioner is symmetric and positive
+    /// definite.
     fn cycle(&self, work: &mut Workspace, r: &[[f64; 2]], x: &mut [[f64; 2]]) {
         x.fill([0.0; 2]);
         self.smooth(work, r, x, true);

@@ -37,21 +37,21 @@ pub struct Quality {
     pub degenerate: usize,
     /// Number of times that the sphere is covered; 1, or -1 if the triangles wind clockwise seen from outside.
     pub winding_number: i64,
-    /// Root mean square over triangles of the log area ratio.
+    /// Root mean square of the triangles' log area ratios.
     pub area_rms: f64,
     /// Root mean square of the log area ratio, with each triangle weighted by its area on the surface.
     pub area_rms_weighted: f64,
-    /// 1st percentile over triangles of the log area ratio.
+    /// 1st percentile of the triangles' log area ratios.
     pub area_p01: f64,
-    /// 99th percentile over triangles of the log area ratio.
+    /// 99th percentile of the triangles' log area ratios.
     pub area_p99: f64,
-    /// Root mean square over corners of the angle distortion, in degrees.
+    /// Root mean square of the angle distortions at the triangles' corners, in degrees.
     pub angle_rms_degrees: f64,
     /// The L2 stretch of the map.
     pub stretch: f64,
     /// Largest length distortion among all triangles.
     pub length_worst: f64,
-    /// 99th percentile over triangles of the length distortion.
+    /// 99th percentile of the triangles' length distortions.
     pub length_p99: f64,
 }
 
@@ -114,9 +114,9 @@ impl Quality {
     }
 }
 
-/// Returns the log area ratio at each vertex (n): the logarithm of the area on the sphere of the triangles around it,
-/// divided by their area on the surface, with both surfaces scaled to 4 pi. NaN at a vertex without triangles. The
-/// sphere's vertices must be unit vectors.
+/// Returns the log area ratio at each vertex (n): the logarithm of a / b, where a and b are the areas of the triangles
+/// around the vertex on the sphere and on the surface, with both meshes scaled to area 4 pi. NaN at a vertex without
+/// triangles. The sphere's vertices must be unit vectors.
 ///
 /// # Panics
 ///
@@ -197,7 +197,7 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// Returns the value below which the given share of the sorted values lies; NaN for an empty list.
+/// Returns the percentile of sorted values for a share from 0 to 1; NaN for an empty list.
 fn percentile(sorted: &[f64], share: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((share * last as f64).round() as usize).copied().unwrap_or(f64::NAN)

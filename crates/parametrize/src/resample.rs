@@ -3,8 +3,8 @@
 //! If all subjects of a study have the same vertices over the same sphere, vertices correspond and a single basis
 //! suffices. Each vertex of the shared sphere is a direction that meets a triangle of the surface's own sphere. The new
 //! vertex is the point of the surface with the same barycentric weights ([`SphereLocator`]). If a direction coincides
-//! with a vertex of the surface's sphere, the new vertex has exactly that vertex's position. Elsewhere the new surface
-//! has its vertices on the old one but its triangles cut corners; [`Resampling::distance`] measures the difference.
+//! with a vertex of the surface's sphere, the new vertex has exactly that vertex's position. Elsewhere the new vertices
+//! lie on the old surface, but the new triangles cut its corners; [`Resampling::distance`] measures the difference.
 
 use std::time::Instant;
 

@@ -29,7 +29,8 @@ const MAX_DEFAULT_DEGREE: usize = 100;
 /// them, and its residual is meaningless.
 const PER_FUNCTION: [f64; 2] = [2.0, 1.5];
 
-/// Largest excess of the residual. Larger values are cut, so that a few distant vertices don't get excessive areas.
+/// Largest excess of the residual. Larger values are reduced to it, so that a few distant vertices don't get excessive
+/// areas.
 const MAX_EXCESS: f64 = 8.0;
 
 /// Number of rounds that average residuals over neighbours.
@@ -38,23 +39,25 @@ const ROUNDS: usize = 2;
 /// Largest number of iterations of the least-squares solver. With samples over the entire surface a few suffice.
 const ITERATIONS: usize = 100;
 
-/// Returns the degree of the model: `asked` or the default, limited to the largest degree that a number of vertices
-/// determines well.
+/// Returns the degree of the model: `asked` or the default, limited to the largest degree that the given number of
+/// vertices determines well.
 pub(crate) fn degree_for(vertices: usize, asked: Option<usize>) -> usize {
     let most = |per: f64| ((vertices as f64 / per).sqrt() as usize).saturating_sub(1);
     asked.map_or(most(PER_FUNCTION[0]).min(MAX_DEFAULT_DEGREE), |degree| degree.min(most(PER_FUNCTION[1])))
 }
 
-/// Largest mean number of samples per triangle, which applies only above `FEW_SAMPLES` samples in all. In meshes with
+/// Largest mean number of samples per triangle, if there are more than [`FEW_SAMPLES`] samples in all. In meshes with
 /// many triangles, typical triangles have 3 samples each.
 const MOST_SAMPLES: usize = 16;
+
+/// Number of samples up to which [`MOST_SAMPLES`] isn't applied.
 const FEW_SAMPLES: usize = 1_000_000;
 
 /// Residual of a SPHARM fit over the current map.
 pub(crate) struct Residual {
     /// Root mean square distance between the surface, scaled to area 4 pi, and its model.
     pub(crate) rms: f64,
-    /// For each triangle, the residual minus the mean over triangles, divided by the standard deviation, cut at
+    /// For each triangle, the residual minus the mean over triangles, divided by the standard deviation, at most
     /// [`MAX_EXCESS`].
     pub(crate) excess: Vec<f64>,
 }
@@ -86,8 +89,8 @@ pub(crate) fn residual(
     let fit = fit?;
 
     let squares: Vec<f64> = fit.residual.rows().into_iter().map(|row| row.dot(&row)).collect();
-    // Mean over each triangle's part of the sphere. It equals the mean over the triangle on the surface for the map
-    // that is fitted.
+    // Averages over a triangle's part of the sphere. For the map that is fitted, this equals the mean over the triangle
+    // on the surface.
     let mean_square = |samples_of: Range<usize>| {
         let weight: f64 = samples.weights[samples_of.clone()].iter().sum();
         let sum: f64 = samples_of.map(|i| samples.weights[i] * squares[i]).sum();
@@ -102,8 +105,8 @@ pub(crate) fn residual(
     Ok(Residual { rms, excess })
 }
 
-/// Returns samples for a degree, and the degree. The degree is lowered if long thin triangles on the sphere would lead
-/// to more than [`MOST_SAMPLES`] per triangle.
+/// Returns a sampling for a model of the given degree, and the degree. The degree is lowered if long thin triangles on
+/// the sphere would lead to more than [`MOST_SAMPLES`] samples per triangle.
 fn sampling(
     directions: &Directions,
     faces: &[[u32; 3]],
@@ -135,7 +138,7 @@ fn average(faces: &[[u32; 3]], vertices: usize, values: &mut [f64]) {
     }
 }
 
-/// Scales values to mean zero and root mean square one, then cuts values above [`MAX_EXCESS`].
+/// Scales values to mean zero and root mean square one, then reduces larger values to [`MAX_EXCESS`].
 fn normalise(values: &mut [f64]) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

@@ -1,7 +1,7 @@
 //! Sparse Cholesky factors of symmetric matrices of small blocks, with an analysis that is reused for all matrices of
 //! the same pattern.
 //!
-//! On a surface of n vertices, a factorisation takes O(n^1.5) flops and O(n log n) numbers.
+//! On a surface of n vertices, a factorisation takes O(n^1.5) flops, and the factor has O(n log n) entries.
 
 use spharm_linalg::{MatMut, SparseFactor, SparsePattern};
 use spharm_monitor::{Interrupted, Monitor};
@@ -81,7 +81,7 @@ impl Symbolic {
     }
 }
 
-/// Returns the columns of a row, and the position of the first in `columns`.
+/// Returns the columns of a row, and the index of the first one in `columns`.
 fn later<'a>(starts: &[u32], columns: &'a [u32], row: usize) -> (&'a [u32], usize) {
     let first = starts[row] as usize;
     (&columns[first..starts[row + 1] as usize], first)

@@ -13,7 +13,8 @@ use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, sub, unit
 use crate::hierarchy::Hierarchy;
 use crate::local::{corner_derivatives, frame, value};
 
-/// The triangles around a vertex, each as its two other corners and its shape, with the vertex as the first corner.
+/// The triangles around a vertex. Each is stored as its two other corners and its shape, whose first corner is the
+/// vertex.
 pub(crate) struct Star {
     spokes: Vec<([Vec3; 2], Shape)>,
 }
@@ -44,13 +45,13 @@ impl Star {
         self.spokes.iter().map(each).sum()
     }
 
-    /// Returns whether every triangle is positive, by the exact predicate, with the vertex at x.
+    /// Returns whether every triangle is positive by the exact predicate if the vertex is at x.
     pub(crate) fn is_positive(&self, x: Vec3) -> bool {
         self.spokes.iter().all(|([a, b], _)| orientation([x, *a, *b]) > 0.0)
     }
 
-    /// Returns a position of low energy inside the kernel. `beside` is the position of the vertex that this vertex had
-    /// been collapsed into.
+    /// Returns a position of low energy inside the kernel. `beside` is the position of the vertex into which this
+    /// vertex had been collapsed. Returns `None` if no position is found.
     pub(crate) fn place(&self, energy: Energy, beside: Vec3) -> Option<Vec3> {
         let centre = self.spokes.iter().fold([0.0; 3], |sum, ([a, _], _)| add(sum, *a));
         let better = |best: Option<(f64, Vec3)>, x: Vec3| {
@@ -78,9 +79,9 @@ impl Star {
     /// Returns the centre of the largest spherical cap inside the kernel.
     ///
     /// Let n_i be the unit normals of the planes through the ring's edges and the origin. The centre is the unit vector
-    /// x with the largest min n_i . x. By duality it has the direction of the point of the convex hull of the n_i that
-    /// is nearest to the origin. This point lies in the hull of one, two or three of the n_i. Since there are few n_i,
-    /// all combinations are tried.
+    /// x with the largest min n_i . x. By duality, x points towards the point nearest to the origin in the convex hull
+    /// of the n_i. This point lies in the hull of one, two or three of the n_i. Since there are few n_i, all
+    /// combinations are tried.
     fn deepest(&self) -> Option<Vec3> {
         let normals: Vec<Vec3> =
             self.spokes.iter().map(|([a, b], _)| cross(*a, sub(*b, *a))).filter(|n| norm(*n) > 0.0).map(unit).collect();
@@ -114,7 +115,7 @@ impl Star {
         best
     }
 
-    /// Returns the sum over triangles of value, gradient and Hessian (entries 00, 10, 11) in the frame at x.
+    /// Returns the value, gradient and Hessian (entries 00, 10, 11), summed over the triangles, in the frame at x.
     fn derivatives(&self, energy: Energy, x: Vec3, frame: [Vec3; 2]) -> [f64; 6] {
         let mut sum = [0.0; 6];
         for ([a, b], shape) in &self.spokes {

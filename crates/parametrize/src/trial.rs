@@ -19,8 +19,8 @@ pub(crate) fn mending(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Option<Box<M
     Ok(succeeds.then(|| Box::new(Mending { repair, handles })))
 }
 
-/// Returns the defects of a mesh, other than handles, for which it can't be mapped to the sphere, and the number of its
-/// handles.
+/// Returns the defects, other than handles, that prevent a mesh from being mapped to the sphere, and the mesh's number
+/// of handles.
 #[must_use]
 pub fn defects(mesh: &Mesh) -> (Vec<String>, usize) {
     match Flaws::of(mesh) {
@@ -32,7 +32,8 @@ pub fn defects(mesh: &Mesh) -> (Vec<String>, usize) {
     }
 }
 
-/// Adds the result of the trial to an error about this mesh.
+/// Adds the repair of this mesh to an error, if it is [`ParametrizeError::BadSurface`] without a repair and a repair
+/// would succeed. Other errors are returned unchanged.
 pub(crate) fn with_mending(error: ParametrizeError, mesh: &Mesh, monitor: &dyn Monitor) -> ParametrizeError {
     let in_range = || mesh.faces.as_flattened().iter().all(|&v| (v as usize) < mesh.vertices.len());
     match error {

@@ -90,7 +90,8 @@ fn with_advice(error: &Error) -> String {
         let percent = percent_to_allow(repair)?;
         Some(format!("largest_repair={:.2}", 0.01 * f64::from(percent)))
     };
-    let around = || format!("spharm_rs.repair(surface, wrap={USUAL_VOXELS}) takes the closed surface around it");
+    let around =
+        || format!("spharm_rs.repair(surface, wrap={USUAL_VOXELS}) replaces the mesh by the closed surface around it");
     let advice = match error {
         Error::Parametrize(ParametrizeError::BadSurface { mending: Some(mending), .. }) => {
             let largest = largest(&mending.repair).map(|largest| format!(", {largest}")).unwrap_or_default();

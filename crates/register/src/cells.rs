@@ -4,10 +4,10 @@ use spharm_surface::geometry::{Vec3, bounds};
 
 use crate::exponential::Columns;
 
-/// Maximum number of cells along an axis; the table of the cells' first points then takes at most 8 MB.
+/// Maximum number of cells along an axis. With it, the table of each cell's first point takes at most 4 MB.
 const MOST: f64 = 100.0;
 
-/// Points with normals in the order of their cells.
+/// Points with normals, sorted by cell.
 pub(crate) struct Cells {
     pub(crate) columns: Columns,
     /// Index of each point in the original order.

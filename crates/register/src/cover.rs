@@ -19,12 +19,13 @@ pub struct Cover {
     pub most: f64,
     /// The largest distance measured.
     pub farthest: f64,
-    /// Share of the subject's area whose distance from the template exceeds `reach`.
+    /// Share of the subject's area whose distance from the template exceeds `RegisterParams::reach`.
     pub unreached: f64,
 }
 
 impl Cover {
-    /// Measures distances from points spread over the subject's area to the template with its vertices at `vertices`.
+    /// Measures the distances from points spread over the subject's area to the template, whose vertices are moved to
+    /// `vertices`. Distances above `reach` count as unreached.
     #[must_use]
     pub fn measure(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Self {
         let tree = TriangleTree::new(&template.mesh.with_vertices(vertices.to_vec()));
@@ -43,8 +44,8 @@ impl Cover {
     }
 }
 
-/// Returns the root mean square and the largest of the distances from unmasked vertices to the subject and from the
-/// subject to the template.
+/// Returns the root mean square and the maximum of the distances between template and subject, measured in both
+/// directions: from unmasked vertices to the subject, and from the subject to the template.
 pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -> (f64, f64) {
     let kept = (0..vertices.len()).into_par_iter().filter(|v| !template.masked[*v]);
     let distances = kept.map(|v| subject.tree.nearest(vertices[v]).map_or(0.0, |found| found.distance));
@@ -55,8 +56,9 @@ pub(crate) fn apart(template: &Template, vertices: &[Vec3], subject: &Subject) -
     ((0.5 * (there + back.rms * back.rms)).sqrt(), farthest)
 }
 
-/// Returns the free vertices, (n), that the subject doesn't pull: masked vertices, and vertices whose nearest point is
-/// farther than `reach` and on the border of an open surface, where the subject lacks the corresponding part.
+/// Returns whether each of the n vertices is free, so that the subject doesn't pull it. Free vertices are masked
+/// vertices, and vertices whose nearest point is farther than `reach` and on the border of an open surface, where the
+/// subject lacks the corresponding part.
 pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let lacks = |point: &Vec3| {
         let found = subject.tree.nearest(*point);
@@ -65,8 +67,8 @@ pub(crate) fn free(template: &Template, vertices: &[Vec3], subject: &Subject, re
     vertices.par_iter().zip(&template.masked).map(|(point, masked)| *masked || lacks(point)).collect()
 }
 
-/// Returns whether each vertex, before its projection, has a counterpart on the subject: a point within `reach` that
-/// isn't on the border of an open surface.
+/// Returns whether each vertex, before its projection, has a counterpart on the subject. A vertex has one if it isn't
+/// free, and if its nearest point is within `reach` and not on the border of an open surface.
 pub(crate) fn reached(free: &[bool], vertices: &[Vec3], subject: &Subject, reach: f64) -> Vec<bool> {
     let reached = |(point, free): (&Vec3, &bool)| {
         let found = subject.tree.nearest(*point);

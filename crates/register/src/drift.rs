@@ -1,6 +1,6 @@
-//! Moves a template near a subject by coherent point drift. Points of the template are the centres of Gaussians of one
-//! width. Each of the subject's points is assigned to the centres by shares (responsibilities), and the centres move
-//! together, by a smooth displacement, towards the points assigned to them.
+//! Moves a template near a subject by coherent point drift. Points of the template are the centres of Gaussians of
+//! equal width. Each point of the subject is divided among the centres in shares (responsibilities), and a smooth
+//! displacement moves the centres towards the points assigned to them.
 //!
 //! A. Myronenko and X. Song, "Point set registration: coherent point drift", IEEE Trans. Pattern Anal. Mach. Intell. 32
 //! (2010), with a low-rank factor of the kernel (`v = F a`, [`crate::low_rank`]) instead of its eigenvectors, and with
@@ -11,10 +11,11 @@
 //! (F^T diag(P 1) F + lambda sigma^2 I) a = F^T (P x - diag(P 1) y)
 //! ```
 //!
-//! The subject's points are samples of its surface: they show its position, but not which points along it correspond.
-//! Each point of the template is therefore pulled towards `x` fully across the surface, but along it only by the share
-//! `(sigma / (2 sigma_0))^2`, with sigma_0 the first width. With a full pull along the surface, points would scatter
-//! along surfaces that coincide: the variance of five registered boxes with a growing bump would be ten times as large.
+//! The subject's points are samples of its surface: they show where the surface is, but not which of its points
+//! correspond to points of the template. Each point of the template is therefore pulled towards `x` with full strength
+//! across the surface, but along the surface only by the share `(sigma / (2 sigma_0))^2`, where sigma_0 is the first
+//! width. With a full pull along the surface, points would scatter along surfaces that coincide: the variance of five
+//! registered boxes with a growing bump would be ten times as large.
 //!
 //! An iteration costs 25 flops for each pair within `CUT_OFF` sigma, and `n r^2` for the normal matrix.
 
@@ -33,24 +34,25 @@ use crate::params::RegisterParams;
 use crate::subject::Subject;
 use crate::template::{Stage, Template};
 
-/// Cut-off in units of sigma. Pairs beyond it, with responsibilities below 4e-4 of the largest, are ignored.
+/// Cut-off in units of sigma. Pairs farther apart are ignored; their Gaussian factor is below 4e-6.
 const CUT_OFF: f64 = 5.0;
-/// Number of parts into which sums are divided. It doesn't depend on the number of threads, so that the result doesn't
-/// either.
+/// Number of parts into which sums are divided. It is fixed, so that the result doesn't depend on the number of
+/// threads.
 const RUNS: usize = 16;
 /// Number of iterations after which the template's normals are recomputed.
 const NORMALS: usize = 5;
 /// Sigma, relative to the sigma at the start, at which the pull along the surface is as strong as the pull across it.
 const ALONG: f64 = 2.0;
-/// Factor by which sigma is increased when one kernel has converged and the next, narrower kernel starts.
+/// Factor by which sigma is increased when one kernel has converged and the next, narrower kernel takes over.
 const AGAIN: f64 = 1.3;
 
-/// Returns the template's vertices moved near the subject by all stages of the drift. Vertices that are `free`, (n),
-/// aren't pulled and follow the other vertices.
+/// Moves the template's vertices near the subject by all stages of the drift, and returns them. `free` (n) marks
+/// vertices that aren't pulled; they follow the other vertices.
 ///
 /// # Errors
 ///
-/// [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+/// [`RegisterError::Singular`] if the equations have no finite solution, and [`RegisterError::Interrupted`] if
+/// `monitor` cancels the registration.
 pub fn drift(
     template: &Template,
     free: &[bool],
@@ -71,8 +73,9 @@ pub fn drift(
     Ok(mesh.vertices)
 }
 
-/// Sums over the subject's points x. For each template point: the sum of responsibilities (`shares`), and the sum of x
-/// weighted by them (`weighted`). Over all template points: the sum of |x|^2 weighted by responsibilities.
+/// Sums over the subject's points x. For each template point, `shares` is the sum of responsibilities, and `weighted`
+/// is the sum of x weighted by responsibilities. `squares` is the sum of |x|^2 weighted by responsibilities, over all
+/// template points.
 struct Sums {
     shares: Vec<f64>,
     weighted: Vec<Vec3>,
@@ -139,8 +142,8 @@ fn start_extent(low: Vec3, high: Vec3) -> f64 {
     (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
 }
 
-/// Landmarks: the rows of the kernel's factor at the landmarks on the template, (count, r), and the vectors from
-/// these landmarks to the corresponding points of the subject, (count, 3).
+/// Landmarks. `rows` (count, r) has the rows of the kernel's factor at the landmarks on the template. `off` (count, 3)
+/// has the vectors from these landmarks to the corresponding points of the subject.
 struct Held {
     rows: Mat<f64>,
     off: Mat<f64>,
@@ -155,7 +158,7 @@ impl Held {
         Self { rows, off: Mat::from_fn(guides.len(), 3, |i, k| off[i][k]), weight }
     }
 
-    /// Adds the landmarks' part of the normal equations.
+    /// Adds the landmarks' terms to the normal equations.
     fn add(&self, matrix: &mut Mat<f64>, right: &mut Mat<f64>) {
         matmul(matrix.as_mut(), Accum::Add, self.rows.transpose(), self.rows.as_ref(), self.weight);
         matmul(right.as_mut(), Accum::Add, self.rows.transpose(), self.off.as_ref(), self.weight);
@@ -182,7 +185,7 @@ fn expectation(
     let n = points.len();
     let length = targets.points.len().div_ceil(RUNS).max(1);
     let runs = targets.points.par_chunks(length).zip(targets.normals.par_chunks(length)).map(|(xs, ns)| {
-        // For each point in the order of the cells: the sum of x weighted by responsibilities, and the sum of
+        // For each point in the order of the cells: the sum of responsibilities, then the sum of x weighted by
         // responsibilities.
         let mut sums = vec![[0.0; 4]; kept.len()];
         let (mut squares, mut values, mut ranges) = (0.0, vec![0.0; kept.len()], Vec::new());
@@ -222,8 +225,8 @@ fn expectation(
     found
 }
 
-/// Returns a replacement for `P x`: the target of each template point times its share, with the pull's part along the
-/// surface multiplied by `along`.
+/// Returns a replacement for `P x`: for each template point, its target times its share. The component of the pull
+/// along the surface is multiplied by `along`.
 fn pulled(sums: &Sums, points: &[Vec3], normals: &[Vec3], along: f64) -> Vec<Vec3> {
     let of = |(((weighted, share), point), normal): (((&Vec3, &f64), &Vec3), &Vec3)| {
         let here = scale(*point, *share);

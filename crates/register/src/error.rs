@@ -1,4 +1,4 @@
-//! Errors of a registration.
+//! Defines the errors of registrations.
 
 use spharm_monitor::Interrupted;
 
@@ -6,13 +6,13 @@ use spharm_monitor::Interrupted;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RegisterError {
-    /// A mesh without area, or with coordinates that aren't finite.
+    /// A mesh has no area, or coordinates that aren't finite.
     #[error("{what} has no area to register: expected triangles with finite coordinates and an area above 0")]
     NoArea {
         /// Description of the mesh.
         what: &'static str,
     },
-    /// A triangle of the template whose index is out of range, or that uses a vertex twice.
+    /// A triangle of the template has a vertex that doesn't exist, or the same vertex twice.
     #[error("triangle {face} of the template is {found:?}: expected three different vertices below {vertices}")]
     Triangle {
         /// Index of the triangle, from 0.
@@ -22,7 +22,7 @@ pub enum RegisterError {
         /// Number of the template's vertices.
         vertices: usize,
     },
-    /// A list of numbers per vertex whose length isn't the number of vertices.
+    /// A list of values per vertex has the wrong length.
     #[error("expected {expected} values, one per vertex of the template, found {found}")]
     Values {
         /// Number of vertices of the template.
@@ -30,7 +30,7 @@ pub enum RegisterError {
         /// Number of values in the list.
         found: usize,
     },
-    /// A landmark with coordinates that aren't finite, or on a vertex that the template doesn't have.
+    /// A landmark has coordinates that aren't finite, or a vertex that the template doesn't have.
     #[error(
         "landmark {index} of a registration: expected finite coordinates and a place on the template, which has {vertices} vertices"
     )]
@@ -40,13 +40,13 @@ pub enum RegisterError {
         /// Number of the template's vertices.
         vertices: usize,
     },
-    /// All of the template is masked.
+    /// Every triangle of the template has a masked vertex.
     #[error("every triangle of the template is masked: unmask the triangles with a counterpart on the subjects")]
     AllMasked,
-    /// Equations without a finite solution.
+    /// The equations of the registration have no finite solution.
     #[error("the registration's equations have no finite solution: coordinates may be too large or too small")]
     Singular,
-    /// The monitor asked to stop.
+    /// The monitor cancelled the registration.
     #[error(transparent)]
     Interrupted(#[from] Interrupted),
 }

@@ -1,4 +1,4 @@
-//! Computes the exponentials for the pairs of one point with a range of other points.
+//! Computes the exponentials for the pairs of one point with each of a range of points.
 
 use multiversion::multiversion;
 
@@ -18,8 +18,8 @@ pub(crate) struct Probe {
     pub(crate) kappa: f64,
 }
 
-/// Writes `exp(-|x - y|^2 sharpness + kappa (n_x . n_y - 1))` for the points y of a range to `out`, and returns their
-/// sum. About 25 flops per pair.
+/// Writes `exp(-|x - y|^2 sharpness + kappa (n_x . n_y - 1))` to `out` for each point y of the range that begins at
+/// `from`, and returns the sum. Takes about 25 flops per pair.
 #[multiversion(targets("x86_64+avx512f", "x86_64+avx2+fma", "aarch64+neon"))]
 pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [f64]) -> f64 {
     let to = from + out.len();
@@ -38,8 +38,8 @@ pub(crate) fn exponentials(probe: &Probe, of: &Columns, from: usize, out: &mut [
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
-/// Returns e^t to a relative accuracy of 1e-13 for t from -700 to 700; t beyond this range is clamped to it. The
-/// function uses only arithmetic, so that compilers vectorise it.
+/// Returns e^t to a relative accuracy of 1e-13 for t from -700 to 700; other t are clamped to this range. The function
+/// uses only arithmetic, so that compilers can vectorise it.
 #[inline(always)]
 fn exp(t: f64) -> f64 {
     // Adding 1.5 * 2^52 rounds to an integer, which is then in the lowest bits of the sum.

@@ -1,4 +1,4 @@
-//! Landmarks that guide a registration: points of the template that are pulled to points of the subject.
+//! Defines landmarks that guide a registration: points of the template that are pulled to points of the subject.
 
 use spharm_surface::Place;
 use spharm_surface::geometry::Vec3;

@@ -1,7 +1,7 @@
 //! Registers surfaces in space: moves a template mesh onto the surface of each subject of a group.
 //!
 //! The subject's surface is only searched for nearest points. It may therefore have handles, holes, several pieces, and
-//! triangles in any order. The template's triangles don't change, so that all subjects get the same triangulation, and
+//! triangles in any order. The template's triangles don't change, so all subjects get the same triangulation, and
 //! therefore the same sphere. Subject and template must be in the same pose.
 //!
 //! # Steps
@@ -12,8 +12,8 @@
 //!    template onto the surface.
 //! 3. The template's vertices are projected onto the surface. Around triangles that are turned over, they are moved
 //!    within the surface towards their neighbours ([`untangle`](mod@untangle)).
-//! 4. [`Cover`] gives the distance of the subject's surface from the registered template, and the vertices of the
-//!    template that have no counterpart on the subject.
+//! 4. [`Cover`] gives the distance of the subject's surface from the registered template. [`Registered`] also tells
+//!    which vertices of the template have no counterpart on the subject.
 //!
 //! # Modules
 //!
@@ -24,12 +24,12 @@
 //! | [`params`] | [`RegisterParams`], with the defaults |
 //! | [`low_rank`] | Gaussian kernels as products of low rank |
 //! | [`mod@drift`] | coherent point drift |
-//! | `cells`, `exponential` | the pairs of points within a distance, and their exponentials |
-//! | [`plate`] | the thin plate of the template's triangles, and its factor |
+//! | `cells`, `exponential` | search for pairs of points within a distance, and their exponentials |
+//! | [`plate`] | the bending energy of a thin plate over the template's triangles |
 //! | [`mod@snap`] | nearest points in both directions under a thin plate |
 //! | [`mod@untangle`] | projection, and repair of triangles that are turned over |
 //! | [`cover`] | [`Cover`]: distances of the subject's surface from the registered template |
-//! | [`guide`] | [`Guide`]: landmarks that pull places of the template |
+//! | [`guide`] | [`Guide`]: landmarks that pull points of the template |
 //! | [`error`] | [`RegisterError`] |
 
 pub mod cover;

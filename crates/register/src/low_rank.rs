@@ -8,13 +8,14 @@
 use rayon::prelude::*;
 use spharm_surface::geometry::{Vec3, dot, sub};
 
-/// A factor of the kernel at the points among which the pivots are chosen, and at further points, the places.
+/// A factor of the kernel. It has rows for the points, among which the pivots are chosen, and for further points, the
+/// places.
 pub struct LowRank {
     /// Number of columns, r.
     pub rank: usize,
-    /// Rows at the points, (n, r), row-major.
+    /// Rows (n, r) at the points, in row-major order.
     pub points: Vec<f64>,
-    /// Rows at the places, (m, r), row-major.
+    /// Rows (m, r) at the places, in row-major order.
     pub places: Vec<f64>,
 }
 
@@ -22,8 +23,8 @@ pub struct LowRank {
 const ROWS: usize = 512;
 
 impl LowRank {
-    /// Factors the kernel of a width at `points`, with at most `most` columns, until no diagonal entry of the remainder
-    /// exceeds `tolerance`.
+    /// Factors the kernel of the given width at `points`, until no diagonal entry of the remainder exceeds `tolerance`,
+    /// but with at most `most` columns.
     #[must_use]
     pub fn new(points: &[Vec3], places: &[Vec3], width: f64, most: usize, tolerance: f64) -> Self {
         let all: Vec<Vec3> = points.iter().chain(places).copied().collect();
@@ -54,7 +55,7 @@ impl LowRank {
         Self { rank, points, places: rows.flatten().copied().collect() }
     }
 
-    /// Returns the displacements `F a` for rows of a factor F and coefficients a, (r, 3).
+    /// Returns the displacements `F a`, where F is the factor with the given rows and a are coefficients (r, 3).
     #[must_use]
     pub fn displacements(rank: usize, rows: &[f64], coefficients: &[Vec3]) -> Vec<Vec3> {
         let row = |row: &[f64]| {

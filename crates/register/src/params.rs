@@ -7,7 +7,7 @@ pub struct DriftStage {
     pub width: f64,
     /// Weight of the displacements' energy, lambda.
     pub stiffness: f64,
-    /// Number of points on the template and number of points on the subject, each at most half the number of the
+    /// Number of points on the template, and of points on the subject. It is limited to half the number of the
     /// template's vertices.
     pub points: usize,
 }
@@ -18,7 +18,7 @@ pub struct RegisterParams {
     /// Stages of the drift, the widest kernel first. Empty for surfaces that are already close.
     pub drift: Vec<DriftStage>,
     /// Root mean square distance between template and subject, in both directions, below which vertices are only
-    /// projected, provided that no distance exceeds `reach`. The drift is skipped then, because it would scatter points
+    /// projected, provided that no distance reaches `reach` and there are no landmarks. The drift would scatter points
     /// along surfaces that coincide.
     pub near: f64,
     /// Standard deviation of the distances at the start of the drift.
@@ -33,26 +33,27 @@ pub struct RegisterParams {
     pub drift_tolerance: f64,
     /// Weights of the thin plate's bending energy, one for each round of the closest-point iteration.
     pub stiffness: Vec<f64>,
-    /// Weight of the subject's points that pull the template, relative to weight 1 of the template's own points.
+    /// Weight of the pairs that start from points of the subject. Pairs that start from vertices of the template have
+    /// weight 1.
     pub back: f64,
     /// Weight of distances along the surface, relative to distances across it.
     pub tangential: f64,
-    /// Length that corresponds to a unit difference of normals in a search for nearest points.
+    /// Length that counts as much as a unit difference of normals in the search for nearest points.
     pub normal: f64,
-    /// Distance from which the weight of a pair of points decreases.
+    /// Distance beyond which the weight of a pair of points decreases markedly.
     pub robust: f64,
     /// Distance beyond which a vertex of the template has no counterpart on the subject, and a point of the subject
     /// isn't reached by the template.
     pub reach: f64,
-    /// Weight of a guiding landmark, relative to a single point in the drift, and relative to a single vertex after the
-    /// drift.
+    /// Weight of a landmark, relative to a single point during the drift, and to a single vertex afterwards.
     pub landmark: f64,
     /// Maximum number of rounds that move vertices around turned triangles towards their neighbours.
     pub untangle_rounds: usize,
 }
 
 impl Default for RegisterParams {
-    /// The widths and weights come from prototypes on vertebrae, hippocampi and cortices; none is tuned to one group.
+    /// Returns the defaults. The widths and weights come from prototypes on vertebrae, hippocampi and cortices, and
+    /// aren't tuned to any one group.
     fn default() -> Self {
         let stage = |width, stiffness, points| DriftStage { width, stiffness, points };
         Self {

@@ -1,5 +1,5 @@
 //! Computes the bending energy of a thin plate over a template's triangles: `|L v|^2`, where L is the graph Laplacian
-//! with each row divided by the number of neighbours. This weighs all neighbours equally, because the triangles have
+//! with each row divided by the number of neighbours. All neighbours have equal weights, because the triangles have
 //! nearly equal sizes.
 
 use spharm_linalg::{MatMut, SparseFactor, SparsePattern};
@@ -7,7 +7,7 @@ use spharm_surface::geometry::Vec3;
 
 use crate::error::RegisterError;
 
-/// A sparse pattern: the columns of each row, which begin at `starts`.
+/// A sparse pattern: `columns` lists the columns of all rows, and `starts` has the index at which each row begins.
 pub(crate) struct Rows {
     pub(crate) starts: Vec<u32>,
     pub(crate) columns: Vec<u32>,
@@ -38,7 +38,7 @@ pub struct Plate {
     pub(crate) rings: Rows,
     /// The triangles of each vertex.
     of_vertices: Rows,
-    /// Pattern of `L^T L`, symmetric: vertices up to two edges apart.
+    /// Pattern of the symmetric matrix `L^T L`: pairs of vertices at most two edges apart.
     pattern: Rows,
     values: Vec<f64>,
     lower: SparsePattern,
@@ -50,7 +50,7 @@ pub(crate) struct PlateMatrix<'a> {
     values: Vec<f64>,
 }
 
-/// The Cholesky factor of a [`PlateMatrix`], applied to three columns at once.
+/// The Cholesky factor of a [`PlateMatrix`], which solves for three columns at once.
 pub(crate) struct PlateFactor(SparseFactor);
 
 impl Plate {
@@ -114,7 +114,7 @@ impl Plate {
     }
 }
 
-/// Returns the index of an entry in the pattern, whose rows have sorted columns.
+/// Returns the index of an entry in the pattern. The columns of each row must be sorted.
 fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
     let range = pattern.range(row as usize);
     let at = pattern.columns[range.clone()].binary_search(&column).ok()?;
@@ -122,14 +122,14 @@ fn place(pattern: &Rows, row: u32, column: u32) -> Option<usize> {
 }
 
 impl PlateMatrix<'_> {
-    /// Adds a value to an entry whose row and column are equal or belong to one triangle.
+    /// Adds a value to an entry. Its row and column must be the same vertex, or vertices of one triangle.
     pub(crate) fn add(&mut self, row: u32, column: u32, value: f64) {
         if let Some(at) = place(&self.plate.pattern, row, column) {
             self.values[at] += value;
         }
     }
 
-    /// Adds the product of the matrix with columns, (n, 3), to `out`.
+    /// Adds the product of the matrix and `of` (n, 3) to `out`.
     pub(crate) fn add_product(&self, of: &[Vec3], out: &mut [Vec3]) {
         for (v, out) in out.iter_mut().enumerate() {
             for at in self.plate.pattern.range(v) {

@@ -16,13 +16,13 @@ use crate::untangle::untangle;
 /// A template moved onto a subject.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Registered {
-    /// The template's vertices, (n), on the subject's surface.
+    /// The template's vertices (n), on the subject's surface.
     pub vertices: Vec<Vec3>,
-    /// Whether each vertex has a counterpart on the subject, (n); if not, its position is a guess.
+    /// Whether each of the n vertices has a counterpart on the subject. If it has none, its position is a guess.
     pub reached: Vec<bool>,
     /// Distances of the subject's surface from the template.
     pub cover: Cover,
-    /// Number of triangles that are turned over; their vertices aren't marked as reached.
+    /// Number of triangles that are turned over. Their vertices aren't marked as reached.
     pub turned: usize,
 }
 
@@ -30,7 +30,8 @@ pub struct Registered {
 ///
 /// # Errors
 ///
-/// [`RegisterError::Guide`], [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+/// [`RegisterError::Guide`] if a landmark isn't finite or isn't on the template, [`RegisterError::Singular`] if the
+/// equations have no finite solution, and [`RegisterError::Interrupted`] if `monitor` cancels the registration.
 pub fn register(
     template: &Template,
     subject: &Subject,

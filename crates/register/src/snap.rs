@@ -1,19 +1,19 @@
 //! Pulls a template onto a surface by nearest points in both directions, under a thin plate that becomes softer.
 //!
 //! B. Amberg, S. Romdhani and T. Vetter, "Optimal step nonrigid ICP algorithms for surface registration", CVPR 2007.
-//! Points of the template have nearest points on the subject, by position and normal, and points of the subject have
-//! nearest points on the template. The points of the subject pull the template into tips, which aren't nearest to any
-//! point of the template. Distances across the surface have full weight, and distances along it a small weight. Each
-//! round solves
+//! Each point of the template is paired with the nearest point of the subject, by position and normal, and each point
+//! of the subject with the nearest point of the template. The pairs from the subject pull the template into tips, which
+//! aren't nearest to any point of the template. Distances across the surface have full weight, and distances along it
+//! have a small weight. Each round solves
 //!
 //! ```text
-//! (S^T W S + stiffness / n L^T L) v = S^T W r,   W = w (n n^T + tangential I) a pair
+//! (S^T W S + stiffness / n L^T L) v = S^T W r,   W = w (n n^T + tangential I) for each pair
 //! ```
 //!
-//! for the displacement v, where S interpolates within triangles and r are the pairs' differences. The equations are
-//! solved by conjugate gradients. The preconditioner is the Cholesky factor of the matrix with `W = w (1/3 +
-//! tangential) I`. A round costs this factorisation, and about 200 flops per pair and 2,000 per vertex for each
-//! iteration.
+//! for the displacement v, where S interpolates within triangles, and r has the vector from the template's point to the
+//! subject's point for each pair. The equations are solved by conjugate gradients. The preconditioner is the Cholesky
+//! factor of the matrix with `W = w (1/3 + tangential) I`. A round costs this factorisation, and about 200 flops per
+//! pair and 2,000 per vertex for each iteration.
 
 use spharm_monitor::Monitor;
 use spharm_surface::geometry::{Vec3, add, dot, scale as times, sub, unit};
@@ -29,12 +29,12 @@ use crate::template::{Template, doubled_normal, length};
 /// Residual, relative to the right-hand side, at which the iteration ends.
 const ACCURACY: f64 = 1e-2;
 const MOST_ITERATIONS: usize = 40;
-/// Numbers of points on the subject per vertex of the template: `SOUGHT` points among which the template's vertices
-/// find their nearest, and `SEEKING` points that find the nearest point of the template.
+/// Number of points on the subject, per vertex of the template, among which each vertex finds its nearest point.
 const SOUGHT: usize = 4;
+/// Number of points on the subject, per vertex of the template, for which the nearest point of the template is found.
 const SEEKING: f64 = 1.5;
-/// Barycentric coordinates of the points in each triangle with which points of the subject are paired: the centres of
-/// the triangle's four quarters.
+/// Barycentric coordinates of the four points in each triangle of the template that can be paired with points of the
+/// subject: the centres of the triangle's quarters.
 const QUARTERS: [[f64; 3]; 4] = [
     [1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0],
     [2.0 / 3.0, 1.0 / 6.0, 1.0 / 6.0],
@@ -52,11 +52,13 @@ struct Pair {
     weight: f64,
 }
 
-/// Returns the template's vertices, pulled from `start` onto the subject; vertices that are `free`, (n), aren't pulled.
+/// Pulls the template's vertices from `start` onto the subject, and returns them. `free` (n) marks vertices that aren't
+/// pulled.
 ///
 /// # Errors
 ///
-/// [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+/// [`RegisterError::Singular`] if the equations have no finite solution, and [`RegisterError::Interrupted`] if
+/// `monitor` cancels the registration.
 pub fn snap(
     template: &Template,
     start: &[Vec3],
@@ -91,7 +93,7 @@ pub fn snap(
     Ok(vertices)
 }
 
-/// Returns pairs that pull a landmark equally in all directions.
+/// Returns three pairs that together pull a landmark equally in all directions.
 fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
     let off = sub(guide.point, guide.place.of(vertices));
     let Place { corners, shares } = guide.place;
@@ -224,7 +226,7 @@ impl Pair {
         }
     }
 
-    /// Returns `S x`: the vectors x of the vertices, interpolated at the pair's point of the template.
+    /// Returns `S x`: the vertices' vectors x, interpolated at the pair's point of the template.
     fn gather(&self, x: &[Vec3]) -> Vec3 {
         let [a, b, c] = self.vertices.map(|v| x[v as usize]);
         std::array::from_fn(|k| self.weights[0] * a[k] + self.weights[1] * b[k] + self.weights[2] * c[k])

@@ -12,7 +12,7 @@ use crate::error::RegisterError;
 pub struct Subject {
     pub(crate) mesh: Mesh,
     pub(crate) tree: TriangleTree,
-    /// Whether the edge opposite each corner of each triangle belongs to no other triangle, (m).
+    /// Whether the edge opposite each corner belongs to no other triangle, for each of the m triangles.
     pub(crate) open: Vec<[bool; 3]>,
 }
 
@@ -21,7 +21,7 @@ impl Subject {
     ///
     /// # Errors
     ///
-    /// [`RegisterError::NoArea`].
+    /// [`RegisterError::NoArea`] if the area isn't positive and finite.
     pub fn new(mesh: &Mesh) -> Result<Self, RegisterError> {
         let total = area(mesh);
         if !(total > 0.0 && total.is_finite()) {
@@ -40,7 +40,7 @@ impl Subject {
     }
 }
 
-/// Finds edges that belong to a single triangle, which form the border of an open surface.
+/// Finds the edges that belong to a single triangle. They form the border of an open surface.
 fn open_edges(mesh: &Mesh) -> Vec<[bool; 3]> {
     let edge = |face: &[u32; 3], corner: usize| {
         let (a, b) = (face[(corner + 1) % 3], face[(corner + 2) % 3]);
@@ -60,7 +60,8 @@ fn open_edges(mesh: &Mesh) -> Vec<[bool; 3]> {
     open
 }
 
-/// A search tree over points and their normals; normals are multiplied by a length.
+/// A search tree over points and their normals. The normals are multiplied by a length, so that they compare with
+/// distances.
 pub(crate) struct PointTree {
     tree: ImmutableKdTree<f64, 6>,
     normal: f64,

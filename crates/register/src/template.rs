@@ -14,21 +14,21 @@ use crate::plate::Plate;
 
 /// Largest number of columns of a kernel's factor.
 const RANK: usize = 200;
-/// Largest diagonal entry of a kernel's remainder at which its factorisation ends.
+/// Largest diagonal entry of the remainder at which the factorisation of a kernel ends.
 const LEFT: f64 = 1e-3;
 
 /// A mesh to be moved onto subjects, with the factors of its kernels and its thin plate.
 pub struct Template {
     pub(crate) mesh: Mesh,
-    /// Vertices that have no counterpart on subjects, (n).
+    /// Whether each of the n vertices is masked, because it has no counterpart on subjects.
     pub(crate) masked: Vec<bool>,
-    /// The square root of the area, the unit of [`RegisterParams`].
+    /// The square root of the area, which is the unit of lengths in [`RegisterParams`].
     pub(crate) scale: f64,
     pub(crate) plate: Plate,
     pub(crate) stages: Vec<Stage>,
 }
 
-/// A kernel of the drift.
+/// A stage of the drift: a kernel, and the points at which it is used.
 pub(crate) struct Stage {
     /// Points on the unmasked triangles of the template.
     pub(crate) spread: SpreadPoints,
@@ -38,13 +38,15 @@ pub(crate) struct Stage {
 }
 
 impl Template {
-    /// Prepares a template. `masked`, (n), marks vertices without a counterpart on subjects, such as the lids of filled
-    /// holes: subjects don't pull these vertices.
+    /// Prepares a template. `masked` (n) marks vertices without a counterpart on subjects, such as the lids of filled
+    /// holes. Subjects don't pull these vertices.
     ///
     /// # Errors
     ///
-    /// [`RegisterError::Triangle`], [`RegisterError::NoArea`], [`RegisterError::Values`], [`RegisterError::AllMasked`],
-    /// [`RegisterError::Singular`], [`RegisterError::Interrupted`].
+    /// [`RegisterError::Triangle`] if a triangle is invalid, [`RegisterError::NoArea`] if the area isn't positive and
+    /// finite, [`RegisterError::Values`] if `masked` has the wrong length, [`RegisterError::AllMasked`] if every
+    /// triangle has a masked vertex, [`RegisterError::Singular`] if the plate's matrix can't be built, and
+    /// [`RegisterError::Interrupted`] if `monitor` cancels the registration.
     pub fn new(
         mesh: &Mesh,
         masked: Option<&[bool]>,
@@ -94,7 +96,7 @@ impl Template {
     }
 }
 
-/// Spreads points over the unmasked triangles; the points' triangles are numbered as in the mesh.
+/// Spreads points over the unmasked triangles. The triangles of the points are numbered as in the whole mesh.
 fn spread_over(mesh: &Mesh, masked_faces: &[bool], count: usize, seed: usize) -> SpreadPoints {
     let kept: Vec<u32> = (0..mesh.faces.len() as u32).filter(|face| !masked_faces[*face as usize]).collect();
     let faces = kept.iter().map(|face| mesh.faces[*face as usize]).collect();
@@ -103,7 +105,7 @@ fn spread_over(mesh: &Mesh, masked_faces: &[bool], count: usize, seed: usize) ->
     spread
 }
 
-/// Returns, for each vertex of a template, (n), whether it or one of its neighbours is farther than `distance` from the
+/// Returns whether each vertex of a template, or one of its neighbours, is farther than `distance` from the original
 /// surface from which the template was made. This is the case for the lids of filled holes and of cut handles.
 #[must_use]
 pub fn without_counterpart(template: &Mesh, original: &Mesh, distance: f64) -> Vec<bool> {
@@ -117,7 +119,7 @@ pub fn without_counterpart(template: &Mesh, original: &Mesh, distance: f64) -> V
     masked
 }
 
-/// Returns the cross product of a triangle's edges: its normal, with twice its area as length.
+/// Returns the cross product of a triangle's edges: a normal whose length is twice the area.
 pub(crate) fn doubled_normal(vertices: &[Vec3], face: [u32; 3]) -> Vec3 {
     face_normal(face.map(|v| vertices[v as usize]))
 }

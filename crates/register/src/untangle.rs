@@ -14,20 +14,22 @@ use crate::error::RegisterError;
 use crate::subject::Subject;
 use crate::template::{Template, doubled_normal};
 
-/// Number of moves of the vertices in a round.
+/// Number of times that vertices are moved in a round.
 const MOVES: usize = 12;
-/// Number of rings of vertices around turned triangles that are moved, in each of the rounds.
+/// Number of rings of vertices, around turned triangles, that are moved in each round. After the last entry, the
+/// sequence starts again.
 const RINGS: [usize; 6] = [1, 2, 1, 3, 2, 4];
-/// Number of sweeps over the corners of triangles that are still turned after the rounds.
+/// Maximum number of sweeps over the corners of triangles that are still turned over after the rounds.
 const SWEEPS: usize = 12;
-/// Positions at which a corner is tried, as shares of the way to each neighbour.
+/// Positions that are tried for a corner, as shares of the way to each neighbour.
 const TOWARDS: [f64; 3] = [0.25, 0.5, 0.9];
 
-/// Returns the vertices projected onto the subject, and the triangles that are still turned over.
+/// Projects the vertices onto the subject. Returns the projected vertices, and the triangles that are still turned
+/// over.
 ///
 /// # Errors
 ///
-/// [`RegisterError::Interrupted`].
+/// [`RegisterError::Interrupted`] if `monitor` cancels the registration.
 pub fn untangle(
     template: &Template,
     vertices: &[Vec3],
@@ -69,7 +71,8 @@ pub fn untangle(
     Ok((vertices, left))
 }
 
-/// Moves corners of turned triangles, and of a number of rings around them, one by one.
+/// Moves the corners of turned triangles, and the vertices of `rings` rings around them, one by one to positions with
+/// fewer turned triangles.
 fn one_by_one(
     template: &Template,
     vertices: &mut [Vec3],
@@ -115,7 +118,7 @@ fn project(vertices: &mut [Vec3], some: &[usize], subject: &Subject) {
     some.iter().zip(moved).for_each(|(v, to)| vertices[*v] = to);
 }
 
-/// Returns whether a triangle is turned over; a triangle with a free corner doesn't count as turned over.
+/// Returns whether a triangle is turned over. A triangle with a free corner doesn't count as turned over.
 fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject) -> bool {
     if face.iter().any(|v| free[*v as usize]) {
         return false;
@@ -127,14 +130,15 @@ fn is_turned(face: [u32; 3], vertices: &[Vec3], free: &[bool], subject: &Subject
     dot(doubled_normal(vertices, face), theirs) < 0.0
 }
 
-/// Returns the triangles that are turned over, without triangles that have free corners.
+/// Returns the triangles that are turned over, except those with free corners.
 fn turned_faces(template: &Template, vertices: &[Vec3], free: &[bool], subject: &Subject) -> Vec<u32> {
     let faces = &template.mesh.faces;
     let all = (0..faces.len() as u32).into_par_iter();
     all.filter(|face| is_turned(faces[*face as usize], vertices, free, subject)).collect()
 }
 
-/// Returns the vertices of the given triangles and of a number of rings around them, in order, without free vertices.
+/// Returns the vertices of the given triangles and of `rings` rings around them, in ascending order and without free
+/// vertices.
 fn around(template: &Template, faces: &[u32], free: &[bool], rings: usize) -> Vec<usize> {
     let mut near = vec![false; template.mesh.vertices.len()];
     let mut border: Vec<usize> =

@@ -7,10 +7,11 @@ use crate::{INK, Paint, Panel, map_of};
 /// A colour bar over part of a panel's width, with the values at its ends beside it and its label beneath it.
 pub(crate) struct Bar {
     range: (f64, f64),
-    /// Width of the panel, and length of the bar, in pixels.
+    /// Width of the panel in pixels.
     width: usize,
+    /// Length of the bar in pixels.
     length: usize,
-    /// Height of a line of the panel's text in pixels.
+    /// Height in pixels of a line of text in the panel.
     line: usize,
     /// Size of the bar's text.
     size: f64,

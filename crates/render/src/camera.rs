@@ -1,8 +1,8 @@
-//! Projects points to a picture by an orthographic camera.
+//! Projects points to a picture with an orthographic camera.
 
 use spharm_surface::geometry::{Vec3, add, bounds, cross, dot, scale, sub, unit};
 
-/// Position of the camera, given by a direction from the surface's centre, at which the camera looks.
+/// Orientation of the camera, which looks at the surface's centre from a given direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Direction from the centre towards the camera; any length above 0.

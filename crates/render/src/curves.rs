@@ -33,8 +33,9 @@ pub struct CurvePanel<'a> {
 const COLORS: [[u8; 3]; 4] = [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167]];
 const INK: [u8; 3] = [51, 51, 51];
 const GRID: [u8; 3] = [226, 226, 226];
-/// Width and height of a panel in pixels; `MARGINS` holds the margins around its axes: left, right, top, bottom.
+/// Width and height of a panel in pixels.
 const PANEL: [usize; 2] = [520, 400];
+/// Margins around the axes of a panel in pixels: left, right, top, bottom.
 const MARGINS: [usize; 4] = [78, 20, 44, 62];
 const TEXT: f64 = 18.0;
 /// Half of a curve's width, in pixels.
@@ -44,7 +45,7 @@ const HALF: f64 = 1.3;
 ///
 /// # Errors
 ///
-/// [`RenderError::NoPanels`]; [`RenderError::Size`] for more than 31 panels.
+/// [`RenderError::NoPanels`] if there are no panels; [`RenderError::Size`] if there are more than 31.
 pub fn render_curves(panels: &[CurvePanel<'_>]) -> Result<Image, RenderError> {
     if panels.is_empty() {
         return Err(RenderError::NoPanels);
@@ -60,14 +61,15 @@ pub fn render_curves(panels: &[CurvePanel<'_>]) -> Result<Image, RenderError> {
     Ok(picture)
 }
 
-/// Transform from values on the axes to pixels.
+/// Converts values on the axes to pixels.
 struct Axes {
     /// Area of the axes in pixels: left, right, top, bottom.
     area: [f64; 4],
     /// Last integer on the x axis.
     last: usize,
-    /// Highest value on the y axis; `step` is the distance between its ticks.
+    /// Highest value on the y axis.
     top: f64,
+    /// Distance between the ticks on the y axis.
     step: f64,
 }
 
@@ -183,7 +185,7 @@ fn tick_step(highest: f64) -> f64 {
     factor.unwrap_or(10.0) * power
 }
 
-/// Draws a line segment of a given half width; a disc if both ends coincide.
+/// Draws a line segment, or a disc if both ends coincide; `half` is half of its width in pixels.
 fn stroke(picture: &mut Image, a: [f64; 2], b: [f64; 2], half: f64, color: [u8; 3]) {
     let along = [b[0] - a[0], b[1] - a[1]];
     let square = along[0] * along[0] + along[1] * along[1];

@@ -18,7 +18,10 @@ pub enum RenderError {
         height: usize,
     },
     /// The number of values or colours of a mesh differs from its number of vertices.
-    #[error("values to colour a mesh by: expected {expected}, found {found}: both must come from the same surface")]
+    #[error(
+        "expected one value or colour per vertex ({expected}), found {found}: they and the mesh must come from the \
+         same surface"
+    )]
     ValueCount {
         /// Number of vertices of the mesh.
         expected: usize,

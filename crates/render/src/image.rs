@@ -17,9 +17,9 @@ pub struct Image {
     pub height: usize,
     /// Colours of the pixels, (height, width), row-major from the upper left: red, green and blue (sRGB).
     pub pixels: Vec<[u8; 3]>,
-    /// Resolution in dots per inch, which gives the picture a size on paper.
+    /// Resolution in dots per inch, which determines the picture's size on paper.
     pub(crate) dpi: Option<u16>,
-    /// Texts that are stored instead of drawn; `None` if texts are drawn.
+    /// Lines of text that are stored instead of drawn; `None` if text is drawn.
     pub(crate) texts: Option<Vec<Text>>,
 }
 
@@ -82,7 +82,7 @@ pub fn write_png(path: impl AsRef<Path>, image: &Image, options: &WriteOptions) 
 /// Number of colours of a thumbnail.
 const THUMBNAIL_COLOURS: usize = 64;
 
-/// Writes a picture as a PNG file with 64 colours, atomically. The file has about a third of the size of that of
+/// Writes a picture as a PNG file with 64 colours, atomically. The file is about a third as large as one written by
 /// [`write_png`]. The name must end in `.png`.
 ///
 /// # Errors
@@ -108,7 +108,7 @@ pub fn write_thumbnail(path: impl AsRef<Path>, image: &Image, options: &WriteOpt
 ///
 /// # Errors
 ///
-/// The errors of `out`; an error if the picture has more than 2^32 - 1 pixels on a side.
+/// An error if `out` fails, or if the picture has more than 2^32 - 1 pixels on a side.
 pub fn encode_png(image: &Image, out: &mut dyn Write) -> io::Result<()> {
     let mut encoder = encoder(image, out)?;
     encoder.set_pixel_dims(image.dpi.map(|dpi| {

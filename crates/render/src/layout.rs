@@ -1,7 +1,7 @@
-//! Computes the heights of panels and of the texts beneath their meshes.
+//! Computes the heights of panels and of the text beneath their meshes.
 //!
-//! In a picture with a resolution in dots per inch, texts are at least 7 pt high on paper. Texts that need more room
-//! than without a resolution make the panels higher, so that the meshes have the same size.
+//! In a picture with a resolution in dots per inch, text is at least 7 pt high on paper. If this takes more room, the
+//! panels become higher, so that the meshes keep their size.
 
 use crate::bar::Bar;
 use crate::text::{LINES, lines_of, smallest_size, step};
@@ -15,7 +15,7 @@ pub(crate) struct Layout {
     pub(crate) line: usize,
     pub(crate) mesh_height: usize,
     pub(crate) bar_height: usize,
-    /// Height of a panel with its texts.
+    /// Height of a panel, including its text.
     pub(crate) panel_height: usize,
 }
 
@@ -36,7 +36,8 @@ impl Layout {
         Self::with_lines(settings, lines, lines)
     }
 
-    /// Returns the layout for labels and captions of at most these numbers of lines; `None` for none at all.
+    /// Returns the layout for colour-bar labels of at most `bars` lines and captions of at most `captions` lines.
+    /// `None` means that there are no labels, or no captions.
     fn with_lines(settings: &Settings, bars: Option<usize>, captions: Option<usize>) -> Self {
         let heights = |dpi: Option<u16>, bars: Option<usize>, captions: Option<usize>| {
             let type_size = type_size(settings.width, dpi);

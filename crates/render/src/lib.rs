@@ -1,4 +1,4 @@
-//! Draws pictures of meshes by a small z-buffer renderer that needs no window or graphics card.
+//! Draws pictures of meshes with a small z-buffer renderer that needs no window or graphics card.
 //!
 //! [`render`] draws panels, each a mesh with a caption, in a grid with an orthographic camera, and [`write_png`] saves
 //! the picture. [`render_curves`] draws curves with bands.
@@ -74,7 +74,7 @@ pub struct Panel<'a> {
     pub caption: &'a str,
     /// Colours of the mesh.
     pub paint: Paint<'a>,
-    /// Position of the camera for this panel; `None` for that of the [`Settings`].
+    /// Position of the camera for this panel; `None` for the position in [`Settings`].
     pub view: Option<View>,
     /// Contour of a map on the mesh, if any.
     pub contour: Option<Contour<'a>>,
@@ -102,8 +102,8 @@ impl<'a> Panel<'a> {
 pub struct Settings {
     /// Width of a panel in pixels.
     pub width: usize,
-    /// Height of a panel in pixels, including caption and colour bar. With a resolution, panels are higher if texts of
-    /// 7 pt need it.
+    /// Height of a panel in pixels, including caption and colour bar. With `dpi`, panels are higher if text of 7 pt
+    /// needs more room.
     pub height: usize,
     /// Number of panels per row; 0 for a single row.
     pub columns: usize,
@@ -114,10 +114,10 @@ pub struct Settings {
     pub common_scale: bool,
     /// Lowest and highest corner of the box that each panel shows; by default the bounding box of the meshes.
     pub frame: Option<[[f64; 3]; 2]>,
-    /// Whether texts are stored for [`write_svg`] instead of drawn. Default false.
+    /// Whether text is stored for [`write_svg`] instead of drawn. Default false.
     pub keep_text: bool,
-    /// Resolution in dots per inch, which gives the picture a size on paper. Texts are then at least 7 pt high, and are
-    /// broken into lines if they are wider than their panel. Default none.
+    /// Resolution in dots per inch, which determines the picture's size on paper. Text is then at least 7 pt high, and
+    /// is broken into lines if it is wider than its panel. Default none.
     pub dpi: Option<u16>,
 }
 
@@ -148,7 +148,7 @@ impl Settings {
     /// The number is the sum of 3 bytes per pixel of the picture, 3 for its compressed copy, and 4 for this copy as
     /// text in an SVG; 80 bytes per pixel of one panel, because panels are drawn one after another, in linear light,
     /// at twice the resolution and with their depth; and 128 bytes per vertex of a panel's mesh. With a resolution in
-    /// dots per inch, panels are assumed to have the longest possible texts.
+    /// dots per inch, labels and captions are assumed to be of maximum length.
     #[must_use]
     pub fn bytes(&self, panels: usize, vertices: usize) -> u64 {
         const BYTES_PER_VERTEX: u64 = 128;
@@ -167,8 +167,8 @@ impl Settings {
 ///
 /// # Errors
 ///
-/// [`RenderError`]: there are no panels, the picture has fewer than 16 or more than 16,384 pixels on a side, a number
-/// of values differs from the mesh's number of vertices, or a range isn't finite.
+/// [`RenderError`] if there are no panels, the picture has fewer than 16 or more than 16,384 pixels on a side, the
+/// number of values or colours differs from the mesh's number of vertices, or a range isn't finite.
 pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, RenderError> {
     check(panels, settings)?;
     let columns = match settings.columns {
@@ -184,8 +184,8 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
 
     let mut picture = Image::filled(width, height, BACKGROUND);
     (picture.dpi, picture.texts) = (settings.dpi, settings.keep_text.then(Vec::new));
-    // Panels often show one mesh from many sides, or many meshes from one side: each mesh counts once, and each side
-    // has one camera.
+    // Panels often show one mesh from several sides, or several meshes from one side, so each mesh is considered only
+    // once, and panels with the same view share a camera.
     let mut meshes: Vec<&Mesh> = Vec::new();
     for panel in panels {
         if !meshes.iter().any(|mesh| std::ptr::eq(*mesh, panel.mesh)) {
@@ -256,13 +256,13 @@ pub fn with_note(picture: Image, note: &str) -> Image {
     picture
 }
 
-/// Returns the height of a line of text beneath all panels of a picture.
+/// Returns the height in pixels of a line of text that is added beneath the panels of a picture.
 fn line_of(picture: &Image) -> usize {
     // The smallest text has 0.6 of a line's height.
     (picture.width / 40).clamp(14, 40).max((smallest_size(picture.dpi) / 0.6).ceil() as usize)
 }
 
-/// Returns a picture extended by `more` rows of background at the bottom, and the index of the first new row.
+/// Extends a picture by `more` rows of background at the bottom. Also returns the index of the first new row.
 fn extended(mut picture: Image, more: usize) -> (Image, usize) {
     let top = picture.height;
     picture.height += more;

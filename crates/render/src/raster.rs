@@ -38,7 +38,7 @@ struct Corner {
     normal: Vec3,
     /// Colour in linear light.
     color: Vec3,
-    /// Difference between the contour's map and its level; NaN without a contour.
+    /// Difference between the value of the contour's map and the contour's level; NaN without a contour.
     off: f64,
 }
 
@@ -142,15 +142,15 @@ impl Raster {
 /// Part of a contour within a triangle.
 #[derive(Clone, Copy)]
 struct Line {
-    /// Difference between the map and the contour's level at each corner.
+    /// Difference between the value of the map and the contour's level at each corner of the triangle.
     off: [f64; 3],
-    /// Absolute difference between map and level at the edges of the line.
+    /// Absolute difference between map and level at the two edges of the drawn line.
     most: f64,
 }
 
 impl Line {
-    /// Returns the part of a contour in a triangle, with a half width of `half` samples; `None` if the contour
-    /// doesn't touch the triangle.
+    /// Returns the part of a contour within a triangle. `half` is half of the line's width in samples. Returns `None`
+    /// if the contour doesn't touch the triangle.
     fn through(corners: [&Corner; 3], half: f64) -> Option<Self> {
         let off = corners.map(|corner| corner.off);
         let [a, b, c] = corners.map(|corner| corner.at);
@@ -158,7 +158,7 @@ impl Line {
         let (along, across) = (off[1] - off[0], off[2] - off[0]);
         let gradient = [along * (c[1] - a[1]) - across * (b[1] - a[1]), across * (b[0] - a[0]) - along * (c[0] - a[0])];
         let most = half * gradient[0].hypot(gradient[1]) / cross(a, b, c).abs();
-        // The line covers part of a triangle that it doesn't cross if it is nearer than its half width.
+        // A line that runs outside of the triangle, but nearer than its half width, still covers part of it.
         let near = off.iter().any(|x| *x <= most) && off.iter().any(|x| *x >= -most);
         (most.is_finite() && most > 0.0 && near).then_some(Self { off, most })
     }

@@ -2,8 +2,8 @@
 
 use spharm_surface::Mesh;
 
-/// Percentile of the absolute values, of which twice the value limits the range of colours: otherwise a few large
-/// values would take up most of the range.
+/// Percentile of the absolute values whose double is the limit of the colour range. Without a limit, a few large values
+/// would take up most of the range.
 const PERCENTILE: usize = 99;
 
 /// Returns a mesh that is scaled and moved so that its bounding box has the same largest extent and the same centre as
@@ -41,8 +41,8 @@ pub fn is_probability(name: &str) -> bool {
     name == "p" || name == "q" || name.starts_with("p-")
 }
 
-/// Returns -log10 of p values, and their range, from 0 to the largest value but at least to 1. Significant values
-/// have the colours at the end of the scale.
+/// Returns -log10 of p values, and the range from 0 to the largest of these numbers, or to 1 if that is larger.
+/// Significant values have the colours at the upper end of the scale.
 #[must_use]
 pub fn significance(p: &[f64]) -> (Vec<f64>, (f64, f64)) {
     let values: Vec<f64> = p.iter().map(|p| if p.is_nan() { *p } else { -p.max(1e-300).log10() }).collect();

@@ -1,4 +1,4 @@
-//! Writes pictures as SVG, with the meshes as an embedded PNG, and texts as text elements that other programs can edit.
+//! Writes pictures as SVG, with the meshes as an embedded PNG and with text elements that other programs can edit.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::image::{Image, Text, encode_png};
 /// Number of millimetres per inch.
 const INCH: f64 = 25.4;
 
-/// Writes a picture as an SVG file, atomically. Texts are text elements if the picture was drawn with
+/// Writes a picture as an SVG file, atomically. Text becomes text elements if the picture was drawn with
 /// [`Settings::keep_text`](crate::Settings::keep_text). If the picture has a resolution in dots per inch, its size is
 /// given in mm. The name must end in `.svg`.
 ///

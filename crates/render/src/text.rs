@@ -4,7 +4,7 @@ use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
 
 use crate::image::{Image, Text};
 
-/// Smallest size of text in a picture with a size on paper, in points of 1/72 inch.
+/// Smallest size of text in a picture with a known size on paper, in points of 1/72 inch.
 const POINTS: f64 = 7.0;
 /// Maximum number of lines of a caption or label.
 pub(crate) const LINES: usize = 6;
@@ -24,8 +24,7 @@ fn font() -> Option<FontRef<'static>> {
     FontRef::try_from_slice(epaint_default_fonts::UBUNTU_LIGHT).ok()
 }
 
-/// Returns the size of an em, which is SVG's font size, as a fraction of the height of a line, which is the size of a
-/// label.
+/// Returns the ratio of the em, SVG's font size, to the height of a line, which is the size of a [`Label`].
 fn em(font: &FontRef<'_>) -> f32 {
     font.units_per_em().unwrap_or(1000.0) / font.height_unscaled()
 }
@@ -36,19 +35,19 @@ pub(crate) fn smallest_size(dpi: Option<u16>) -> f64 {
     font().map_or(0.0, |font| (POINTS / 72.0 * f64::from(dpi)).ceil() / f64::from(em(&font)))
 }
 
-/// Returns the width in pixels that texts may take in a panel of a given width.
+/// Returns the width in pixels that text may take in a panel of a given width.
 pub(crate) fn room(width: usize) -> f64 {
     SHARE * width as f64
 }
 
-/// Returns the distance in pixels between the lines of a text.
+/// Returns the distance in pixels between lines of text.
 pub(crate) fn step(size: f64) -> usize {
     size.ceil() as usize
 }
 
-/// Returns the lines of a text in a panel of a given width: the text itself without a resolution in dots per inch,
-/// otherwise lines that fit. A line breaks between words, or within a word that is wider than the panel. Of a text of
-/// more than [`LINES`] lines, the middle is left out.
+/// Breaks text into lines that fit into a panel of a given width, between words, or within a word that is wider than
+/// the panel. If there are more than [`LINES`] lines, the middle of the text is left out. Without a resolution in dots
+/// per inch, returns the text as a single line.
 pub(crate) fn lines_of(text: &str, size: f64, width: usize, dpi: Option<u16>) -> Vec<String> {
     if dpi.is_none() {
         return vec![text.to_owned()];
@@ -105,7 +104,7 @@ impl<'a> Label<'a> {
         self.width_of(self.text)
     }
 
-    /// Returns the width in pixels of a text in the label's font and size.
+    /// Returns the width in pixels of a string in the label's font and size.
     fn width_of(&self, text: &str) -> f32 {
         let Some(font) = &self.font else { return 0.0 };
         let font = font.as_scaled(self.scale);
@@ -127,7 +126,7 @@ impl<'a> Label<'a> {
         self.put(picture, "end", [x, y], color);
     }
 
-    /// Draws the label, or stores it as text if the picture keeps texts.
+    /// Draws the label, or stores it if the picture stores its text.
     fn put(&self, picture: &mut Image, anchor: &'static str, at: [usize; 2], color: [u8; 3]) {
         let ([x, y], Some(font)) = (at.map(|x| x as f32), &self.font) else { return };
         if let Some(texts) = picture.texts.as_mut() {

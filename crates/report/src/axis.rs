@@ -30,8 +30,9 @@ pub(crate) struct Axis {
     scale: Scale,
     /// Smallest value shown.
     floor: f64,
-    /// Lower end of the axis, in the units of the scale; `upper` is the upper end.
+    /// Lower end of the axis, in the units of the scale: the value, or its logarithm.
     bottom: f64,
+    /// Upper end of the axis, in the units of the scale.
     upper: f64,
 }
 

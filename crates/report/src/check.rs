@@ -16,7 +16,7 @@ pub struct Check {
     pub columns: Vec<String>,
     /// Subjects, the worst first.
     pub subjects: Vec<CheckedSubject>,
-    /// Distance between surface and model that is drawn in red in the pictures, in the surfaces' unit.
+    /// Distance between surface and model that the pictures show in red, in the surfaces' unit.
     pub red_at: Option<f64>,
 }
 
@@ -33,7 +33,7 @@ pub struct CheckedSubject {
     pub cells: Vec<CheckedCell>,
     /// Picture of the surface as PNG, if any.
     pub picture: Option<Vec<u8>>,
-    /// Scale of the picture relative to the other pictures, if it is smaller.
+    /// Scale of the picture relative to the other pictures, if the scale is smaller.
     pub scale: Option<f64>,
 }
 
@@ -44,7 +44,7 @@ pub struct CheckedCell {
     pub text: String,
     /// Robust z of the value, if it is compared with the other subjects.
     pub z: Option<f64>,
-    /// Whether the value is marked because it is far from those of other subjects.
+    /// Whether the value is marked because it is far from the other subjects' values.
     pub far: bool,
 }
 
@@ -88,7 +88,7 @@ pub(crate) fn section(check: &Check) -> Result<String, ReportError> {
     ))
 }
 
-/// Returns the row of a subject; `numeric` tells which columns have numbers.
+/// Returns the table row of a subject as HTML; `numeric` tells which columns contain numbers.
 fn row(index: usize, subject: &CheckedSubject, numeric: &[bool]) -> String {
     let CheckedSubject { id, state, flags, cells, picture, .. } = subject;
     let id = match picture {
@@ -118,7 +118,7 @@ fn row(index: usize, subject: &CheckedSubject, numeric: &[bool]) -> String {
     )
 }
 
-/// Number of reasons that are shown at once if there are more of them; the others unfold on request.
+/// Number of reasons that are shown at once if there are at least two more; the further ones unfold on request.
 const SHOWN: usize = 3;
 
 /// Returns the reasons for flags as HTML, one per line.

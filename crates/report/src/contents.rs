@@ -79,9 +79,9 @@ pub struct Quality {
     pub generalisation: Curve,
     /// Mean distance of a random shape from the nearest member.
     pub specificity: Curve,
-    /// Generalisation by the distance between surfaces, if measured.
+    /// Generalisation measured by distances between surfaces, if computed.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces, if measured.
+    /// Specificity measured by distances between surfaces, if computed.
     pub surface_specificity: Option<Curve>,
     /// Mean and median distance between corresponding landmarks, if measured.
     pub landmarks: Option<[f64; 2]>,

@@ -10,7 +10,7 @@ use spharm_surface::SurfaceError;
 #[non_exhaustive]
 pub enum ReportError {
     /// The page has no contents.
-    #[error("a page needs a model, modes, a test, a quality or a table; found none")]
+    #[error("a page needs a model, modes, a test, quality measures or a table; found none")]
     Empty,
     /// A map whose number of values differs from its mesh's number of vertices.
     #[error("{name}: map {map} has {found} values, expected one for each of {expected} vertices")]
@@ -54,7 +54,7 @@ pub enum ReportError {
         /// Underlying error.
         source: ModelError,
     },
-    /// A surface from which distances can't be measured.
+    /// Distances from a surface can't be measured.
     #[error("{name}: {source}")]
     Surface {
         /// Name of the model.

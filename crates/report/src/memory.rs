@@ -6,13 +6,13 @@ use crate::contents::{Contents, Params};
 use crate::grid::vertices_for;
 
 /// Number of bytes per vertex of a mesh in the page: evaluated positions and triangles, their binary form, and their
-/// text, which takes twice its size while it grows. Measured were 270 bytes per vertex for a model of 40,962
+/// text, which takes twice its size while it grows. The measured memory was 270 bytes per vertex for a model of 40,962
 /// vertices, and 270 for its surface.
 const BYTES_PER_VERTEX: u64 = 320;
 /// Number of bytes per vertex of the search tree for distances from a surface with other triangles. Only one tree
 /// exists at a time.
 const TREE: u64 = 520;
-/// Number of bytes for any page, including a picture while it is drawn.
+/// Number of bytes that every page needs, including a picture while it is drawn.
 const FIXED: u64 = 12 << 20;
 
 impl Contents {

@@ -25,7 +25,7 @@ pub(crate) struct ModelItem {
     reference: Reference,
 }
 
-/// Reference from which the page shows distances of the model.
+/// Reference for the distances of the model that the page shows.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "lowercase")]
 enum Reference {
@@ -55,7 +55,7 @@ impl Drawn {
     }
 }
 
-/// Item of a model with its picture, and its distances from the surface, if any.
+/// Item of a model, with the model's picture and its distances from the surface, if any.
 pub(crate) struct Made {
     pub(crate) item: ModelItem,
     /// Picture of the model as PNG.

@@ -28,7 +28,7 @@ use crate::text::{escape, json, name, number};
 #[derive(Serialize)]
 struct Info<'a> {
     items: &'a [Item],
-    /// Colours of the map at equal steps.
+    /// Colours of the map viridis at equal steps.
     viridis: Vec<[u8; 3]>,
     diverging: [[u8; 3]; 9],
 }
@@ -46,7 +46,7 @@ enum Item {
 /// # Errors
 ///
 /// [`ReportError`] if there are no contents, a model isn't a model of a surface, maps don't match their mesh, or the
-/// monitor interrupts, which is reported as an error of the surface.
+/// monitor cancels ([`ReportError::Surface`]).
 pub fn page(contents: &Contents, params: Params, monitor: &dyn Monitor) -> Result<String, ReportError> {
     let Contents { title, warnings, check, tests, models, modes, quality: measured, tables, version, .. } = contents;
     if [models.len(), modes.len(), tests.len(), measured.len(), tables.len()] == [0; 5] && check.is_none() {
@@ -174,7 +174,7 @@ fn details(shown: &Shown) -> String {
     html
 }
 
-/// Returns a table of the group's size and variance, and of the fraction of the variance along each mode.
+/// Returns a table with the group's size, its variance, and the fraction of the variance along each mode.
 fn spectrum_of_variance(shapes: &spharm_shape::pca::file::ShapeModel) -> String {
     let total = shapes.modes.total_variance;
     let (shares, cumulative) = (shapes.modes.shares(), shapes.modes.compactness());

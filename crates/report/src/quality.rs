@@ -1,4 +1,4 @@
-//! Shows the quality of a group's correspondence in a page, by curves and a table that compare alignments.
+//! Shows the quality of a group's correspondence in a page, with curves and a table that compare alignments.
 
 use spharm_shape::Curve;
 
@@ -9,9 +9,10 @@ use crate::contents::Quality;
 use crate::table::Table;
 use crate::text::number;
 
-/// Style sheet classes for the lines of each alignment: by distances at points, and by distances between surfaces.
+/// Classes in the style sheet for the two lines of each alignment, measured by distances at points and by distances
+/// between surfaces.
 const CLASSES: [(&str, &str); 4] = [("y", "y beside"), ("x", "x beside"), ("z", "z beside"), ("all", "all beside")];
-/// Numbers of modes that are columns of the table.
+/// Numbers of modes for which the table has columns.
 const SHOWN: [usize; 2] = [1, 3];
 
 /// Returns the section as HTML; empty without alignments.
@@ -38,8 +39,8 @@ pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     ))
 }
 
-/// Returns a chart of a measure by the number of modes, for all alignments. It includes the same measure by distances
-/// between surfaces, if any.
+/// Returns a chart of a measure by the number of modes, for all alignments. It includes the values measured by
+/// distances between surfaces, if any.
 fn chart(
     measured: &[Quality],
     title: &str,
@@ -51,7 +52,7 @@ fn chart(
         let (points, surfaces) = of(quality);
         lines.push(line(class, quality.name.clone(), points));
         if let Some(surfaces) = surfaces {
-            // The band by distances between surfaces isn't shown, because it would overlap the band by points.
+            // This line has no band, because the band would overlap the band of the line measured at points.
             let name = format!("{}, between surfaces", quality.name);
             lines.push(Line { band: Vec::new(), ..line(beside, name, surfaces) });
         }

@@ -1,27 +1,27 @@
 //! Aligns one surface to another.
 //!
-//! The moving surface f is rotated in its parameters and in space, translated, and scaled if requested, such that its
-//! root mean square distance over the sphere from the target g, [`rmsd`], is smallest. By default the rotations of the
-//! parameters and of space are searched together (P. Kostelec and D. Rockmore 2008 for the grid, W. Kabsch 1976 inside
-//! it):
+//! Rotates the moving surface f in its parameters and in space, translates it, and scales it if requested, so that the
+//! root mean square distance over the sphere ([`rmsd`]) between f and the target g is smallest. By default the
+//! rotations of the parameters and of space are searched together (P. Kostelec and D. Rockmore 2008 for the grid, W.
+//! Kabsch 1976 inside it):
 //!
 //! ```text
 //! rmsd^2 = (|f|^2 + |g|^2 - 2 tr Q^T M(R)) / 4 pi,   M_ij(R) = <g_i, R f_j>, row 0 left out
 //! ```
 //!
-//! R is the rotation of the parameters, Q that of space. The best Q for a given R has a closed form, so that a search
-//! over a grid of R finds both rotations. Newton's method refines the best local maxima of the grid to 1e-13, and also
-//! the four rotations between the axes of the first-order ellipsoids. No initial alignment is needed and the result
-//! doesn't depend on the surfaces' poses. The grid uses degrees below its bandwidth, the refinement all degrees. With
-//! bandwidth 8 and 6 starts the best optimum known was found for all of 30 random pairs of hippocampi at degree 12; for
-//! these pairs bandwidth 5 and 3 starts were enough.
+//! R is the rotation of the parameters, and Q is the rotation of space. The best Q for a given R has a closed form, so
+//! a search over a grid of R finds both rotations. Newton's method then refines the best local maxima of the grid, and
+//! the four rotations that align the axes of the first-order ellipsoids, to an accuracy of 1e-13. No initial alignment
+//! is needed and the result doesn't depend on the surfaces' poses. The grid uses degrees below its bandwidth, the
+//! refinement all degrees. With bandwidth 8 and 6 starts, the search found the best known optimum for all of 30 random
+//! pairs of hippocampi at degree 12; for these pairs, bandwidth 5 and 3 starts were enough.
 //!
 //! Mirror images are matched only if `mirror` is set.
 //!
 //! Aligning a pair takes 2 ms of CPU time at degree 12 and 10 ms at degree 60.
 //!
-//! Memory: beside the coefficients, `12 (L+1)^2 + 32/3 B^4` bytes for a grid of bandwidth B, and `240 (L+1)^2` bytes
-//! for each start that is being refined.
+//! Memory: in addition to the coefficients, `12 (L+1)^2 + 32/3 B^4` bytes for a grid of bandwidth B, and `240 (L+1)^2`
+//! bytes for each start that is being refined.
 //!
 //! ```
 //! use ndarray::Array2;
@@ -29,7 +29,7 @@
 //! use spharm_monitor::Silent;
 //! use spharm_shape::{AlignParams, Rotation, Similarity, Transform, align};
 //!
-//! // An ellipsoid with a bump, and the same in another pose.
+//! // An ellipsoid with a bump, and the same surface in another pose.
 //! let mut values = Array2::zeros((9, 3));
 //! (values[[3, 0]], values[[1, 1]], values[[2, 2]], values[[5, 0]]) = (9.0, 6.0, 4.0, 1.0);
 //! let surface = Coefficients::new(values)?;
@@ -78,15 +78,15 @@ pub struct AlignReport {
     pub rmsd_before: f64,
     /// Root mean square distance after the alignment, in the surfaces' unit.
     pub rmsd_after: f64,
-    /// Root mean square distance reached from each start of the refinement, without scaling: first from the starts of
-    /// the grid, in order of decreasing score, then from the four rotations between the axes of the ellipsoids. Above
-    /// degree 40, starts that reach the same pose at degree 20 are listed once. Methods without a search have a
+    /// Root mean square distance reached from each start of the refinement, without scaling: first from the starts that
+    /// the grid gave, in order of decreasing score, then from the four rotations that align the axes of the ellipsoids.
+    /// Above degree 40, starts that reach the same pose at degree 20 are listed once. Methods without a search give a
     /// single value.
     pub ends: Vec<f64>,
     /// Whether the moving surface was mirrored in space.
     pub mirrored: bool,
-    /// Distance between the surfaces in the final pose, excluding the farthest tenth of the points; only for
-    /// [`Method::Surfaces`].
+    /// Distance between the surfaces in the final pose, excluding the farthest tenth of the points; `None` for methods
+    /// other than [`Method::Surfaces`].
     pub surface_distance: Option<f64>,
     /// Warnings about the alignment.
     pub warnings: Vec<AlignWarning>,
@@ -101,11 +101,13 @@ pub struct Alignment {
     pub report: AlignReport,
 }
 
-/// Aligns a surface to another; see the [module](self). The coefficients of both surfaces are (K, 3).
+/// Aligns one surface to another; see the [module](self). The coefficients of both surfaces are (K, 3).
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotASurface`], [`ShapeError::NotFinite`], [`ShapeError::Setting`], [`ShapeError::Interrupted`].
+/// [`ShapeError::NotASurface`] if one of the models doesn't have three columns; [`ShapeError::NotFinite`] if a
+/// coefficient is NaN or infinite; [`ShapeError::Setting`] if a setting is out of range; [`ShapeError::Interrupted`] if
+/// the monitor cancels.
 pub fn align(
     moving: &Coefficients,
     target: &Coefficients,
@@ -216,7 +218,7 @@ fn reported(
     })
 }
 
-/// Returns the fit of surfaces that can't be rotated: both rotations are the identity.
+/// Returns the fit for surfaces that have nothing to rotate, such as points: both rotations are the identity.
 pub(crate) fn nothing_to_turn() -> Fit {
     let (rotation, orthogonal) = (Rotation::IDENTITY, Rotation::IDENTITY.matrix());
     Fit { rotation, orthogonal, distance: 0.0, stiffness: 0.0, singular_values: [0.0; 3] }
@@ -242,8 +244,8 @@ pub(crate) fn undetermined(fit: &Fit, norm: f64, params: &AlignParams) -> Option
     }
 }
 
-/// Returns the fit that aligns the frames of both first-order ellipsoids with the best half turns, and the smaller of
-/// the two ellipsoids' ratios of neighbouring axes.
+/// Returns the fit that aligns the frames of the two first-order ellipsoids by the best pair of half turns, and the
+/// smaller of the two ellipsoids' axis ratios ([`EllipsoidFrame::ratio`]).
 fn by_ellipsoids(
     moving: &Coefficients,
     target: &Coefficients,

@@ -5,7 +5,7 @@
 //! function", JASA 58, 1963). The number of clusters may be chosen by the mean silhouette (P. J. Rousseeuw,
 //! "Silhouettes", Journal of Computational and Applied Mathematics 20, 1987). The result is deterministic.
 //!
-//! Cost: O(n^2) time and 8 n^2 bytes for n models; the bytes hold the distances of all pairs twice.
+//! Cost for n models: O(n^2) time, and 8 n^2 bytes for two copies of the distances between all pairs.
 
 use crate::error::ShapeError;
 
@@ -58,8 +58,8 @@ impl PairDistances {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Setting`] for fewer than three models, for fewer than two clusters or more clusters than models,
-    /// and for distances that aren't finite.
+    /// [`ShapeError::Setting`] if there are fewer than three models, if fewer than two clusters or more clusters than
+    /// models are requested, or if a distance isn't finite.
     pub fn clusters(&self, clusters: Option<usize>) -> Result<Clusters, ShapeError> {
         let setting = |name, expected, found: String| Err(ShapeError::Setting { name, expected, found });
         if self.count < 3 {
@@ -126,9 +126,9 @@ impl PairDistances {
     }
 }
 
-/// Cuts a tree of mergers into clusters by undoing the last mergers.
+/// Cuts a tree of mergers into `clusters` clusters by undoing the last mergers, and returns the cluster of each model.
 fn cut(tree: &kodama::Dendrogram<f64>, count: usize, clusters: usize) -> Vec<usize> {
-    // Nodes below `count` are the models; the others are the mergers in their order.
+    // Nodes below `count` are the models; the others are the mergers, in order.
     let mut parents: Vec<usize> = (0..2 * count).collect();
     for (step, merger) in tree.steps().iter().enumerate().take(count - clusters) {
         parents[merger.cluster1] = count + step;

@@ -1,14 +1,14 @@
-//! Derivatives by rotation: the operators L_x, L_y, L_z, which map each degree to itself.
+//! Computes derivatives under rotations: the operators L_x, L_y, L_z, which map each degree to itself.
 //!
 //! ```text
 //! (L_k f)(u) = <e_k x u, grad f(u)>,    L f = u x grad f,    grad f = -u x L f
 //! ```
 //!
 //! `L_k f` is the derivative of f under an infinitesimal rotation of the directions about axis k, so it maps each
-//! degree to itself. Hence the gradient of a sum of harmonics follows by synthesis alone, without derivatives by
-//! angles, which are singular at the poles. On the complex coefficients c of a degree (D. A. Varshalovich et al.,
-//! Quantum Theory of Angular Momentum (1988), section 5.8; our L is `i` times their operator), with
-//! `p = sqrt((l - m + 1)(l + m))`, `q = sqrt((l + m + 1)(l - m))`:
+//! degree to itself. Hence the gradient of a sum of harmonics needs only a synthesis, and no derivatives with respect
+//! to angles, which are singular at the poles. The operators act on the complex coefficients c of a degree as follows
+//! (D. A. Varshalovich et al., Quantum Theory of Angular Momentum (1988), section 5.8; our L is `i` times their
+//! operator), with `p = sqrt((l - m + 1)(l + m))` and `q = sqrt((l + m + 1)(l - m))`:
 //!
 //! ```text
 //! (L_x c)_m = i/2 (p c_{m-1} + q c_{m+1}),   (L_y c)_m = 1/2 (p c_{m-1} - q c_{m+1}),   (L_z c)_m = i m c_m
@@ -21,12 +21,12 @@ use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::HarmonicsError;
 use spharm_harmonics::index::{column, max_degree_of};
 
-/// Returns the canonical coefficients, (K, c) each, of `L_x f`, `L_y f` and `L_z f`, given the coefficients of f, (K,
-/// c).
+/// Returns the canonical coefficients (K, c) of each of `L_x f`, `L_y f` and `L_z f`, given the coefficients (K, c) of
+/// f.
 ///
 /// # Errors
 ///
-/// [`NotABasisSize`](HarmonicsError::NotABasisSize): K isn't `(L + 1)^2`.
+/// [`NotABasisSize`](HarmonicsError::NotABasisSize) if K isn't `(L + 1)^2`.
 pub fn rotational_derivatives(coefficients: ArrayView2<'_, f64>) -> Result<[Array2<f64>; 3], HarmonicsError> {
     let (rows, channels) = coefficients.dim();
     max_degree_of(rows).ok_or(HarmonicsError::NotABasisSize { rows })?;
@@ -48,7 +48,8 @@ pub(crate) fn generators<const C: usize>(values: &[[f64; C]]) -> [Vec<[f64; C]>;
     let mut l = 1;
     while (l + 1) * (l + 1) <= values.len() {
         let centre = column(l, 0);
-        // Coefficients of orders above the degree are zero; order 0 has a factor sqrt2 as a cosine, and no sine.
+        // Coefficients of orders above the degree are zero. For order 0, the cosine has a factor sqrt2, and the sine is
+        // zero.
         let cosine = |m: usize| match m {
             0 => values[centre].map(|v| v * std::f64::consts::SQRT_2),
             m if m <= l => values[centre + m],

@@ -1,6 +1,6 @@
-//! Descriptors that are invariant under rotations: power and singular values of each degree.
+//! Computes descriptors that are invariant under rotations: the power and the singular values of each degree.
 //!
-//! With A_l the 2l + 1 rows of degree l of the coefficients:
+//! Let A_l be the 2l + 1 rows of the coefficients of degree l. Then:
 //!
 //! ```text
 //! power P_l = |A_l|^2 / (4 pi),    sigma_l,1 >= sigma_l,2 >= ...: singular values of A_l / sqrt(4 pi)
@@ -32,10 +32,10 @@ use crate::singular_values::singular_values;
 /// Descriptors of one model, in the model's unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptors {
-    /// Power `P_l` of the degrees 1 to L, (L): the mean square over the sphere of each degree's contribution.
+    /// Powers `P_l` of the degrees 1 to L: the mean square of each degree's contribution over the sphere.
     pub power: Vec<f64>,
-    /// Singular values of the degrees 1 to L, (L, c) row-major, largest first; the squares of a degree's values sum
-    /// to its power.
+    /// Singular values (L, c) of the degrees 1 to L, row-major, with the largest value of each degree first; the
+    /// squares of a degree's values sum to its power.
     pub singular_values: Vec<f64>,
     /// Number of channels, c.
     pub channels: usize,
@@ -78,11 +78,11 @@ impl Descriptors {
     }
 }
 
-/// Returns the descriptors of coefficients, (K, c), with any number of channels.
+/// Computes the descriptors of a model from its coefficients (K, c), with any number of channels.
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`].
+/// [`ShapeError::NotFinite`] if a coefficient is NaN or infinite.
 pub fn descriptors(coefficients: &Coefficients) -> Result<Descriptors, ShapeError> {
     finite(coefficients)?;
     let (max_degree, channels) = (coefficients.max_degree(), coefficients.channels());

@@ -50,7 +50,7 @@ pub enum ShapeError {
         /// Number of subjects in the group.
         subjects: usize,
     },
-    /// Sign flips of single rows, although the rows of a block depend on each other.
+    /// Sign flips of single rows were requested, but the rows of a block depend on each other.
     #[error(
         "the rows of a block depend on each other, so that {} of single rows aren't valid: exchange whole blocks \
          (--whole-blocks, whole_blocks), or assume exchangeable errors (--errors exchangeable)",
@@ -60,7 +60,7 @@ pub enum ShapeError {
         /// The kind of relabelling.
         resampling: crate::stats::Resampling,
     },
-    /// Requested relabellings that leave the statistics unchanged.
+    /// The requested relabellings leave the statistics unchanged.
     #[error(
         "{}{} leave the statistics of this contrast unchanged; {}",
         .resampling.name(),
@@ -86,7 +86,7 @@ pub enum ShapeError {
         /// The column's name.
         column: String,
     },
-    /// A column of a study whose levels can't be compared.
+    /// A column of a study has fewer than two levels, or the requested order doesn't list all of its levels.
     #[error(
         "column {column:?}: expected {}",
         match found.len() {
@@ -118,7 +118,7 @@ pub enum ShapeError {
         /// Names of the design's columns.
         columns: Vec<String>,
     },
-    /// A contrast that tests a mean, although the values are relative to the mean of all subjects.
+    /// A contrast tests a mean, but the values are relative to the mean of all subjects.
     #[error(
         "contrast {tested:?} tests a mean, but surfaces are compared with the mean of all subjects; test a difference, \
          whose weights add up to zero, or the differences from other models"
@@ -138,10 +138,10 @@ pub enum ShapeError {
         /// The levels that don't occur together, one of each column.
         levels: [String; 2],
     },
-    /// Welch's test of anything but the difference between two groups.
+    /// Welch's test was requested for something other than the difference between two groups.
     #[error("Welch's test needs two groups without covariates; use pooled variances instead")]
     NotTwoGroups,
-    /// A number of columns that isn't a multiple of the components per vertex.
+    /// The number of columns isn't a multiple of the number of components per vertex.
     #[error("{columns} columns: expected a multiple of {components}, the components of a vertex")]
     Components {
         /// Number of columns.
@@ -157,7 +157,7 @@ pub enum ShapeError {
         /// Value of the setting.
         found: f64,
     },
-    /// Models of different degrees, although equal degrees are required.
+    /// The models have different degrees, but must have equal degrees.
     #[error("model {}: expected {expected} coefficients per coordinate, as in the first model, found {found}", .index + 1)]
     Degrees {
         /// Index of the model, from 0.
@@ -167,7 +167,7 @@ pub enum ShapeError {
         /// Number of coefficients found.
         found: usize,
     },
-    /// A mode that doesn't exist.
+    /// The requested mode doesn't exist.
     #[error("mode {found} doesn't exist; the group has {modes} modes")]
     Mode {
         /// Number of the mode, from 1.
@@ -178,7 +178,7 @@ pub enum ShapeError {
     /// The singular value decomposition doesn't converge.
     #[error("the singular value decomposition of the group did not converge")]
     NoDecomposition,
-    /// Interrupted by the monitor.
+    /// The monitor cancelled the computation.
     #[error("{0}")]
     Interrupted(#[from] Interrupted),
     /// Input that isn't a rotation.
@@ -190,14 +190,14 @@ pub enum ShapeError {
     /// A coefficient that is NaN or infinite.
     #[error("coefficient {row} of channel {channel} is {value}; it must be finite")]
     NotFinite {
-        /// Row of the coefficients, `l^2 + l + m`.
+        /// Row of the coefficient, `l^2 + l + m`.
         row: usize,
         /// Channel, from 0.
         channel: usize,
         /// Value of the coefficient.
         value: f64,
     },
-    /// A degenerate model: a point, or a curve on a line.
+    /// The model is degenerate: it is a point or lies on a line.
     #[error(
         "the model is {found}, not a surface: its coefficients of degrees 1 and above have rank {rank}, expected at least 2"
     )]
@@ -207,13 +207,16 @@ pub enum ShapeError {
         /// Rank of the coefficients without degree 0.
         rank: usize,
     },
-    /// Coefficients of a signal, although a surface is needed.
+    /// The surface has no area at the directions whose weight is above 0.
+    #[error("the surface has no area at the directions with a weight above 0")]
+    NoArea,
+    /// The coefficients describe a signal, but a surface is needed.
     #[error("expected a surface, whose coefficients have 3 columns, found a signal of {channels} channels")]
     NotASurface {
         /// Number of channels found.
         channels: usize,
     },
-    /// Models whose arrays have different shapes.
+    /// A quantity, such as the number of channels, differs from its expected value.
     #[error("{what}: expected {expected}, found {found}")]
     Differ {
         /// Name of the quantity that differs.
@@ -223,7 +226,7 @@ pub enum ShapeError {
         /// Value found.
         found: usize,
     },
-    /// A degree above the degree of some models.
+    /// The requested degree is above the degree of some models.
     #[error(
         "the models go to degrees from {lowest} to {highest}: expected a degree of at most {lowest}, found {asked}"
     )]
@@ -235,13 +238,13 @@ pub enum ShapeError {
         /// The requested degree.
         asked: usize,
     },
-    /// Coefficients whose products overflow or underflow.
+    /// The coefficients are so large or small that their products overflow or underflow.
     #[error(
         "coefficients of up to {largest:.1e}: areas, volumes and variances computed from these coefficients overflow \
          or underflow; scale the surface to another unit"
     )]
     Range {
-        /// The largest absolute value of the coefficients; row 0 is excluded if it is only a position.
+        /// Largest absolute value of the coefficients without row 0, or their norm.
         largest: f64,
     },
     /// A column of a study that has the same value in all rows: its effect can't be estimated.
@@ -255,7 +258,7 @@ pub enum ShapeError {
         /// The value in all rows.
         value: f64,
     },
-    /// A setting out of its range.
+    /// A setting is out of range.
     #[error("{name} is {found}; {expected}")]
     Setting {
         /// Name of the setting.
@@ -271,7 +274,7 @@ pub enum ShapeError {
     /// An error of the transform.
     #[error("{0}")]
     Transform(#[from] TransformError),
-    /// A group that is too small.
+    /// The group is too small.
     #[error("the group has {found} members, but at least {least} are needed")]
     TooFewMembers {
         /// Number of members found.
@@ -287,7 +290,7 @@ pub enum ShapeError {
         /// Underlying I/O error.
         cause: std::io::Error,
     },
-    /// A file that isn't the journal of this group's alignment.
+    /// The file isn't the journal of this group's alignment.
     #[error(
         "{}: expected the state of an alignment of these models with these settings, found {}; choose another file",
         path.display(),

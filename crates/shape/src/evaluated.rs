@@ -30,8 +30,8 @@ impl Evaluated {
         Ok(Self { sphere, transform, degree })
     }
 
-    /// Returns the surface with the coefficients `coefficients`, (K, 3), whose degree must be at least the
-    /// evaluator's; `None` for a point or a line.
+    /// Returns the surface with the coefficients `coefficients` (K, 3), or `None` if it is a point or a line. The
+    /// degree must be at least the evaluator's; higher degrees are ignored.
     pub(crate) fn surface(&self, coefficients: ArrayView2<'_, f64>) -> Result<Option<PoseSurface>, ShapeError> {
         let rows = self.transform.synthesis(coefficients.slice_move(s![..basis_size(self.degree), ..]))?;
         let vertices = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
@@ -39,8 +39,8 @@ impl Evaluated {
     }
 }
 
-/// Returns the transform with a similarity that aligns a surface to another. It also mirrors the moving surface's
-/// sphere if the two surfaces would have opposite orientations otherwise.
+/// Returns the transform that applies `similarity`, which aligns the moving surface to the fixed one. The transform
+/// also mirrors the sphere of the moving surface if the two surfaces would otherwise have opposite orientations.
 pub(crate) fn in_pose(similarity: Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Transform {
     let outside = moving.volume * fixed.volume > 0.0;
     Transform { antipodal: similarity.mirrors() == outside, similarity, ..Transform::default() }

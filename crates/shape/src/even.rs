@@ -9,11 +9,11 @@
 //! laplacian(psi) = rho - 1,    rho_t = 1 + t (rho - 1),    u' = -grad psi(u) / rho_t(u),    t from 0 to 1
 //! ```
 //!
-//! because then `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l / (l (l + 1))` and
-//! `-grad psi = u x L psi`, so a step is a synthesis. The density is expanded to degree 2L and at least 16, but no
-//! further than the mesh can resolve, and smoothed by a heat kernel that damps its highest degree to 5 %, so that
-//! truncation causes no ripples. The density is kept above [`LEAST_DENSITY`]. Steps are Runge-Kutta steps of fourth
-//! order.
+//! This velocity satisfies the continuity equation, `d rho_t / dt + div(rho_t u') = 0`. In harmonics, `psi_l = -rho_l /
+//! (l (l + 1))` and `-grad psi = u x L psi`, so a step needs only a synthesis. The density is expanded to degree 2L and
+//! at least 16, but no further than the mesh can resolve, and smoothed by a heat kernel that damps its highest degree
+//! to 5 %, so that truncation causes no ripples. The density is kept above [`LEAST_DENSITY`]. The flow is integrated by
+//! fourth-order Runge-Kutta steps.
 //!
 //! Cost: four syntheses of four functions per step at n directions, and the analysis of |N| on a grid with four times
 //! as many rings as the density's degree.
@@ -36,9 +36,9 @@ use crate::measures::{Columns, Grid};
 
 /// Minimum density of the directions, relative to the mean.
 pub const LEAST_DENSITY: f64 = 0.02;
-/// Name of the setting in [`ShapeError::Setting`] if a sphere has no triangles.
+/// Name that [`ShapeError::Setting`] contains if the sphere has no triangles.
 pub const NO_TRIANGLES: &str = "the number of triangles of the sphere";
-/// Fraction of the density's highest degree that the heat kernel leaves.
+/// Factor by which the heat kernel damps the density's highest degree.
 const LEFT: f64 = 0.05;
 
 /// A sphere whose directions were relocated.
@@ -50,20 +50,20 @@ pub struct EvenSphere {
     pub before: f64,
     /// Standard deviation of the surface's triangle areas divided by their mean, after the relocation.
     pub after: f64,
-    /// Number of triangles of the sphere that the relocation inverted, which fold the surface. 0 unless the mesh is
-    /// too coarse for the variation of the area element.
+    /// Number of triangles that the relocation inverted, so that the surface is folded there; 0 unless the mesh is too
+    /// coarse for the variation of the area element.
     pub folded: usize,
 }
 
-/// Relocates the directions of a sphere such that the surface with the canonical coefficients `coefficients`, (K, 3),
-/// has triangles of about equal area.
+/// Relocates the directions of a sphere so that the surface with the canonical coefficients `coefficients` (K, 3) has
+/// triangles of about equal area.
 ///
 /// `steps` is the number of steps of the flow; 16 steps are more than enough.
 ///
 /// # Errors
 ///
 /// The errors of [`extent`]; [`ShapeError::Setting`] if the sphere has no triangles or `steps` is 0;
-/// [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// [`ShapeError::Transform`] if the transform fails; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn even_sphere(
     coefficients: &Coefficients,
     sphere: &Sphere,
@@ -160,8 +160,8 @@ impl Flow {
     }
 }
 
-/// Returns the coefficients of the area element |N| up to a degree, (K, 1), from a grid with four times as many rings
-/// as the degree.
+/// Returns the coefficients (K, 1) of the area element |N| up to a degree, computed on a grid with four times as many
+/// rings as the degree.
 fn analysis(coefficients: &Coefficients, degree: usize, monitor: &dyn Monitor) -> Result<Array2<f64>, ShapeError> {
     let grid = Grid::new(4 * degree.max(4));
     let columns = Columns::new(coefficients)?;

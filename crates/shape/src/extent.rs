@@ -8,27 +8,27 @@ use crate::singular_values::singular_values;
 
 /// Singular values below this fraction of the largest one are treated as rounding errors.
 const NEGLIGIBLE: f64 = 1e-12;
-/// Lower limit of the largest coefficient; the upper limit is its inverse. Within these limits, areas, volumes and
-/// their squares neither overflow nor underflow.
+/// Lower limit for the largest coefficient. The upper limit is the inverse of this value. Within these limits, areas,
+/// volumes and their squares neither overflow nor underflow.
 const LEAST: f64 = 1e-50;
 
 /// Dimension of the space that a model spans.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
-    /// Three dimensions, as of a closed surface.
+    /// Three dimensions, as for any surface that encloses a volume.
     Solid,
-    /// A plane: the surface is folded flat and has volume 0.
+    /// Two dimensions: the surface lies in a plane and has volume 0.
     Flat,
 }
 
-/// Rejects coefficients that don't describe a surface; returns whether it is flat.
+/// Checks that coefficients describe a surface, and returns whether the surface is flat.
 ///
 /// # Errors
 ///
-/// - [`ShapeError::NotASurface`]: the number of channels isn't 3.
-/// - [`ShapeError::NotFinite`]: a coefficient is NaN or infinite.
-/// - [`ShapeError::NoExtent`]: the model is a point (like every model of degree 0) or lies on a line.
-/// - [`ShapeError::Range`]: the largest coefficient of degree 1 or above isn't between 1e-50 and 1e50.
+/// - [`ShapeError::NotASurface`] if the number of channels isn't 3.
+/// - [`ShapeError::NotFinite`] if a coefficient is NaN or infinite.
+/// - [`ShapeError::NoExtent`] if the model is a point (like every model of degree 0) or lies on a line.
+/// - [`ShapeError::Range`] if the largest coefficient of degree 1 or above isn't between 1e-50 and 1e50.
 pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
     surface(coefficients)?;
     let shape = coefficients.values().slice_axis(Axis(0), Slice::from(1..));
@@ -44,11 +44,12 @@ pub fn extent(coefficients: &Coefficients) -> Result<Extent, ShapeError> {
     }
 }
 
-/// Rejects coefficients that don't have three columns, or aren't finite.
+/// Checks that coefficients have three columns and are finite.
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotASurface`], [`ShapeError::NotFinite`].
+/// [`ShapeError::NotASurface`] if the number of columns isn't 3; [`ShapeError::NotFinite`] if a coefficient is NaN or
+/// infinite.
 pub(crate) fn surface(coefficients: &Coefficients) -> Result<(), ShapeError> {
     match coefficients.channels() {
         3 => finite(coefficients),
@@ -56,11 +57,11 @@ pub(crate) fn surface(coefficients: &Coefficients) -> Result<(), ShapeError> {
     }
 }
 
-/// Rejects coefficients that are NaN or infinite.
+/// Checks that no coefficient is NaN or infinite.
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`] with the first such coefficient.
+/// [`ShapeError::NotFinite`] for the first coefficient that is NaN or infinite.
 pub fn finite(coefficients: &Coefficients) -> Result<(), ShapeError> {
     let mut values = coefficients.values().indexed_iter();
     match values.find(|(_, value)| !value.is_finite()) {

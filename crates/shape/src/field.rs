@@ -24,7 +24,7 @@ pub enum Measurement {
 /// Measurements of n models at V vertices.
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// Values, (n, V d), with the d components of a vertex in adjacent columns.
+    /// Values (n, V d), with the d components of a vertex in adjacent columns.
     pub values: Array2<f64>,
     /// Number of components per vertex, d.
     pub components: usize,
@@ -33,12 +33,12 @@ pub struct Field {
 }
 
 impl Field {
-    /// Returns the differences of paired models: the first half minus the second half, in order. `mean` stays the mean
-    /// of all models.
+    /// Returns the differences between paired models: each model of the first half minus the model at the same place in
+    /// the second half. `mean` remains the mean of all models.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Setting`] for an odd number of models.
+    /// [`ShapeError::Setting`] if the number of models is odd.
     pub fn differences(self) -> Result<Self, ShapeError> {
         let models = self.values.nrows();
         let half = models / 2;
@@ -50,11 +50,11 @@ impl Field {
         Ok(Self { values, ..self })
     }
 
-    /// Returns the values at the vertices that the mask `kept`, (V), selects; the mean is unchanged.
+    /// Returns the field at the vertices that the mask `kept` (V) selects; the mean is unchanged.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`] for a mask of another length.
+    /// [`ShapeError::Differ`] if the length of the mask isn't V.
     pub fn at(self, kept: &[bool]) -> Result<Self, ShapeError> {
         let (components, columns) = (self.components, self.values.ncols());
         if kept.len() * components != columns {
@@ -66,14 +66,14 @@ impl Field {
     }
 }
 
-/// Evaluates models at directions, up to the first model's degree; the other models must have at least that degree.
-/// Memory: `8 n V d` bytes and the memory of a transform.
+/// Measures a group of models at directions, up to the first model's degree; the other models must have at least that
+/// degree. Memory: `8 n V d` bytes and the memory of a transform.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for no models, [`ShapeError::Differ`] if a model's number of channels doesn't match
-/// the measurement or its degree is below the first model's, [`ShapeError::NotFinite`], [`ShapeError::Transform`],
-/// [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`] if there are no models; [`ShapeError::Differ`] if a model's number of channels doesn't
+/// match the measurement or its degree is below the first model's; [`ShapeError::NotFinite`] if a coefficient is NaN or
+/// infinite; [`ShapeError::Transform`] if the transform fails; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn measure_group(
     group: &[Coefficients],
     directions: &Directions,

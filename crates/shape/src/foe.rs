@@ -1,13 +1,13 @@
 //! Finds the frame of a surface's first-order ellipsoid.
 //!
-//! C. Brechbuehler, G. Gerig and O. Kuebler, "Parametrization of closed surfaces for 3-D shape description", Computer
-//! Vision and Image Understanding 61 (1995). The rows of degree 1 are a linear map from directions to space, `F = U S
-//! V^T`, whose image is an ellipsoid. In its frame, `R = V^T` and `Q = U^T`, the map is diagonal: the longest axis of
-//! the ellipsoid is x, the shortest z, in space and in the parameters. R and Q are rotations; if F mirrors, the third
-//! diagonal element is negative.
+//! The method is described by C. Brechbuehler, G. Gerig and O. Kuebler, "Parametrization of closed surfaces for 3-D
+//! shape description", Computer Vision and Image Understanding 61 (1995). The rows of degree 1 define a linear map from
+//! directions to space, `F = U S V^T`, whose image is an ellipsoid. Rotating the parameters by `R = V^T` and space by
+//! `Q = U^T` makes the map diagonal: x becomes the longest axis of the ellipsoid and z the shortest, both in space and
+//! in the parameters. R and Q are rotations; if F mirrors, the third diagonal element is negative.
 //!
 //! The frame is determined only up to half turns about the axes, the same in the parameters and in space. It is
-//! undetermined if two of the singular values are equal. Half turns are chosen by the sign of the surface's skewness
+//! undetermined if two of the singular values are equal. The half turn is chosen by the signs of the surface's skewness
 //! along x and y, `int f_c^3 du`, so that the frame rotates with the surface.
 
 use ndarray::Array2;
@@ -39,11 +39,12 @@ pub struct EllipsoidFrame {
 }
 
 impl EllipsoidFrame {
-    /// Finds the frame. For a surface without degree 1 the frame is the identity.
+    /// Finds the frame of a surface. For a surface without degree 1, the frame is the identity.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotASurface`], [`ShapeError::NotFinite`].
+    /// [`ShapeError::NotASurface`] if the coefficients don't have three columns; [`ShapeError::NotFinite`] if a
+    /// coefficient is NaN or infinite.
     pub fn of(coefficients: &Coefficients) -> Result<Self, ShapeError> {
         surface(coefficients)?;
         let (u, values, v) = proper(coefficients);
@@ -71,7 +72,8 @@ impl EllipsoidFrame {
     }
 }
 
-/// Returns U, the singular values and V of the rows of degree 1, with U and V proper rotations.
+/// Returns U, the singular values and V of the degree 1 rows, where U and V are rotations, so that the last singular
+/// value may be negative.
 fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     let values = coefficients.values();
     if coefficients.max_degree() == 0 {
@@ -81,7 +83,7 @@ fn proper(coefficients: &Coefficients) -> (Matrix3, [f64; 3], Matrix3) {
     proper_of(|row, c| values[[row, c]])
 }
 
-/// Returns U, the singular values and V of the rows 1 to 3 that `values` returns, with U and V proper rotations.
+/// Returns U, the singular values and V of rows 1 to 3, whose elements `values` returns, where U and V are rotations.
 fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix3) {
     // The harmonics x, y and z have the orders 1, -1 and 0.
     let map: Matrix3 = std::array::from_fn(|c| [3, 1, 2].map(|row| values(row, c)));
@@ -95,7 +97,8 @@ fn proper_of(values: impl Fn(usize, usize) -> f64) -> (Matrix3, [f64; 3], Matrix
     (u, values, v)
 }
 
-/// Returns the four rotations of the parameters that align the axes of two surfaces' ellipsoids; surfaces are (K, 3).
+/// Returns the four rotations of the parameters that align the axes of the ellipsoids of two surfaces (K, 3), or none
+/// if a surface has no degree 1.
 pub(crate) fn common_axes(from: &[[f64; 3]], to: &[[f64; 3]]) -> Vec<Rotation> {
     if from.len() < 4 || to.len() < 4 {
         return Vec::new();

@@ -1,5 +1,5 @@
-//! Computes the differential geometry of a model: tangents, normal, fundamental forms, curvatures, exact from the
-//! coefficients.
+//! Computes the differential geometry of a model exactly from its coefficients: tangents, normal, fundamental forms and
+//! curvatures.
 //!
 //! With [`L_k`](crate::derivatives) and a tangent frame `e1 x e2 = u` of the sphere, held fixed,
 //!
@@ -16,11 +16,11 @@
 //!
 //! The principal curvatures are computed from the second form, with entries a, b, c, in an orthonormal basis of the
 //! tangent plane. Its discriminant `((a - c) / 2)^2 + b^2` has no cancellation at umbilics, unlike `H^2 - K`. If |N| is
-//! below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane; normal, forms and curvatures are
-//! then 0.
+//! below [`SINGULAR`] times `|X_1|^2 + |X_2|^2`, the surface has no tangent plane, and the normal, the second form and
+//! the curvatures are set to 0.
 //!
-//! Cost: ten syntheses of three columns, with 240 bytes of workspace per direction, for at most 2^18 to 2^21 directions
-//! at a time; the result has 168 bytes per direction.
+//! Cost: ten syntheses of three columns. At most 2^18 to 2^21 directions, depending on the degree, are evaluated at a
+//! time, with 240 bytes of workspace per direction; the result takes 168 bytes per direction.
 
 use ndarray::{Array2, Axis, Slice};
 use rayon::prelude::*;
@@ -45,7 +45,7 @@ const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
 pub struct LocalGeometry {
     /// Position X of the surface.
     pub position: Vec3,
-    /// Tangents `X_1` and `X_2`: the derivatives along the [frame](tangent_frame) of the direction.
+    /// Tangents `X_1` and `X_2`: the derivatives of the position along the two vectors of the [frame](tangent_frame).
     pub tangents: [Vec3; 2],
     /// Unit normal, outwards if the triangles of the sphere are counter-clockwise; 0 at singular points.
     pub normal: Vec3,
@@ -132,7 +132,7 @@ impl LocalGeometry {
     }
 }
 
-/// Returns a tangent frame (e1, e2) of the sphere at a unit vector u, orthonormal, `e1 x e2 = u`.
+/// Returns an orthonormal tangent frame (e1, e2) of the sphere at the unit vector u, with `e1 x e2 = u`.
 ///
 /// The method of T. Duff et al., "Building an orthonormal basis, revisited", JCGT 6 (2017), needs no case distinction
 /// and is accurate everywhere. The frame is discontinuous at the equator; no result here depends on its continuity.
@@ -145,13 +145,15 @@ pub fn tangent_frame(u: Vec3) -> [Vec3; 2] {
     [[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]]
 }
 
-/// Returns the geometry of the surface with the canonical coefficients `coefficients`, (K, 3), at `directions`, (n).
+/// Computes the geometry of the surface with the canonical coefficients `coefficients` (K, 3) at each of the
+/// directions.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
-/// The errors of [`extent`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// The errors of [`extent`]; [`ShapeError::Transform`] if the transform fails; [`ShapeError::Interrupted`] if the
+/// monitor cancels.
 pub fn local_geometry(
     coefficients: &Coefficients,
     directions: &Directions,
@@ -185,7 +187,8 @@ pub fn local_geometry(
     Ok(found)
 }
 
-/// Computes the geometry at the direction `u` from the vectors X, `L_k X` and the six `S_ij`, numbered 0 to 9.
+/// Computes the geometry at the direction `u` from ten vectors: `vector` returns X for 0, `L_k X` for 1 to 3, and the
+/// six `S_ij` for 4 to 9.
 fn at(u: Vec3, vector: impl Fn(usize) -> Vec3) -> LocalGeometry {
     let [e1, e2] = tangent_frame(u);
     let sum = |weights: [f64; 3]| {
@@ -217,8 +220,8 @@ pub(crate) fn side_by_side(arrays: &[Array2<f64>]) -> Array2<f64> {
     joined
 }
 
-/// Returns the number of directions evaluated together: large enough that planning the transform, whose cost depends on
-/// the degree alone, doesn't dominate the time, and small enough that memory stays bounded.
+/// Returns the number of directions to evaluate together. It is large enough that planning the transform, whose cost
+/// depends on the degree alone, doesn't dominate the time, and small enough to bound the memory.
 pub(crate) fn run_length(max_degree: usize) -> usize {
     (max_degree * max_degree).clamp(1 << 18, 1 << 21)
 }

@@ -7,7 +7,7 @@ use crate::refine::{Fit, Target};
 use crate::rotation::Rotation;
 use crate::transform::SQRT_4_PI;
 
-/// Pose of a member, in which it is aligned to the mean.
+/// Pose that aligns a member to the mean.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Pose {
     pub(crate) fit: Fit,
@@ -25,7 +25,7 @@ impl Pose {
 #[derive(Debug, Clone)]
 pub(crate) struct Member {
     pub(crate) pose: Pose,
-    /// Coefficients in the pose, (K, 3), with row 0 zero.
+    /// Coefficients (K, 3) in the pose, with row 0 set to zero.
     pub(crate) rows: Vec<[f64; 3]>,
 }
 
@@ -50,7 +50,7 @@ impl Member {
 #[derive(Debug)]
 pub(crate) struct Round {
     pub(crate) members: Vec<Member>,
-    /// Mean of the members' rows, (K, 3).
+    /// Mean (K, 3) of the members' rows.
     pub(crate) mean: Vec<[f64; 3]>,
     /// Root mean square distance of the members from their mean.
     pub(crate) spread: f64,
@@ -103,7 +103,7 @@ impl Round {
     }
 }
 
-/// Returns the mean of the members' rows, summed in their order.
+/// Returns the mean of the members' rows, which are added in the order of the members.
 pub(crate) fn mean_of(members: &[Member]) -> Vec<[f64; 3]> {
     let mut mean = vec![[0.0; 3]; members.first().map_or(0, |member| member.rows.len())];
     for member in members {
@@ -116,7 +116,7 @@ pub(crate) fn mean_of(members: &[Member]) -> Vec<[f64; 3]> {
     mean
 }
 
-/// Returns the root mean square distance of the members from a mean.
+/// Returns the root mean square distance of the members from `mean`.
 pub(crate) fn spread_of(members: &[Member], mean: &[[f64; 3]]) -> f64 {
     let total: f64 = members.iter().map(|member| square(&member.rows, mean)).sum();
     (total / members.len() as f64).sqrt() / SQRT_4_PI

@@ -2,32 +2,33 @@
 //! and three rotations about z.
 //!
 //! D. Pinchon and P. E. Hoggan, "Rotation matrices for real spherical harmonics: general rotations of atomic orbitals
-//! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, with J real, symmetric and `J^2 = 1`. From
-//! the [quarter](crate::quarter) of d^l(pi/2), with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`, `s_i = (-1)^floor(i/2)`, c_i
-//! = sqrt2 except c_0 = 1, and another factor -1 if i and k are both odd,
+//! in space-fixed axes", J. Phys. A 40 (2007): `D = Z(al) J Z(be) J Z(ga)`, where J is real and symmetric and `J^2 =
+//! 1`. J is computed from the [quarter](crate::quarter) of d^l(pi/2): with `w_{ik} = s_i s_k c_i c_k Delta_{ik}`,
+//! `s_i = (-1)^floor(i/2)`, c_i = sqrt2 except c_0 = 1, and another factor -1 in w_{ik} if i and k are both odd,
 //!
 //! ```text
 //! i + l even: cos'_i = sum over k with i + k even of w_{ik} cos_k,   sin'_i = - sum over i + k odd of w_{ik} cos_k
 //! i + l odd:  sin'_i = sum over k with i + k even of w_{ik} sin_k,   cos'_i =   sum over i + k odd of w_{ik} sin_k
 //! ```
 //!
-//! so that row i reads either cosines or sines. W rows of one parity are computed together, one per SIMD lane. The
-//! values of a row are used immediately and never stored: `(l+1)^2 (3 + 2c)` flops for c columns, not counting hidden
-//! rows, and O(l) memory. The quarter's symmetry could save half of the recurrence, but would require loading and
-//! storing the sums every few products.
+//! Each row i therefore reads either cosines or sines. W rows of one parity are computed together, one per SIMD lane.
+//! The values of a row are used immediately and never stored. Cost: `(l+1)^2 (3 + 2c)` flops for c columns, not
+//! counting hidden rows, and O(l) memory. Using the quarter's symmetry could save half of the recurrence, but would
+//! require loading and storing the sums every few products.
 
 use crate::quarter::{Quarter, rows, steps};
 use crate::row_sums::{WIDTH, row_sums};
 
-/// Coefficients of a degree by order, and workspace of the half turn J.
+/// Coefficients of one degree, by order, and buffers for the half turn J.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
-    /// Coefficients of cos(k phi) and of sin(k phi), (l + 1, columns) each; sin_0 is zero.
+    /// Coefficients (l + 1, columns) of cos(k phi).
     pub(crate) cos: Vec<f64>,
+    /// Coefficients (l + 1, columns) of sin(k phi); row 0 is zero.
     pub(crate) sin: Vec<f64>,
-    /// Inputs of the rows i by parity of i, (steps, columns), in ascending order of t = l - k, with zeros above l.
+    /// Inputs (steps, columns) of the rows i, by parity of i, in ascending order of t = l - k, padded with zeros.
     inputs: [Vec<f64>; 2],
-    /// Sums by parity of i and parity of t, (columns, rows) each.
+    /// Sums (columns, rows) for each parity of i and each parity of t.
     sums: [[Vec<f64>; 2]; 2],
 }
 

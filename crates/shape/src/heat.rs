@@ -7,9 +7,9 @@
 //! ```
 //!
 //! (M. K. Chung et al., "Weighted Fourier series representation and its application to quantifying the amount of gray
-//! matter", IEEE Trans. Med. Imaging 26 (2007), for the kernel; the formula of the width is exact for a Gaussian in the
-//! plane.) The kernel's full width at half maximum on the sphere is 1.0002 times the formula at s = 1e-3, 1.0017 times
-//! at 1e-2 and 1.017 times at 0.1. Degree 0, and with it the mean position, is unchanged. The width refers to the
+//! matter", IEEE Trans. Med. Imaging 26 (2007), for the kernel; the formula for the width is exact for a Gaussian in
+//! the plane.) The kernel's full width at half maximum on the sphere is 1.0002 times the formula at s = 1e-3, 1.0017
+//! times at 1e-2 and 1.017 times at 0.1. Degree 0, and with it the mean position, is unchanged. The width refers to the
 //! sphere of directions; in the surface's unit it varies with the area element, and is about `FWHM sqrt(area / (4
 //! pi))`.
 
@@ -31,7 +31,7 @@ impl HeatKernel {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Setting`]: s is negative or not finite.
+    /// [`ShapeError::Setting`] if s is negative or not finite.
     pub fn after(time: f64) -> Result<Self, ShapeError> {
         if !(time >= 0.0 && time.is_finite()) {
             let (name, expected) = ("the time of diffusion", "it must be finite and not negative");
@@ -44,7 +44,7 @@ impl HeatKernel {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Setting`]: the width is negative or not finite.
+    /// [`ShapeError::Setting`] if the width is negative or not finite.
     pub fn of_width(fwhm: f64) -> Result<Self, ShapeError> {
         if !(fwhm >= 0.0 && fwhm.is_finite()) {
             let (name, expected) = ("the full width at half maximum", "it must be finite and not negative");
@@ -72,7 +72,7 @@ impl HeatKernel {
         (-l * (l + 1.0) * self.time).exp()
     }
 
-    /// Returns coefficients, (K, c), of the functions smoothed by this kernel.
+    /// Returns the coefficients (K, c) of the functions after smoothing by this kernel.
     ///
     /// # Errors
     ///

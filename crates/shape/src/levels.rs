@@ -15,12 +15,12 @@ use std::f64::consts::PI;
 use crate::error::ShapeError;
 use crate::extent::finite;
 
-/// Returns the root mean square distance between coefficients, (K, c), and their truncations to degree d, for d from 0
-/// to L, in the model's unit: L + 1 values, of which the last is 0.
+/// Returns the root mean square distance between a model with coefficients (K, c) and its truncation to each degree
+/// from 0 to L, in the model's unit. The last of the L + 1 values is 0.
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`].
+/// [`ShapeError::NotFinite`] if a coefficient is NaN or infinite.
 pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
     finite(coefficients)?;
     let max_degree = coefficients.max_degree();
@@ -41,10 +41,11 @@ pub fn tails(coefficients: &Coefficients) -> Result<Vec<f64>, ShapeError> {
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`]; [`ShapeError::Setting`] if the tolerance is negative or NaN.
+/// [`ShapeError::NotFinite`] if a coefficient is NaN or infinite; [`ShapeError::Setting`] if the tolerance is negative
+/// or NaN.
 pub fn degree_within(coefficients: &Coefficients, tolerance: f64) -> Result<(usize, f64), ShapeError> {
     if tolerance.is_nan() || tolerance < 0.0 {
-        let (name, expected) = ("the tolerance", "it must be a distance from 0");
+        let (name, expected) = ("the tolerance", "it must be 0 or more");
         return Err(ShapeError::Setting { name, expected, found: tolerance.to_string() });
     }
     let tails = tails(coefficients)?;

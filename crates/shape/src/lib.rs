@@ -1,6 +1,7 @@
 //! Operations on spherical-harmonic surface models: rotation, alignment, statistics of groups, geometry, compression.
 //!
-//! Coefficients are (K, 3) arrays over the canonical basis, row `l^2 + l + m` (see `spharm_harmonics`); K = (L+1)^2.
+//! Coefficients are (K, 3) arrays over the canonical basis, with K = (L+1)^2; row `l^2 + l + m` has degree l and order
+//! m (see `spharm_harmonics`).
 //! The distance between two surfaces f and g with coefficients a and b is `|a - b| / sqrt(4 pi)`, the root mean square
 //! over the sphere of |f(u) - g(u)| by Parseval's identity; it is in the surface's unit of length.
 //!
@@ -22,7 +23,7 @@
 //! | [`heat`] | smoothing by the heat kernel |
 //! | [`mod@descriptors`] | power and singular values of each degree, which are invariant under rotations |
 //! | [`retrieval`] | search for the nearest models of a library |
-//! | [`levels`] | coarser levels of a model within a given distance |
+//! | [`levels`] | error of truncating a model to a lower degree |
 //! | [`even`] | directions that spread vertices evenly over the surface |
 //! | [`mod@extent`] | check whether coefficients describe a surface |
 //! | [`mod@singular_values`] | singular values of matrices with few columns, to full accuracy |
@@ -48,7 +49,7 @@
 //! use spharm_monitor::Silent;
 //! use spharm_shape::{MeasureParams, local_geometry, measure};
 //!
-//! // x, y and z of degree 1: an ellipsoid of semi-axes 3, 2 and 1.
+//! // An ellipsoid of semi-axes 3, 2 and 1, which has coefficients of degree 1 only.
 //! let unit = (4.0 * std::f64::consts::PI / 3.0).sqrt();
 //! let mut values = Array2::zeros((4, 3));
 //! (values[[3, 0]], values[[1, 1]], values[[2, 2]]) = (3.0 * unit, 2.0 * unit, unit);

@@ -10,7 +10,7 @@ use crate::error::ShapeError;
 /// Coefficients of a group, truncated to a common degree.
 #[derive(Debug, Clone)]
 pub struct CommonDegree {
-    /// Canonical coefficients of each member, (K, c).
+    /// Canonical coefficients (K, c) of each member.
     pub members: Vec<Coefficients>,
     /// The common degree L.
     pub degree: usize,
@@ -34,11 +34,12 @@ impl fmt::Display for DegreesDiffer {
     }
 }
 
-/// Truncates models to the degree `asked`; by default to the lowest of their degrees.
+/// Truncates models to the degree `asked`, or to the lowest of their degrees if `asked` is `None`.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for an empty group; [`ShapeError::DegreeAbove`]: a model's degree is below `asked`.
+/// [`ShapeError::TooFewMembers`] if the group is empty; [`ShapeError::DegreeAbove`] if a model's degree is below
+/// `asked`.
 pub fn to_common_degree(group: &[Coefficients], asked: Option<usize>) -> Result<CommonDegree, ShapeError> {
     let degrees = group.iter().map(Coefficients::max_degree);
     let (Some(lowest), Some(highest)) = (degrees.clone().min(), degrees.max()) else {
@@ -54,12 +55,12 @@ pub fn to_common_degree(group: &[Coefficients], asked: Option<usize>) -> Result<
     Ok(CommonDegree { members, degree, warning })
 }
 
-/// Returns the mean of models, (K, c), at the degree of the first model.
+/// Returns the mean (K, c) of models, up to the degree of the first model.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] for an empty group; [`ShapeError::Differ`]: a model's number of channels differs from
-/// the first model's, or its degree is lower.
+/// [`ShapeError::TooFewMembers`] if the group is empty; [`ShapeError::Differ`] if a model's number of channels differs
+/// from the first model's, or its degree is lower.
 pub fn mean(group: &[Coefficients]) -> Result<Coefficients, ShapeError> {
     let Some(first) = group.first() else { return Err(ShapeError::TooFewMembers { found: 0, least: 1 }) };
     let degree = first.max_degree();

@@ -1,22 +1,22 @@
 //! Computes area, volume and centroid of a model by Gauss-Legendre quadrature over the sphere.
 //!
-//! With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry), and n rings of 2n azimuths (`w_j pi / n`
-//! each):
+//! With the area vector `N = X_1 x X_2` of [`geometry`](crate::geometry), on a grid of n rings of 2n azimuths, where
+//! each direction of ring j has the weight `w = w_j pi / n`:
 //!
 //! ```text
 //! area = sum w |N|,    volume = 1/3 sum w X . N,    centroid = 1/(4 volume) sum w X (X . N)
 //! ```
 //!
-//! The formulas of volume and centroid follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`.
-//! Their integrands are polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1: volume and centroid
-//! are exact, except for rounding, from `n = 2L + 1` on. |N| isn't a polynomial: the area is computed on L + 1 rings
-//! (at least 8), then on twice as many and so on until it changes by less than a tolerance. The last change is
-//! reported. It estimates the error on the coarser of the last two grids, and is much larger than the error on the
-//! finer grid, whose area is returned.
+//! The formulas for volume and centroid follow from the divergence theorem, `div x = 3` and `div (x x_i) = 4 x_i`.
+//! Their integrands are polynomials of degree 3L and 4L, and n rings are exact to degree 2n - 1; volume and centroid
+//! are therefore exact, except for rounding, if `n` is at least `2L + 1`. |N| isn't a polynomial: the area is computed
+//! on L + 1 rings (at least 8), then on twice as many rings, and so on, until it changes by less than a tolerance. The
+//! last change is reported. It estimates the error on the coarser of the last two grids, and is much larger than the
+//! error on the finer grid, whose area is returned.
 //!
-//! Cost: four syntheses of three columns at 2 n^2 directions for each grid, 96 bytes per direction, for at most 2^18 to
-//! 2^21 directions at a time. Sums are added in the order of the rings: the result is bitwise the same on any number of
-//! threads.
+//! Cost: four syntheses of three columns at 2 n^2 directions for each grid. At most 2^18 to 2^21 directions, depending
+//! on the degree, are evaluated at a time, with 96 bytes per direction. Sums are added in the order of the rings, so
+//! the result is bitwise the same on any number of threads.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -32,16 +32,16 @@ use crate::error::ShapeError;
 use crate::extent::{Extent, extent};
 use crate::geometry::{run_length, side_by_side, tangent_frame};
 
-/// Fraction of the mean area element below which the map from the sphere is squeezed.
+/// Ratio of the area element to its mean below which the map from the sphere is regarded as squeezed.
 pub const SQUEEZED: f64 = 1e-3;
 
 /// Settings of [`measure`], which determine the convergence of the area.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeasureParams {
-    /// Largest relative change of the area from one grid to the next at which it has converged; default 1e-7.
+    /// Relative change of the area from one grid to the next up to which the area has converged; 1e-7 by default.
     pub tolerance: f64,
-    /// Maximum number of rings of a grid; default the larger of 1,024 and 2L + 2. A value below 2L + 2 is raised to
-    /// 2L + 2, and at least to 16.
+    /// Maximum number of rings of a grid; by default the larger of 1,024 and 2L + 2. A value below 16 or below 2L + 2
+    /// is raised to the larger of the two.
     pub most_rings: Option<usize>,
 }
 
@@ -79,7 +79,7 @@ pub struct Measures {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum MeasureWarning {
-    /// The area still changed by more than the tolerance between the finest grids.
+    /// The area still changed by more than the tolerance between the two finest grids.
     NotConverged {
         /// Relative change of the area.
         change: f64,
@@ -90,7 +90,7 @@ pub enum MeasureWarning {
     },
     /// The surface lies in a plane and has no inside.
     Flat,
-    /// The parameterisation is mirrored: normals along it point inwards.
+    /// The parameterisation is mirrored, so its normals point inwards.
     Inwards,
     /// The area element is below [`SQUEEZED`] times its mean on part of the sphere.
     Squeezed {
@@ -104,13 +104,13 @@ impl fmt::Display for MeasureWarning {
         match self {
             Self::NotConverged { change, tolerance, rings } => write!(
                 f,
-                "the area did not converge: the relative change on the finest grid, of {rings} rings, was \
-                 {change:.1e}, the requested tolerance {tolerance:.1e}"
+                "the area did not converge: its relative change was {change:.1e} on the finest grid ({rings} rings), \
+                 but the tolerance is {tolerance:.1e}"
             ),
             Self::Flat => f.write_str("the surface lies in a plane and encloses no volume"),
             Self::Inwards => f.write_str(
-                "the parameterization is mirrored, so that normals point inward; normals and curvatures are reported \
-                 for outward normals",
+                "the parameterisation is mirrored, so that its normals point inwards; outward normals are reported, \
+                 and curvatures are computed with them",
             ),
             Self::Squeezed { part } => write!(
                 f,
@@ -122,11 +122,12 @@ impl fmt::Display for MeasureWarning {
     }
 }
 
-/// Returns area, volume and centroid of the surface with the canonical coefficients `coefficients`, (K, 3).
+/// Computes area, volume and centroid of the surface with the canonical coefficients `coefficients` (K, 3).
 ///
 /// # Errors
 ///
-/// The errors of [`extent`], [`ShapeError::Setting`], [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// The errors of [`extent`]; [`ShapeError::Setting`] if the tolerance isn't finite and positive;
+/// [`ShapeError::Transform`] if the transform fails; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn measure(
     coefficients: &Coefficients,
     params: &MeasureParams,
@@ -230,7 +231,8 @@ impl Columns {
             .collect())
     }
 
-    /// Returns the sums over the grid of `rings` rings; area elements below `small` are treated as squeezed.
+    /// Returns the sums over the grid of `rings` rings; directions whose area element is below `small` count as
+    /// squeezed.
     fn sums(&self, rings: usize, small: f64, monitor: &dyn Monitor) -> Result<Sums, ShapeError> {
         let grid = Grid::new(rings);
         monitor.begin(Stage::counted("quadrature", "rings"), rings as u64);

@@ -23,15 +23,15 @@ impl GroupSizes {
         (self.models as u64).saturating_mul(of_model as u64)
     }
 
-    /// Returns the number of bytes of the group's coefficients and of their copies at a common degree, `16 n K c`.
+    /// Returns the number of bytes for the group's coefficients and for their copies at a common degree, `16 n K c`.
     #[must_use]
     pub fn coefficients(self) -> u64 {
         self.values().saturating_mul(16)
     }
 
-    /// Returns the number of bytes for aligning the group, in addition to the coefficients: `96 n K` for the members
-    /// in their poses, per thread the larger of [`align_bytes`] and a surface with its search tree, and the surfaces
-    /// of the mean and of one member.
+    /// Returns the number of bytes for aligning the group, in addition to the coefficients: `96 n K` for the members in
+    /// their poses, the surfaces of the mean and of one member, and in each thread the larger of [`align_bytes`] and
+    /// the memory of a surface with its search tree.
     #[must_use]
     pub fn procrustes(self, threads: usize) -> u64 {
         let members = (96 * self.models as u64).saturating_mul(basis_size(self.max_degree) as u64);
@@ -41,9 +41,10 @@ impl GroupSizes {
         members.saturating_add(of_thread.saturating_mul(threads as u64)).saturating_add(2 * surface)
     }
 
-    /// Returns the number of bytes for the modes of the group, in addition to the coefficients: `40 n K c + 64 n^2`
-    /// for members as columns, their singular vectors and modes, and the workspace of the decomposition. The quality
-    /// by `samples` random shapes adds `24 n^2` per thread for leave-one-out scores, and `8 n` per shape.
+    /// Returns the number of bytes for the modes of the group, in addition to the coefficients: `40 n K c + 64 n^2` for
+    /// members as columns, their singular vectors and modes, and the workspace of the decomposition. Computing the
+    /// quality with `samples` random shapes adds `24 n^2` for leave-one-out scores, once and in each thread, and `8 n`
+    /// per shape.
     #[must_use]
     pub fn modes(self, samples: usize, threads: usize) -> u64 {
         let n = self.models as u64;
@@ -54,10 +55,13 @@ impl GroupSizes {
     }
 
     /// Returns the number of bytes for the quality of `modes` modes, m, at `directions` directions, V, in addition to
-    /// the coefficients: `48 n V` for the members as points, twice, and `360 n V` for their search trees; `64 n^2`
-    /// for inner products, and `48 n^2` per thread for decompositions; `1600 n m` for the nearest shapes of 200
-    /// members and `40 m` per random shape, both for the group and for each thread of a draw; and the transform of a
-    /// member and landmarks, at four times as many directions.
+    /// the coefficients:
+    ///
+    /// - `48 n V` for two copies of the members' points, and `360 n V` for their search trees;
+    /// - `64 n^2` for inner products, and `48 n^2` per thread for decompositions;
+    /// - `1600 n m` for the nearest shapes of 200 members, and `40 m` per random shape, both for the group and for a
+    ///   bootstrap draw in each thread;
+    /// - in each thread, the transform of a member at four times as many directions, as for landmarks.
     #[must_use]
     pub fn quality(self, directions: u64, modes: usize, samples: usize, threads: usize) -> u64 {
         let (n, m) = (self.models as u64, (modes.min(self.models)) as u64);
@@ -72,10 +76,13 @@ impl GroupSizes {
             .saturating_add(evaluated.saturating_mul(threads as u64))
     }
 
-    /// Returns the number of bytes for a test at `vertices` vertices, V, with `relabellings` relabellings, in
-    /// addition to the coefficients: `32 n V d` for the samples of all models, d per vertex, and their residuals,
-    /// both twice for Welch's test and during their computation; the transform of one model; `8 V` per thread and 24
-    /// per relabelling; the geometry of the mean; and 1200 per vertex for maps and their table.
+    /// Returns the number of bytes for a test at `vertices` vertices, V, with `relabellings` relabellings, in addition
+    /// to the coefficients:
+    ///
+    /// - `32 n V d` for the samples of all models, with d components per vertex, and for their residuals, with a second
+    ///   copy of both for Welch's test and during the computation;
+    /// - `8 V` per thread, 24 per relabelling, and 1200 per vertex for maps and their table;
+    /// - the larger of the transform of one model and the geometry of the mean.
     #[must_use]
     pub fn test(self, vertices: u64, components: usize, relabellings: usize, threads: usize) -> u64 {
         let of_models = (32 * (self.models * components) as u64).saturating_mul(vertices);
@@ -87,8 +94,8 @@ impl GroupSizes {
     }
 }
 
-/// Returns the number of bytes for the statistics of regions in a test at `vertices` vertices: maps of a batch of
-/// relabellings and a forest per thread, and the graph of the surface.
+/// Returns the number of bytes for the statistics of regions in a test at `vertices` vertices: in each thread the maps
+/// of a batch of relabellings and a forest, and in total the graph of the surface.
 #[must_use]
 pub fn regions_bytes(vertices: u64, threads: usize) -> u64 {
     vertices.saturating_mul((64 * 8 + 72) * threads as u64 + 200)

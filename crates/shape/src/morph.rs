@@ -4,8 +4,8 @@
 //! parameters and a similarity of space. The shape, without row 0, is interpolated linearly, `(1 - t) T a + t b`. If
 //! the pose of the first surface is kept, poses are interpolated along the shortest path: the rotation in space at a
 //! constant angular speed (K. Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985), the scale
-//! geometrically and the position linearly. So a path between two surfaces that differ only in pose doesn't deform
-//! them. If surfaces don't correspond well, the shape at t = 1/2 has a small volume: see [`volume_ratio`].
+//! geometrically and the position linearly. A path between two surfaces that differ only in pose therefore doesn't
+//! deform them. If surfaces don't correspond well, the shape at t = 1/2 has a small volume: see [`volume_ratio`].
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::Monitor;
@@ -15,8 +15,8 @@ use crate::matrix3::transposed;
 use crate::transform::{SQRT_4_PI, Similarity, transform_object};
 use crate::{MeasureParams, Rotation, ShapeError, measure};
 
-/// Minimum volume at t = 1/2, as a fraction of the smaller volume of the two ends: below it the surfaces don't
-/// correspond.
+/// Minimum volume at t = 1/2, as a fraction of the smaller of the two ends' volumes. If the volume is below it, the
+/// surfaces don't correspond.
 pub const LEAST_VOLUME: f64 = 0.8;
 
 /// A path between two surfaces of one degree.
@@ -33,8 +33,8 @@ pub struct Morph {
 }
 
 impl Morph {
-    /// Aligns `from` to `to` and creates the path between them, at the lower of the two degrees. If `keep_pose`, the
-    /// path starts at the pose of `from`; otherwise the whole path is in the pose of `to`.
+    /// Aligns `from` to `to` and creates the path between them, at the lower of the two degrees. If `keep_pose` is set,
+    /// the path starts at the pose of `from`; otherwise the whole path is in the pose of `to`.
     ///
     /// # Errors
     ///
@@ -51,9 +51,9 @@ impl Morph {
         let pose = alignment.report.transform.similarity;
         if keep_pose && pose.mirrors() {
             return Err(ShapeError::Setting {
-                name: "the pose of a mirrored surface",
-                found: "impossible to keep".to_owned(),
-                expected: "no rotation turns a surface into its mirror image, so morph in the target's pose",
+                name: "the alignment",
+                found: "mirrored, so the pose can't be kept".to_owned(),
+                expected: "morph in the target's pose instead",
             });
         }
         let degree = alignment.coefficients.max_degree().min(to.max_degree());
@@ -65,7 +65,7 @@ impl Morph {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Setting`] for a t that isn't finite.
+    /// [`ShapeError::Setting`] if t isn't finite.
     pub fn at(&self, t: f64) -> Result<Coefficients, ShapeError> {
         if !t.is_finite() {
             let found = t.to_string();
@@ -75,7 +75,7 @@ impl Morph {
         if !self.keep_pose {
             return Ok(shape);
         }
-        // The pose at time t about the shape's centre c maps x to Q(t)^T (x - c) s(t) + c'(t).
+        // At time t, the pose maps x to Q(t)^T (x - c) / s(t) + c'(t), where c is the shape's centre.
         let rotation = Rotation::from_matrix(self.pose.orthogonal)?;
         let part = portion(&rotation, 1.0 - t)?;
         let scale = self.pose.scale.powf(1.0 - t);
@@ -114,7 +114,7 @@ fn portion(rotation: &Rotation, share: f64) -> Result<Rotation, ShapeError> {
     Rotation::from_axis_angle(plus[longest], share * angle)
 }
 
-/// Returns the volume at t = 1/2 divided by the smaller volume of the two ends. If the ratio is below
+/// Returns the volume at t = 1/2 divided by the smaller of the two ends' volumes. If the ratio is below
 /// [`LEAST_VOLUME`], the surfaces don't correspond.
 ///
 /// # Errors

@@ -7,17 +7,17 @@
 //! z = (x - median) / s,  s = 1.4826 MAD
 //! ```
 //!
-//! MAD is the median of the distances from the median, and the factor 1.4826 makes s the standard deviation of
-//! normally distributed values. If more than half of the values are equal, s is 1.2533 times the mean distance from
-//! the median. (If all but one of seven or more values are equal, the remaining value is then an outlier.) B.
-//! Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
+//! MAD is the median absolute deviation, the median of the distances from the median, and the factor 1.4826 makes s the
+//! standard deviation of normally distributed values. If more than half of the values are equal, s is 1.2533 times the
+//! mean distance from the median. (If all but one of seven or more values are equal, the remaining value is then an
+//! outlier.) B. Iglewicz and D. Hoaglin, "How to Detect and Handle Outliers" (1993).
 
 use std::collections::HashMap;
 
 use spharm_harmonics::Coefficients;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-/// The robust z above which a value is an outlier.
+/// Absolute robust z above which a value is an outlier.
 pub const FAR: f64 = 3.5;
 /// Minimum number of values for which outliers are reported.
 pub const LEAST: usize = 5;
@@ -46,7 +46,8 @@ pub fn robust_z(values: &[f64]) -> Vec<f64> {
     values.iter().map(z).collect()
 }
 
-/// Returns the values whose robust z is above [`FAR`], the farthest first; none for fewer than [`LEAST`] values.
+/// Returns the values whose robust z is above [`FAR`] in absolute value, the farthest first; none for fewer than
+/// [`LEAST`] values.
 #[must_use]
 pub fn outliers(values: &[f64]) -> Vec<Outlier> {
     if values.len() < LEAST {
@@ -71,11 +72,12 @@ pub struct Influence {
     pub share: f64,
 }
 
-/// Level of Grubbs' test: a largest score that is less probable than this is an outlier.
+/// Significance level of Grubbs' test: the most extreme score is an outlier if it is less probable than this.
 const IMPROBABLE: f64 = 1e-3;
 
-/// Returns the member, if any, that dominates the mode with these scores, one per member: without it the variance of
-/// the scores falls by more than half, and its score is an outlier by Grubbs' test at the level 0.001.
+/// Returns the member, if any, that dominates a mode, given the scores of all members along the mode: without this
+/// member the variance of the scores falls by more than half, and its score is an outlier by Grubbs' test at the level
+/// 0.001.
 ///
 /// F. Grubbs, "Procedures for Detecting Outlying Observations in Samples", Technometrics 11 (1969).
 #[must_use]

@@ -1,10 +1,11 @@
 //! Searches the rotations of the parameters and of space jointly for a pair of surfaces.
 //!
-//! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q of a given
+//! Without row 0, `|Q R f - g|^2 = |f|^2 + |g|^2 - 2 tr Q^T M(R)` with `M_ij(R) = <g_i, R f_j>`. The best Q for a given
 //! R has a closed form ([`kabsch`](spharm_surface::kabsch)), so that a search over one [grid](crate::so3_grid) of R
-//! finds both rotations. Its best local maxima are [refined](mod@crate::refine), and so are the four rotations that
-//! give both surfaces' [first-order ellipsoids](crate::foe) the same axes: optima that are half turns apart may be
-//! nearly equal. If mirror images are allowed, Q may be a reflection, and f(-u) is searched in addition to f(u).
+//! finds both rotations. The best local maxima of the grid are [refined](mod@crate::refine). The four rotations that
+//! align the axes of both surfaces' [first-order ellipsoids](crate::foe) are refined too, because optima that are half
+//! turns apart may be nearly equal. If mirror images are allowed, Q may be a reflection, and f(-u) is searched in
+//! addition to f(u).
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, basis_size};
@@ -22,14 +23,14 @@ use spharm_surface::kabsch::svd;
 /// Coefficients of a surface without row 0, scaled to norm 1.
 #[derive(Debug, Clone)]
 pub(crate) struct Unit {
-    /// Coefficients, (K, 3), with row 0 zero.
+    /// Coefficients (K, 3), with row 0 set to zero.
     pub(crate) rows: Vec<[f64; 3]>,
     /// Norm before scaling; zero for a surface that is a point.
     pub(crate) norm: f64,
 }
 
 impl Unit {
-    /// Centres and scales finite coefficients, (K, 3), truncated to the degree `degree`.
+    /// Truncates finite coefficients (K, 3) to the degree `degree`, and centres and scales them.
     pub(crate) fn new(coefficients: &Coefficients, degree: usize) -> Self {
         let rows = coefficients.up_to(degree);
         let mut rows: Vec<[f64; 3]> = rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
@@ -65,17 +66,17 @@ impl Unit {
     }
 }
 
-/// Result of a search of all rotations.
+/// Result of a search over all rotations.
 #[derive(Debug, Clone)]
 pub(crate) struct Found {
     pub(crate) fit: Fit,
     pub(crate) antipodal: bool,
-    /// Distance |Q R f - g| reached from each start: first from the starts of the grid, in order of decreasing score,
-    /// then from the starts given by the ellipsoids.
+    /// Distance |Q R f - g| reached from each start: first from the starts that the grid gave, in order of decreasing
+    /// score, then from the starts that the ellipsoids gave.
     pub(crate) ends: Vec<f64>,
 }
 
-/// Tables shared by all searches at one degree, of `12 (L+1)^2 + 32/3 B^4` bytes.
+/// Tables shared by all searches at one degree, which take `12 (L+1)^2 + 32/3 B^4` bytes.
 pub(crate) struct Plan {
     pub(crate) rotator: Rotator,
     grid: So3Grid,
@@ -87,7 +88,7 @@ impl Plan {
         Self { rotator: Rotator::new(max_degree), grid: So3Grid::new(bandwidth), starts }
     }
 
-    /// Searches all rotations for the best alignment of a surface of norm 1.
+    /// Searches all rotations for the best alignment of the surface `f`, of norm 1, to the target.
     pub(crate) fn search(&self, f: &Unit, target: &Target, space: Space, monitor: &dyn Monitor) -> Found {
         let mut starts = self.starts_of(f, target, space, false);
         // The surface f(-u) is searched only if mirror images are allowed. In a known pose both surfaces are oriented

@@ -3,9 +3,9 @@
 //! Shapes are coefficients without row 0, which is the position. With the distance `|a - b| / sqrt(4 pi)` (see the
 //! [crate]) the variance of a group is `sum |a_i - mean|^2 / (4 pi (n - 1))`, in the square of the unit of length;
 //! modes are coefficients of norm `sqrt(4 pi)`, so that a shape at z standard deviations along mode k is `mean + z
-//! sqrt(variance_k) mode_k`. T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995).
-//! Measures of quality: M. A. Styner et al., "Evaluation of 3D correspondence methods for model building", IPMI 2003;
-//! see [`quality`].
+//! sqrt(variance_k) mode_k`. T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995). For
+//! measures of quality, see [`quality`] and M. A. Styner et al., "Evaluation of 3D correspondence methods for model
+//! building", IPMI 2003.
 //!
 //! Cost: a singular value decomposition of a (3 (K - 1), n) matrix, about `12 K n^2` flops. Memory: twice the group's
 //! coefficients.
@@ -24,26 +24,28 @@ const SPHERE: f64 = 4.0 * std::f64::consts::PI;
 /// Mean and modes of a group of models of one degree.
 #[derive(Debug, Clone)]
 pub struct Modes {
-    /// Mean of the group, (K, 3), with its position in row 0.
+    /// Mean (K, 3) of the group, with the position in row 0.
     pub mean: Array2<f64>,
-    /// Modes, (m, 3 (K - 1)), in order of decreasing variance: row-major coefficients without row 0, of norm
-    /// `sqrt(4 pi)`. The entry of a mode with the largest absolute value is positive.
+    /// Modes (m, 3 (K - 1)), in order of decreasing variance. Each mode is a row of coefficients without row 0,
+    /// row-major and of norm `sqrt(4 pi)`, whose entry of largest absolute value is positive.
     pub modes: Array2<f64>,
-    /// Variance along each mode, (m), in the square of the unit of length.
+    /// Variance (m) along each mode, in the square of the unit of length.
     pub variances: Vec<f64>,
-    /// Coordinates of the group's members along the modes, (n, m), in the unit of length.
+    /// Coordinates (n, m) of the group's members along the modes, in the unit of length.
     pub scores: Array2<f64>,
     /// Variance of the group along all n - 1 modes.
     pub total_variance: f64,
 }
 
 impl Modes {
-    /// Computes at most `most` modes of n >= 3 models of one degree, each (K, 3); n models have at most n - 1 modes.
+    /// Computes at most `most` modes of n models (K, 3) of one degree, where n is at least 3. There are at most n - 1
+    /// modes.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::TooFewMembers`] for fewer models, [`ShapeError::Degrees`] for models of different degrees or with
-    /// row 0 only, [`ShapeError::NotFiniteValue`], [`ShapeError::NoDecomposition`].
+    /// [`ShapeError::TooFewMembers`] if there are fewer than 3 models; [`ShapeError::Degrees`] if their degrees differ
+    /// or are 0; [`ShapeError::NotFiniteValue`] if a coefficient is NaN or infinite; [`ShapeError::Range`] if variances
+    /// would overflow; [`ShapeError::NoDecomposition`] if the singular value decomposition doesn't converge.
     pub fn new(group: &[ArrayView2<'_, f64>], most: usize) -> Result<Self, ShapeError> {
         let n = group.len();
         if n < 3 {
@@ -109,11 +111,12 @@ impl Modes {
         self.variances.len()
     }
 
-    /// Returns the shape at the given numbers of standard deviations along the first modes, (K, 3).
+    /// Returns the shape (K, 3) at the given numbers of standard deviations along the first modes.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Mode`] for more deviations than modes; [`ShapeError::NotFiniteValue`].
+    /// [`ShapeError::Mode`] if there are more deviations than modes; [`ShapeError::NotFiniteValue`] if a deviation is
+    /// NaN or infinite.
     pub fn shape(&self, deviations: &[f64]) -> Result<Array2<f64>, ShapeError> {
         if deviations.len() > self.count() {
             return Err(ShapeError::Mode { found: deviations.len(), modes: self.count() });
@@ -129,12 +132,13 @@ impl Modes {
         Ok(shape)
     }
 
-    /// Returns the coordinates of a model along the modes, (m), and its distance from the space spanned by the mean and
+    /// Returns the coordinates (m) of a model along the modes, and its distance from the space spanned by the mean and
     /// the modes, both in the unit of length.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Degrees`] for a model of another degree, [`ShapeError::NotFiniteValue`].
+    /// [`ShapeError::Degrees`] if the model has another degree; [`ShapeError::NotFiniteValue`] if a coefficient is NaN
+    /// or infinite.
     pub fn project(&self, model: ArrayView2<'_, f64>) -> Result<(Vec<f64>, f64), ShapeError> {
         if model.dim() != self.mean.dim() {
             return Err(ShapeError::Degrees { index: 0, expected: self.mean.nrows(), found: model.nrows() });
@@ -155,7 +159,7 @@ impl Modes {
         Ok((scores.iter().copied().collect(), (left / SPHERE).sqrt()))
     }
 
-    /// Returns the fraction of the group's variance along each mode, (m); 0 for a group without variance.
+    /// Returns the fraction of the group's variance along each of the m modes; 0 for a group without variance.
     pub fn shares(&self) -> Vec<f64> {
         let share = |variance: &f64| if self.total_variance > 0.0 { variance / self.total_variance } else { 0.0 };
         self.variances.iter().map(share).collect()

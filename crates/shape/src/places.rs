@@ -28,21 +28,22 @@ pub const MOST: usize = 64;
 const LEVELS: [u32; 2] = [4, 3];
 const ACCURACY: f64 = 1e-6;
 
-/// Returns whether all models are over one sphere: the keys of their sampling schemes are known and equal. Only then
-/// do equal directions correspond before an alignment. Returns false for no models.
+/// Returns whether all models are defined over the same sphere, given the keys of their sampling schemes: all keys must
+/// be known and equal. Only then do equal directions correspond before an alignment. Returns false if there are no
+/// models.
 #[must_use]
 pub fn one_key<'a>(keys: impl IntoIterator<Item = Option<&'a str>>) -> bool {
     let mut keys = keys.into_iter();
     keys.next().flatten().is_some_and(|first| keys.all(|key| key == Some(first)))
 }
 
-/// Checks a group of surfaces of one degree, (K, 3) each, that lie in one pose, registered or not. Returns `None` if
-/// the surfaces show no sign that equal directions don't correspond, or for fewer than two surfaces.
+/// Returns a warning if equal directions don't correspond in a group of surfaces (K, 3) of one degree. The surfaces
+/// must lie in one pose, whether registered or not. Returns `None` otherwise, and for fewer than two surfaces.
 ///
 /// # Errors
 ///
-/// [`ShapeError::Differ`] for members of lower degree than the first, [`ShapeError::Transform`],
-/// [`ShapeError::Interrupted`].
+/// [`ShapeError::Differ`] if a member's degree is below the first member's; [`ShapeError::Transform`] if the transform
+/// fails; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn places_differ(group: &[Coefficients], monitor: &dyn Monitor) -> Result<Option<SurfacePoseWarning>, ShapeError> {
     if group.len() < 2 {
         return Ok(None);
@@ -88,7 +89,7 @@ pub fn places_differ(group: &[Coefficients], monitor: &dyn Monitor) -> Result<Op
         (0..2).for_each(|i| sums[i] += found[i]);
     }
     let [rmsd, distance] = sums.map(|sum| (sum / taken as f64).sqrt());
-    let warning = SurfacePoseWarning::PlacesDiffer { rmsd, distance, from: "the most typical one" };
+    let warning = SurfacePoseWarning::PlacesDiffer { rmsd, distance, from: "the most typical member" };
     Ok((rmsd > FAR_FROM_A_MEMBER * distance).then_some(warning))
 }
 

@@ -1,18 +1,19 @@
 //! Checks whether the models of a group lie in one pose, as a mean, modes and tests require.
 //!
 //! The degree 1 rows of a surface, B (3 x 3), map a direction to its point on the first-order ellipsoid. If surfaces
-//! correspond, their B are similar. If surfaces are rotated in space or in the parameters, B becomes Q B R, and the
-//! matrices of different surfaces cancel each other in the sum. The sum is largest if all matrices have the same
-//! singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in descending order
+//! correspond, their matrices B are similar. If surfaces are rotated in space or in the parameters, B becomes Q B R,
+//! and the matrices of different surfaces cancel each other in the sum. The sum is largest if all matrices have the
+//! same singular vectors: `|sum Q_i B_i R_i| <= |sum s_i|`, with s_i the vectors of singular values in descending order
 //! (von Neumann's trace inequality). The ratio
 //!
 //! ```text
 //! |sum B_i| / |sum s_i|
 //! ```
 //!
-//! is 1 for surfaces in one pose, regardless of their sizes and shapes, and about 1 / sqrt(n) for n surfaces in
-//! random poses: 0.27 for 12 surfaces, 0.42 for 5 and 0.55 for 3, with an ellipsoid of axes 9, 5 and 3. The ratio
-//! needs no search. It can't detect half turns about the axes of the ellipsoid in both spaces, which leave B unchanged.
+//! is 1 for surfaces in one pose, regardless of their sizes and shapes, and about 1 / sqrt(n) for n surfaces in random
+//! poses: 0.27 for 12 surfaces, 0.42 for 5 and 0.55 for 3, with an ellipsoid of axes 9, 5 and 3. Computing the ratio
+//! requires no search. It can't detect half turns about the axes of the ellipsoid in both spaces, which leave B
+//! unchanged.
 
 use std::fmt;
 
@@ -28,13 +29,13 @@ const LEAST: f64 = 0.75;
 /// Warning that surfaces don't lie in one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PosesDiffer {
-    /// Fraction of the first-order ellipsoids that remains in their mean, without cancelling; 1 if all surfaces are
-    /// in one pose.
+    /// Fraction of the first-order ellipsoids' size that remains after averaging them; 1 if all surfaces are in one
+    /// pose.
     pub left: f64,
 }
 
 impl PosesDiffer {
-    /// Checks a group of surfaces, (K, 3) each. Returns `None` if they lie in one pose, or if degree 1 is inconclusive.
+    /// Checks a group of surfaces (K, 3). Returns `None` if they lie in one pose, or if degree 1 is inconclusive.
     #[must_use]
     pub fn of(group: &[Coefficients]) -> Option<Self> {
         let first_order = |surface: &Coefficients| -> Option<Matrix3> {
@@ -63,8 +64,9 @@ impl fmt::Display for PosesDiffer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "the surfaces are not aligned: averaging the first-order ellipsoids keeps {:.2} of the size, 1 would be \
-             perfect alignment; align the surfaces first, or fit them over one common sphere if their vertices correspond",
+            "the surfaces are not aligned: averaging the first-order ellipsoids keeps only {:.2} of their size (1 if \
+             perfectly aligned); align the surfaces first, or fit them over one common sphere if their vertices \
+             correspond",
             self.left
         )
     }

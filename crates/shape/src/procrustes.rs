@@ -12,7 +12,7 @@
 //! the [frame](crate::foe) of its first-order ellipsoid, so that the result doesn't depend on the poses of the input.
 //!
 //! Memory: `96 n (L+1)^2` bytes for n surfaces of degree L in addition to the input, 86 MB for n = 1,000 and L = 29.
-//! Each thread adds the memory of [`align`](mod@crate::align), and 0.6 MB with [`Method::Surfaces`]. Surfaces are
+//! Each thread needs the memory of [`align`](mod@crate::align), plus 0.6 MB with [`Method::Surfaces`]. Surfaces are
 //! aligned on all threads; sums are taken in the order of the members, so that the result doesn't depend on the number
 //! of threads.
 
@@ -52,8 +52,9 @@ const KEPT: usize = 64;
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] below three; [`ShapeError::Member`] with the error of one member;
-/// [`ShapeError::Setting`]; [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`] if there are fewer than three members; [`ShapeError::Member`] if a member isn't a
+/// valid surface; [`ShapeError::Setting`] if a setting is out of range, or the method is
+/// [`Method::FirstOrderEllipsoid`]; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn procrustes(
     members: &[Coefficients],
     params: &ProcrustesParams,
@@ -119,8 +120,8 @@ fn brought_together(
         let start = group.brought_to(template)?;
         let (round, rounds, change) = group.settle(start)?;
         ends.push(TemplateEnd { template, spread: round.spread, rounds });
-        // Spreads that agree within the tolerance are treated as equal, and the first start that reached the spread
-        // is kept.
+        // Spreads that agree within ten times the tolerance are treated as equal, and the first start that reached the
+        // spread is kept.
         let much = 10.0 * params.tolerance;
         if best.as_ref().is_none_or(|best| round.spread < best.spread * (1.0 - much)) {
             best = Some(round);
@@ -243,8 +244,8 @@ impl<'a> Group<'a> {
         }
     }
 
-    /// Refines every member once against the mean. If `anew`, also searches its pose anew, and keeps whichever pose
-    /// is nearer to the mean.
+    /// Refines the pose of every member once against the mean. If `anew` is set, also searches each pose anew, and
+    /// keeps whichever pose is nearer to the mean.
     fn to_mean(&self, round: &Round, anew: bool) -> Result<Round, ShapeError> {
         let target = round.target();
         let mirror = self.mirror;

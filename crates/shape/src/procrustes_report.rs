@@ -12,9 +12,9 @@ use crate::transform::Transform;
 /// Settings of a group's alignment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProcrustesParams {
-    /// Alignment of a surface to another: [`Method::Joint`](crate::Method::Joint),
-    /// [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters).
-    /// By default only 3 starts are refined per search, because every surface is searched several times.
+    /// Settings for aligning one surface to another. The method must be [`Method::Joint`](crate::Method::Joint),
+    /// [`Method::Surfaces`](crate::Method::Surfaces) or [`Method::FixedParameters`](crate::Method::FixedParameters). By
+    /// default only 3 starts are refined per search, because every surface is searched several times.
     pub align: AlignParams,
     /// Number of templates; by default all members in groups of up to 20, and 5 members in larger groups.
     pub templates: Option<usize>,
@@ -48,8 +48,9 @@ pub enum ProcrustesWarning {
         highest: usize,
     },
     /// A member's mirror image is nearer to the other members than the member itself, whereas the other members are
-    /// nearer unmirrored: the member may be from the other side. A mirrored member usually goes undetected if shapes
-    /// hardly differ from their mirror images, or differ more from each other, as five hippocampi do.
+    /// nearer unmirrored: the member may be from the other side. A mirrored member usually goes undetected if the
+    /// shapes hardly differ from their mirror images, or differ more from each other than from their mirror images, as
+    /// hippocampi do.
     Mirrored {
         /// Index of the member, from 0.
         member: usize,
@@ -62,13 +63,13 @@ pub enum ProcrustesWarning {
     /// The group mixes two sides, and its mean belongs to neither: matching mirror images reduces the spread by a fifth
     /// or more.
     Sides {
-        /// Indices of the members of the smaller side, from 0; if both sides have the same size, of the side without
-        /// the first member. Empty if the shapes don't show which members these are.
+        /// Indices of the members of the smaller side, from 0; if both sides have the same size, of the members of the
+        /// side without the first member. Empty if the shapes don't show which members these are.
         members: Vec<usize>,
         /// Number of members of the group.
         of: usize,
-        /// Spread of the group. If the surfaces determine the poses, the distance of the members of one side from the
-        /// typical member of the other side.
+        /// Spread of the group. If the surfaces determine the poses, the root mean square distance of the members of
+        /// one side from the typical member of the other side.
         spread: f64,
         /// The same spread or distance, with mirror images matched.
         mirrored: f64,
@@ -91,7 +92,8 @@ pub enum ProcrustesWarning {
         /// Index of the member, from 0.
         member: usize,
     },
-    /// The pose of a member's surface relative to the others, with [`Method::Surfaces`](crate::Method::Surfaces).
+    /// A warning about the pose of a member's surface relative to the others, for
+    /// [`Method::Surfaces`](crate::Method::Surfaces).
     Pose(GroupPoseWarning),
     /// The surfaces are farther from each other than the alignment suggests.
     Surfaces(SurfacePoseWarning),
@@ -122,8 +124,8 @@ impl ProcrustesWarning {
         match self {
             Self::Mirrored { rmsd, mirrored, .. } => {
                 format!(
-                    "its distance is {rmsd:.4}, but {mirrored:.4} as a mirror image: the member may be from the other \
-                     side"
+                    "its distance from the other members is {rmsd:.4}, but its mirror image's is {mirrored:.4}: the \
+                     member may be from the other side"
                 )
             }
             Self::Member { warning, .. } => warning.to_string(),
@@ -146,7 +148,7 @@ impl ProcrustesWarning {
         }
     }
 
-    /// Returns the warning's text with the names of members, of which a list contains at most 12.
+    /// Returns the warning's text, with members named by `name`. A list names at most 12 members.
     pub fn naming(&self, name: impl Fn(usize) -> String) -> String {
         const MOST: usize = 12;
         match (self, self.member()) {
@@ -189,8 +191,8 @@ impl fmt::Display for ProcrustesWarning {
             Self::NotConverged { change } => {
                 write!(
                     f,
-                    "the alignment did not converge within the maximum number of rounds: the last round reduced the \
-                     spread by a relative {change:.1e}"
+                    "the alignment did not converge within the maximum number of rounds: the last round still \
+                     reduced the spread by a fraction of {change:.1e}"
                 )
             }
         }
@@ -204,7 +206,7 @@ pub struct TemplateEnd {
     pub template: usize,
     /// Spread of the group at the end.
     pub spread: f64,
-    /// Number of rounds until the end.
+    /// Number of rounds of the alignment.
     pub rounds: usize,
 }
 
@@ -232,7 +234,7 @@ pub struct ProcrustesReport {
 pub struct Procrustes {
     /// Transform that aligns each member, at all its degrees, to the mean.
     pub transforms: Vec<Transform>,
-    /// The mean at the highest degree compared, (K, 3), centred.
+    /// Centred mean (K, 3), up to the highest degree compared.
     pub mean: Coefficients,
     /// Spreads, distances and warnings.
     pub report: ProcrustesReport,

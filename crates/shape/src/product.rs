@@ -7,10 +7,10 @@
 use ndarray::{Array2, ArrayView2};
 use spharm_linalg::{Accum, MatMut, MatRef, matmul};
 
-/// Number of columns of B per product, chosen such that they fit the L2 cache together with some dozens of rows of A.
+/// Number of columns of B per product, chosen such that they fit in the L2 cache together with a few dozen rows of A.
 pub(crate) const COLUMNS: usize = 768;
 
-/// Returns `A B`: (m, n) for (m, k) and (k, n). Arguments that aren't row-major are copied first.
+/// Returns the product `A B` (m, n) of A (m, k) and B (k, n). Arguments that aren't row-major are copied first.
 ///
 /// # Panics
 ///

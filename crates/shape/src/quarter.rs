@@ -1,7 +1,7 @@
 //! Computes the quarter `Delta_{i,k} = d^l_{i,k}(pi/2)`, `0 <= i, k <= l`, of Wigner's matrix, row by row.
 //!
 //! S. Trapani and J. Navaza, "Calculation of spherical harmonics and Wigner d functions by FFT", Acta Cryst. A62
-//! (2006), in the signs of the canonical basis:
+//! (2006), with the signs of the canonical basis:
 //!
 //! ```text
 //! Delta_{0,l}^2 = prod_{j=1..l} (2j-1)/(2j),   Delta_{i,l}^2 = Delta_{i-1,l}^2 (l-i+1)/(l+i)
@@ -9,11 +9,10 @@
 //! q = (l-k)(l+k+1),   k = l-1, ..., 0
 //! ```
 //!
-//! A row starts with its smallest values, as small as 2^-l, which grow until `i^2 + k^2 <= l^2` and then oscillate.
-//! The recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles would underflow at the
-//! start, and the values that grow from there would be wrong, by 27 % in a column's norm at degree 3,000. While a
-//! row's values are below 2^-80, the row is *hidden* and treated as zero. At degree 3,000 some rows start below
-//! 2^-3000.
+//! A row starts with its smallest values, as small as 2^-l, which grow until `i^2 + k^2 <= l^2` and then oscillate. The
+//! recurrence is stable in both parts. **Each row keeps its own exponent:** plain doubles would underflow at the start,
+//! and the values that grow from there would be wrong, by 27 % in a column's norm at degree 3,000. While a row's values
+//! are below 2^-80, the row is *hidden* and treated as zero. At degree 3,000 the last row starts at 2^-3000.
 //!
 //! Rows are independent, so several are computed together, one per SIMD lane. Cost: 3 flops per value; `O(l)` memory.
 
@@ -27,9 +26,9 @@ pub(crate) const LANES: usize = 8;
 /// Factor by which hidden values are scaled once or repeatedly for storage: 2^512.
 const HIDDEN_SCALE: f64 = f64::from_bits((1023 + 512) << 52);
 const HIDDEN_INVERSE: f64 = f64::from_bits((1023 - 512) << 52);
-/// Threshold above which a stored value is scaled down. A row is therefore accurate for values from 2^-120 on.
+/// Threshold above which a stored value is scaled down. A row is therefore accurate for values above 2^-120.
 const LARGE: f64 = f64::from_bits((1023 + 392) << 52);
-/// Threshold of a row's first value below which the row starts as hidden.
+/// Threshold below which a row's first value makes the row start as hidden: 2^-120.
 const SMALL: f64 = f64::from_bits((1023 - 120) << 52);
 
 /// Squares of the corner elements, `Delta_{0,l}^2`, for the degrees l from 0 to L.
@@ -55,9 +54,9 @@ impl Centre {
 pub(crate) struct Quarter {
     /// Degree l of the rows.
     pub(crate) degree: usize,
-    /// Factors `1/sqrt(q)` and `sqrt((l-k-1)(l+k+2)/q)` of the step from t to t + 1, zero from t = l on. The length
-    /// is a multiple of [`BLOCK`].
+    /// Factors `1/sqrt(q)` of the step from t to t + 1, zero from t = l on. The length is a multiple of [`BLOCK`].
     pub(crate) first: Vec<f64>,
+    /// Factors `sqrt((l-k-1)(l+k+2)/q)` of the step from t to t + 1, as many as `first` has.
     pub(crate) second: Vec<f64>,
     /// Stored values of `Delta_{i,l}` by parity p of i, for i = p, p + 2, ..., padded with zeros to a multiple of
     /// [`LANES`].
@@ -66,12 +65,12 @@ pub(crate) struct Quarter {
     pub(crate) exponents: [Vec<i32>; 2],
 }
 
-/// Returns the number of steps of a degree, rounded up to a multiple of [`BLOCK`].
+/// Returns the number of steps for a degree, rounded up to a multiple of [`BLOCK`].
 pub(crate) const fn steps(degree: usize) -> usize {
     (degree + 1).next_multiple_of(BLOCK)
 }
 
-/// Returns the number of rows of one parity, rounded up to a multiple of `width`.
+/// Returns the number of rows of one parity at a degree, rounded up to a multiple of `width`.
 pub(crate) const fn rows(degree: usize, parity: usize, width: usize) -> usize {
     ((degree + 2 - parity) / 2).next_multiple_of(width)
 }
@@ -115,11 +114,14 @@ impl Quarter {
     }
 }
 
-/// Classifies rows computed together: all, some or none of them are hidden.
+/// States how many of the rows that are computed together are hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hidden {
+    /// All rows are hidden.
     All,
+    /// Some rows are hidden, but not all.
     Some,
+    /// No row is hidden.
     None,
 }
 
@@ -128,8 +130,9 @@ pub(crate) enum Hidden {
 pub(crate) struct Rows<const W: usize> {
     /// Factor `-2i` of the recurrence for each row i.
     pub(crate) order: [f64; W],
-    /// Stored values at step t; `before` holds the values at step t - 1.
+    /// Stored values at step t.
     pub(crate) now: [f64; W],
+    /// Stored values at step t - 1.
     pub(crate) before: [f64; W],
     exponents: [i32; W],
 }
@@ -155,7 +158,7 @@ impl<const W: usize> Rows<W> {
         }
     }
 
-    /// Returns which rows are hidden.
+    /// Returns whether all, some or none of the rows are hidden.
     #[inline(always)]
     pub(crate) fn hidden(&self) -> Hidden {
         match self.exponents.iter().filter(|&&e| e > 0).count() {
@@ -184,8 +187,8 @@ impl<const W: usize> Rows<W> {
     }
 }
 
-/// Returns the quarter of a degree as an (l+1) x (l+1) matrix, row by row, of `8 (l+1)^2` bytes. It serves searches
-/// at low degrees, and as the reference in tests.
+/// Returns the quarter of a degree as an (l+1) x (l+1) matrix, row by row, of `8 (l+1)^2` bytes. It is used for
+/// searches at low degrees, and as the reference in tests.
 pub(crate) fn dense(degree: usize, centre: &Centre) -> Vec<f64> {
     let mut quarter = Quarter::default();
     quarter.set(degree, centre, LANES);

@@ -26,7 +26,7 @@ use spharm_surface::kabsch::{kabsch, svd};
 /// A surface to which other surfaces are aligned.
 #[derive(Debug)]
 pub(crate) struct Target {
-    /// Coefficients, (K, 3), with row 0 zero and norm 1.
+    /// Coefficients (K, 3) of norm 1, with row 0 set to zero.
     pub(crate) rows: Vec<[f64; 3]>,
     generators: [Vec<[f64; 3]>; 3],
 }
@@ -55,7 +55,8 @@ pub(crate) struct Fit {
 
 /// Maximum number of steps; about a dozen are typical.
 const STEPS: usize = 60;
-/// Length in radians of a step after which the refinement ends: the next step would be of the order of its square.
+/// The refinement ends after a step shorter than this, in radians, because the next step would be of the order of its
+/// square.
 const LAST: f64 = 1e-9;
 
 /// State of a refinement: a rotation, the rotated f, and its distance from the target.
@@ -93,8 +94,8 @@ impl Space {
     }
 }
 
-/// Refines a rotation of the surface `f`, (K, 3), of norm 1 and with row 0 zero. Stops early if the monitor is
-/// cancelled, which the caller has to check.
+/// Refines the alignment of the surface `f` to a target, starting from the rotation `start`. `f` is (K, 3) and has norm
+/// 1, with row 0 set to zero. Stops early if the monitor cancels, which the caller has to check.
 pub(crate) fn refine(
     rotator: &Rotator,
     f: &[[f64; 3]],
@@ -222,7 +223,7 @@ impl Model {
         model
     }
 
-    /// Holds Q fixed: removes its coupling and sets its gradient to zero.
+    /// Holds Q fixed: removes its coupling with R, and sets its part of the gradient to zero.
     fn hold_space(&mut self) {
         for j in 3..6 {
             self.gradient[j] = 0.0;

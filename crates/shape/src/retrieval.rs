@@ -7,8 +7,8 @@
 //! the same as after aligning every model, at the cost of aligning only a few.
 //!
 //! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library, so that high
-//! degrees, which are small, weigh as much as low ones. This metric recognises a shape among many if each degree is
-//! perturbed in proportion to its size. Its score isn't a distance between surfaces.
+//! degrees, whose singular values are small, weigh as much as low ones. This metric recognises a shape among many if
+//! each degree is perturbed in proportion to its size. Its score isn't a distance between surfaces.
 //!
 //! Cost: 6 L flops and 24 L bytes per model, 4 MB for 10,000 models at L = 15.
 
@@ -24,14 +24,14 @@ pub enum Metric {
     /// Distance between the singular values, in the models' unit: a lower bound of the distance between the surfaces.
     #[default]
     Distance,
-    /// Distance between the singular values, each divided by its standard deviation over the library; without unit.
+    /// Distance between the singular values, each divided by its standard deviation over the library; it has no unit.
     Standardized,
 }
 
 /// Descriptors of many models, all truncated to one degree.
 #[derive(Debug, Clone)]
 pub struct Library {
-    /// Singular values, (models, degrees times channels) row-major.
+    /// Singular values (models, degrees times channels), row-major.
     rows: Vec<f64>,
     /// Inverse of each column's standard deviation; 0 if the column is constant over all models.
     scales: Vec<f64>,
@@ -55,13 +55,13 @@ pub struct Match {
 }
 
 impl Library {
-    /// Creates a library from the descriptors of models, truncated to the lowest of their degrees. If `unit_size`,
-    /// models are first scaled to size 1.
+    /// Creates a library from the descriptors of models, truncated to the lowest of their degrees. If `unit_size` is
+    /// set, models are first scaled to size 1.
     ///
     /// # Errors
     ///
-    /// - [`ShapeError::Setting`]: there are no models, or a model has no degree above 0.
-    /// - [`ShapeError::Differ`]: a model's number of channels differs from the first model's.
+    /// - [`ShapeError::Setting`] if there are no models, or a model has no degree above 0.
+    /// - [`ShapeError::Differ`] if a model's number of channels differs from the first model's.
     pub fn new<'a>(models: impl IntoIterator<Item = &'a Descriptors>, unit_size: bool) -> Result<Self, ShapeError> {
         let models: Vec<&Descriptors> = models.into_iter().collect();
         let degree = models.iter().map(|model| model.max_degree()).min().unwrap_or(0);
@@ -104,7 +104,7 @@ impl Library {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`]: the query's degree is below the library's, or its number of channels differs.
+    /// [`ShapeError::Differ`] if the query's degree is below the library's, or its number of channels differs.
     pub fn nearest(&self, query: &Descriptors, count: usize, metric: Metric) -> Result<Vec<Match>, ShapeError> {
         let mut found = self.scores(query, metric)?;
         let count = count.min(found.len());
@@ -199,7 +199,7 @@ fn scales(rows: &[f64], width: usize) -> Vec<f64> {
         let squares = row.iter().zip(&means).map(|(value, mean)| (value - mean) * (value - mean) / models);
         variances.iter_mut().zip(squares).for_each(|(variance, square)| *variance += square);
     }
-    // Differences within rounding error carry no information.
+    // A deviation within rounding error carries no information.
     let scale = |(variance, mean): (&f64, &f64)| {
         let deviation = variance.sqrt();
         if deviation > 1e-12 * mean.abs() { 1.0 / deviation } else { 0.0 }
@@ -218,8 +218,8 @@ fn check_channels(expected: usize, model: &Descriptors) -> Result<(), ShapeError
     Err(ShapeError::Differ { what: "channels of a model", expected, found: model.channels })
 }
 
-/// Returns the singular values up to a degree. The scaling to unit size is by these degrees alone, so that all models
-/// are compared alike.
+/// Returns a model's singular values up to a degree. Scaling to unit size takes only these degrees into account, so
+/// that all models are compared alike.
 fn row(model: &Descriptors, degree: usize, unit_size: bool) -> Vec<f64> {
     let model = model.up_to(degree);
     if unit_size { model.unit_size().singular_values } else { model.singular_values }

@@ -5,9 +5,9 @@
 //! `D = Z(al) J Z(be) J Z(ga)`. Z(t) is the rotation about z, `a'_m = cos(mt) a_m - sin(mt) a_{-m}` for m of either
 //! sign, and J is the half turn about (y + z)/sqrt2. Rotations of space are in [`transform`](crate::transform).
 //!
-//! Cost: `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L and, in addition to the coefficients and the result,
-//! `48 (L+1)` bytes and `O(L)` in each thread. Degrees are independent of each other and their results don't depend
-//! on the number of threads. Errors are a few 1e-16 of the largest value at degree 100 and 1e-13 at 2,000, at which
+//! Cost: `(L+1)^3 (2 + 4c/3)` flops for c columns of degree L. Memory, in addition to the coefficients and the result:
+//! `48 (L+1)` bytes, and `O(L)` in each thread. Degrees are independent of each other and their results don't depend on
+//! the number of threads. Errors are a few 1e-16 of the largest value at degree 100, and 1e-13 at degree 2,000, where
 //! rounding of the rotation matrix's elements dominates.
 
 use ndarray::Array2;
@@ -22,11 +22,11 @@ use crate::quarter::{Centre, Quarter};
 use crate::rotation::Rotation;
 use crate::row_sums::{COLUMNS, WIDTH};
 
-/// Rotates functions on their sphere: `f'(u) = f(R^T u)`, for all columns, (K, c).
+/// Rotates functions on their sphere, `f'(u) = f(R^T u)`, given their coefficients (K, c).
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`]: a coefficient is NaN or infinite; [`ShapeError::Interrupted`].
+/// [`ShapeError::NotFinite`] if a coefficient is NaN or infinite; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn rotate_parameters(
     coefficients: &Coefficients,
     rotation: &Rotation,
@@ -74,7 +74,7 @@ impl Turns {
     }
 }
 
-/// Rotates the rows of one degree, (2l + 1, columns).
+/// Rotates the rows (2l + 1, columns) of one degree.
 fn rotate_degree(
     quarter: &Quarter,
     turns: &Turns,
@@ -117,7 +117,7 @@ fn rotate_degree(
 }
 
 /// Rotates coefficients up to a fixed degree repeatedly in one thread, and keeps the data that all rotations share,
-/// `8 (L+1)^2` bytes.
+/// which take `8 (L+1)^2` bytes.
 #[derive(Debug)]
 pub(crate) struct Rotator {
     quarters: Vec<Quarter>,
@@ -134,8 +134,8 @@ impl Rotator {
         Self { quarters: quarters.collect() }
     }
 
-    /// Rotates three columns, (K, 3), of at most the rotator's degree, and writes the result to `out`, which has the
-    /// same length.
+    /// Rotates coefficients (K, 3) of at most the rotator's degree, and writes the result to `out`, which has the same
+    /// length.
     pub(crate) fn rotate(
         &self,
         values: &[[f64; 3]],

@@ -47,7 +47,7 @@ impl Rotation {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: an element isn't finite, `R^T R` deviates from the identity by more than
+    /// [`ShapeError::NotARotation`] if an element isn't finite, `R^T R` deviates from the identity by more than
     /// [`ORTHOGONALITY_TOLERANCE`], or the matrix is a reflection.
     pub fn from_matrix(matrix: Matrix3) -> Result<Self, ShapeError> {
         let refuse = |problem: String| Err(ShapeError::NotARotation { problem });
@@ -74,11 +74,11 @@ impl Rotation {
         Self { matrix }
     }
 
-    /// Returns `Rz(alpha) Ry(beta) Rz(gamma)`, in radians.
+    /// Returns the rotation `Rz(alpha) Ry(beta) Rz(gamma)`, with angles in radians.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: an angle isn't finite.
+    /// [`ShapeError::NotARotation`] if an angle isn't finite.
     pub fn from_euler(alpha: f64, beta: f64, gamma: f64) -> Result<Self, ShapeError> {
         if ![alpha, beta, gamma].iter().all(|angle| angle.is_finite()) {
             let problem = format!("the Euler angles {alpha}, {beta}, {gamma} aren't all finite");
@@ -95,7 +95,7 @@ impl Rotation {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: the axis has length zero, or a value isn't finite.
+    /// [`ShapeError::NotARotation`] if the axis has length zero, or a value isn't finite.
     pub fn from_axis_angle(axis: [f64; 3], angle: f64) -> Result<Self, ShapeError> {
         // The axis is scaled first, so that no square overflows or underflows.
         let largest = axis.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
@@ -113,7 +113,7 @@ impl Rotation {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotARotation`]: the quaternion has length zero, or a value isn't finite.
+    /// [`ShapeError::NotARotation`] if the quaternion has length zero, or a value isn't finite.
     pub fn from_quaternion(quaternion: [f64; 4]) -> Result<Self, ShapeError> {
         let largest = quaternion.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
         if !(quaternion.iter().all(|v| v.is_finite()) && largest > 0.0) {
@@ -126,8 +126,8 @@ impl Rotation {
         Ok(Self::of_orthogonal(of_quaternion([w, x, y, z])))
     }
 
-    /// Returns a uniformly distributed rotation, from three numbers in [0, 1). After K. Shoemake, "Uniform random
-    /// rotations", Graphics Gems III (1992).
+    /// Returns a rotation that is uniformly distributed if the three numbers are uniform in [0, 1). The method is from
+    /// K. Shoemake, "Uniform random rotations", Graphics Gems III (1992).
     #[must_use]
     pub fn uniform(numbers: [f64; 3]) -> Self {
         let [a, b, c] = numbers.map(|v| if v.is_finite() { v } else { 0.0 });
@@ -219,7 +219,7 @@ impl Turn {
         Self { cos: x / length, sin: y / length }
     }
 
-    /// Returns the pairs (cos(m t), sin(m t)) of the angle t for m = 0..=L.
+    /// Returns the pairs (cos(m t), sin(m t)) of the angle t, for m from 0 to `max_degree`.
     pub(crate) fn multiples(self, max_degree: usize) -> Vec<[f64; 2]> {
         let (mut cos, mut sin) = (Number::new(1.0), Number::ZERO);
         let multiples = (0..=max_degree).map(|_| {

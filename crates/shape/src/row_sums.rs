@@ -21,7 +21,7 @@ pub(crate) const WIDTH: usize = 16;
 /// Sums by parity of t, for C columns and the rows processed together.
 type Sums<const C: usize> = [[[f64; WIDTH]; C]; 2];
 
-/// A run of steps: the factors of the recurrence, and the values of x, (steps, C).
+/// A run of steps: the factors of the recurrence, and the values (steps, C) of x.
 #[derive(Debug, Clone, Copy)]
 struct Steps<'a> {
     first: &'a [f64],
@@ -55,8 +55,8 @@ sums_for!(sums_1, 1);
 sums_for!(sums_2, 2);
 sums_for!(sums_3, 3);
 
-/// Computes all rows of a parity by `advance`, which advances the rows by some steps and adds their products to the
-/// sums.
+/// Computes all rows of a parity by calling `advance`, which advances the rows by a run of steps and adds their
+/// products to the sums.
 #[inline(always)]
 fn panels<const C: usize>(
     quarter: &Quarter,

@@ -3,15 +3,15 @@
 //! One-sided Jacobi rotations (M. R. Hestenes, J. SIAM 6 (1958)) make the columns orthogonal; their lengths are the
 //! singular values. Small singular values keep full accuracy, unlike the square roots of the eigenvalues of `A^T A`,
 //! which lose half of the digits (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13 (1992)). Cost: about 6 n c^2
-//! flops per sweep, 4 to 6 sweeps for three columns.
+//! flops per sweep; three columns take 4 to 6 sweeps.
 
 use ndarray::ArrayView2;
 
 /// Maximum number of sweeps, which is never reached; a matrix of three columns takes 4 to 6.
 const MOST_SWEEPS: usize = 60;
 
-/// Returns the singular values of a matrix, (n, c), largest first, (c); values beyond the matrix's rank are 0 to
-/// rounding error.
+/// Returns the c singular values of a matrix (n, c), largest first; values beyond the matrix's rank are 0 to rounding
+/// error.
 #[must_use]
 pub fn singular_values(matrix: ArrayView2<'_, f64>) -> Vec<f64> {
     let mut columns: Vec<Vec<f64>> = matrix.columns().into_iter().map(|column| column.to_vec()).collect();

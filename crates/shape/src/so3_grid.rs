@@ -5,13 +5,13 @@
 //! for each be
 //!
 //! ```text
-//! T_mm' = sum over l of conj(g_{lm,i}) f_{lm',j} d^l_mm'(be),   M_ij = sum over m, m' of T_mm' e^{-i m al} e^{-i m' ga}
+//! T_mm' = sum over l of conj(g_{lm,i}) f_{lm',j} d^l_mm'(be),  M_ij = sum over m, m' of T_mm' e^{-i m al} e^{-i m' ga}
 //! d^l_mm'(be) = sum over k of cos((m - m') pi/2 - k be) Delta_km Delta_km'
 //! ```
 //!
-//! with complex coefficients of Condon-Shortley phase. The grid has 2B values of al and of ga, from 0, and the B values
-//! `(k + 1/2) pi/B` of be. Cost: `O(B^4)` for the nine sums and `O(B^3 log B)` for their Fourier transforms; the table
-//! of d takes `32/3 B^4` bytes, and each thread `400 B^2`.
+//! with complex coefficients in the Condon-Shortley phase. The grid has 2B equally spaced values of al and of ga,
+//! starting at 0, and the B values `(k + 1/2) pi/B` of be. Cost: `O(B^4)` for the nine sums and `O(B^3 log B)` for
+//! their Fourier transforms; the table of d takes `32/3 B^4` bytes, and each thread takes `400 B^2` bytes.
 
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI};
 use std::sync::Arc;
@@ -36,7 +36,7 @@ fn score(m: &Matrix3, space: Space) -> f64 {
 /// The grid and its precomputed tables.
 pub(crate) struct So3Grid {
     bandwidth: usize,
-    /// Wigner's d matrices by be and degree, (2l + 1) x (2l + 1) each, by rows.
+    /// Wigner's d matrices by be and degree, each (2l + 1, 2l + 1) row by row.
     wigner: Vec<Vec<Vec<f64>>>,
     fft: Arc<dyn Fft<f64>>,
 }
@@ -108,7 +108,7 @@ impl So3Grid {
         Rotation::from_euler(a as f64 * step, (b as f64 + 0.5) * step, c as f64 * step).unwrap_or_default()
     }
 
-    /// Returns the matrices M for one value of be, (ga, al).
+    /// Returns the matrices M for one value of be, as a row-major array (ga, al).
     fn matrices(&self, at: usize, f: &[Vec<[Complex64; 3]>], g: &[Vec<[Complex64; 3]>]) -> Vec<Matrix3> {
         let n = 2 * self.bandwidth;
         let mut planes = vec![Complex64::ZERO; 9 * n * n];

@@ -17,14 +17,14 @@
 //! |---|---|
 //! | [`design`] | [`Design`], [`Contrast`]: the model and the hypothesis |
 //! | [`study`], [`terms`] | designs from tables of subjects |
-//! | `contrasts` | contrasts as text |
+//! | `contrasts` | parsing of contrasts |
 //! | [`linear`] | statistics, p values, effects and their confidence intervals at each vertex |
 //! | [`welch`] | two groups of unequal variance |
 //! | `variances` | warning about unequal variances |
 //! | `aspin_welch` | groups of observations with unequal variances, in any design |
 //! | [`blocks`] | observations that depend on each other |
 //! | [`spatial`] | TFCE and clusters |
-//! | [`permutation`] | family-wise p values by the largest statistic of relabelled studies |
+//! | [`permutation`] | family-wise p values, from the largest statistics of relabelled studies |
 //! | `resampling` | the choice between permutations of subjects and sign flips |
 //! | [`arrangements`] | relabellings, exhaustive or random |
 //! | `explained`, `welch_flips` | statistics of relabelled studies |
@@ -90,15 +90,15 @@ pub struct TestParams {
     pub permutations: Option<PermutationParams>,
     /// Whether two groups are tested by Welch's t or its `T^2` instead of the pooled statistic. Default: no.
     pub welch: bool,
-    /// Variance group of each subject, numbered from 0, (n). The statistic is then Aspin and Welch's v, or G for
-    /// several contrasts. Default: one group, with the pooled statistic.
+    /// Variance group of each subject (n), numbered from 0. The statistic is then Aspin and Welch's v, or G for several
+    /// contrasts. Default: one group, with the pooled statistic.
     pub variance_groups: Option<Vec<usize>>,
     /// Kind of relabelling, which implies an assumption about the errors. Default: permutations of subjects; sign
     /// flips for means, which permutations don't change, and for unequal variances.
     pub errors: Option<Resampling>,
     /// Exchangeability blocks, which restrict relabellings. Default: all subjects are exchangeable.
     pub blocks: Option<Blocks>,
-    /// Settings of statistics of regions. Default: none.
+    /// Settings of TFCE and clusters; `None` omits both. Default: `None`.
     pub spatial: Option<SpatialParams>,
     /// Coverage of the effect's confidence intervals, in (0, 1). Default: 0.95.
     pub confidence: f64,
@@ -126,11 +126,11 @@ impl Default for TestParams {
 pub struct Test {
     /// Kind of the statistic, with its degrees of freedom.
     pub kind: Statistic,
-    /// Statistic at each vertex, (V): signed t, F or `T^2`.
+    /// Statistic at each vertex (V): signed t, F or `T^2`.
     pub statistic: Vec<f64>,
-    /// Uncorrected two-sided p values by the statistic's distribution, (V).
+    /// Uncorrected two-sided p values (V), computed from the statistic's distribution.
     pub p: Vec<f64>,
-    /// False-discovery rates of Benjamini and Hochberg, from `p`, (V).
+    /// Adjusted p values or "q values" (V) by the method of Benjamini and Hochberg, computed from `p`.
     pub q: Vec<f64>,
     /// Family-wise p values, if relabellings were requested and change the statistics.
     pub family_wise: Option<FamilyWise>,
@@ -144,7 +144,7 @@ pub struct Test {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TestWarning {
-    /// At some vertices all subjects have equal values, or their components are linearly dependent.
+    /// At some vertices all subjects have equal values, or the components of the values are linearly dependent.
     #[error("{vertices} of {of} vertices have no variance: at these vertices the statistic is 0 and p is 1")]
     NoVariance {
         /// Number of vertices without variance.
@@ -153,7 +153,10 @@ pub enum TestWarning {
         of: usize,
     },
     /// Neither permutations of subjects nor sign flips change the statistics.
-    #[error("no family-wise p: neither permutations of subjects nor sign flips change the statistics of this contrast")]
+    #[error(
+        "family-wise p values are omitted: neither permutations of subjects nor sign flips change the statistics of \
+         this contrast"
+    )]
     NoRelabelling,
     /// Two groups differ in size and in variance.
     #[error(
@@ -194,11 +197,12 @@ pub enum TestWarning {
     },
 }
 
-/// Checks the design and the settings of a test before its values, d components per vertex, are available.
+/// Checks the design and the settings of a test before its values are available. `components` is the number of
+/// components per vertex, d.
 ///
 /// # Errors
 ///
-/// The errors of [`test`](fn@test) that depend neither on the values nor on the relabellings.
+/// Those errors of [`test`](fn@test) that depend neither on the values nor on the relabellings.
 pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &TestParams) -> Result<(), ShapeError> {
     linear::check_design(components, design, contrast, params)?;
     projection::Projection::new(design, contrast)?;
@@ -212,10 +216,19 @@ pub fn check(components: usize, design: &Design, contrast: &Contrast, params: &T
 ///
 /// # Errors
 ///
-/// [`ShapeError::Subjects`] if the number of subjects differs between values and design, or is too small for the
-/// statistic; [`ShapeError::NotFiniteValue`]; [`ShapeError::Contrast`] for a contrast that doesn't match the design's
-/// columns or isn't estimable; [`ShapeError::NotTwoGroups`] for Welch's t of anything but two groups;
-/// [`ShapeError::Interrupted`].
+/// - [`ShapeError::Subjects`] if the number of subjects differs between values, design, blocks and variance groups, or
+///   is too small for the statistic.
+/// - [`ShapeError::Components`] if the number of columns of `values` isn't a multiple of `components`.
+/// - [`ShapeError::NotFiniteValue`] if a value is NaN or infinite.
+/// - [`ShapeError::Contrast`] if the contrast doesn't match the design's columns, has weights that aren't finite or
+///   rows that are linearly dependent, or has several rows for values of several components.
+/// - [`ShapeError::NotTwoGroups`] if Welch's test is requested and the contrast isn't the difference between the two
+///   groups of a design without other columns.
+/// - [`ShapeError::VarianceGroup`] if the design leaves no degrees of freedom for the errors of a variance group.
+/// - [`ShapeError::FlippedRows`] and [`ShapeError::NoRelabelling`] if the requested relabellings aren't valid for the
+///   blocks, or leave the statistics unchanged.
+/// - [`ShapeError::Setting`] and [`ShapeError::Share`] if a setting is out of its range or contradicts another one.
+/// - [`ShapeError::Interrupted`] if the monitor cancels the test.
 pub fn test(
     values: ArrayView2<'_, f64>,
     components: usize,
@@ -259,8 +272,8 @@ pub fn test(
         let tested = (&model, &compared, &kind);
         family_wise = permutation::family_wise(values, components, tested, (asked, params), monitor)?;
         if let Some(clusters) = family_wise.as_mut().and_then(|found| found.clusters.as_mut()) {
-            // Cluster statistics are replaced by those of the map, which are computed in another way and differ in
-            // the last bits.
+            // The statistic of each cluster is replaced by the map's value at its peak, because the two are computed in
+            // different ways and differ in the last bits.
             clusters.clusters.iter_mut().for_each(|cluster| cluster.statistic = statistic[cluster.peak]);
         }
         match &family_wise {

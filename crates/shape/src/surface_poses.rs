@@ -1,9 +1,9 @@
 //! Checks whether the surfaces of an aligned group lie on each other, regardless of their parameters.
 //!
 //! An alignment compares surfaces at equal directions. If their maps to the sphere differ, the pose of smallest
-//! distance at equal directions may be wrong. Corresponding points of ten vertebrae aligned in this way were 4 to 65
-//! mm apart, but only 4 to 7 mm after a rigid motion. So the surfaces themselves are compared: points spread evenly
-//! over the area of each surface, and the nearest points of the other one. The distance
+//! distance at equal directions may be wrong. Corresponding points of ten vertebrae aligned in this way were 4 to 65 mm
+//! apart, but only 4 to 7 mm after a rigid motion. So the surfaces themselves are compared: points spread evenly over
+//! the area of each surface with the nearest points of the other one. The distance
 //!
 //! ```text
 //! d(A, B)^2 = (mean_p d(p, B)^2 + mean_q d(q, A)^2) / 2,  p on A, q on B
@@ -36,10 +36,11 @@ use crate::transform::{SQRT_4_PI, Similarity};
 
 /// Relative reduction of the distance by a rotation above which a pose is reported as wrong.
 pub const GAIN: f64 = 0.2;
-/// Maximum ratio of the members' distance from the mean at equal directions to the distance between the surfaces.
+/// Maximum ratio of the members' distance from the mean at equal directions to the distance between the surfaces. Above
+/// it, equal directions don't correspond.
 pub const FAR: f64 = 2.0;
-/// Maximum ratio of the distances from the typical member, at equal directions to between surfaces, as in [`FAR`]. A
-/// member's surface has more relief than the mean's: the ratio is 2.0 to 2.3 for surfaces whose coefficients differ
+/// Maximum ratio as in [`FAR`], for distances from the typical member instead of the mean. The limit is higher, because
+/// a member's surface has more relief than the mean's: the ratio is 2.0 to 2.3 for surfaces whose coefficients differ
 /// only by noise, and 2.1 for hippocampi.
 pub const FAR_FROM_A_MEMBER: f64 = 2.5;
 /// Distances of a group's surfaces from the surface of their mean.
@@ -82,7 +83,7 @@ pub enum SurfacePoseWarning {
 }
 
 impl SurfacePoseWarning {
-    /// Returns the text without the member's number.
+    /// Returns the warning's text, without the member's number.
     #[must_use]
     pub fn of_member(&self) -> String {
         match self {
@@ -102,16 +103,16 @@ impl fmt::Display for SurfacePoseWarning {
             Self::PlacesDiffer { rmsd, distance, from } => write!(
                 f,
                 "the distance of members from {from} is {rmsd:.4} at equal directions, but {distance:.4} between \
-                 surfaces: equal directions don't correspond, and modes and tests show differences of the maps to the \
-                 sphere"
+                 surfaces: equal directions don't correspond, so modes and tests reflect differences between the maps \
+                 to the sphere"
             ),
         }
     }
 }
 
-/// Compares the surfaces of members in the group's pose, (K, 3) each, with the surface of their mean. A member's
-/// degree must be at least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images,
-/// cause no warnings.
+/// Compares the surfaces of members (K, 3), in the group's pose, with the surface of their mean. A member's degree must
+/// be at least the mean's; higher degrees are ignored. Members in `except`, such as known mirror images, cause no
+/// warnings.
 ///
 /// # Panics
 ///
@@ -119,7 +120,7 @@ impl fmt::Display for SurfacePoseWarning {
 ///
 /// # Errors
 ///
-/// [`ShapeError::Transform`], [`ShapeError::Interrupted`].
+/// [`ShapeError::Transform`] if the transform fails; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn surface_poses(
     members: &[ArrayView2<'_, f64>],
     mean: &Coefficients,
@@ -162,14 +163,15 @@ pub fn surface_poses(
     let looks: Vec<Result<Look, ShapeError>> = alike.par_iter().map(look).collect();
     let looks = looks.into_iter().collect::<Result<Vec<_>, _>>()?;
     let mut warnings: Vec<SurfacePoseWarning> = looks.iter().filter_map(|look| look.turned).collect();
-    // If there are mirror images, the mean resembles no member, as with wrong poses, and isn't compared.
+    // If there are mirror images, the mean resembles no member, as with wrong poses, so members aren't compared with
+    // it.
     let of_all = except.is_empty().then(|| {
         let rmsd = (0..members.len()).map(|member| rmsd(row(member), of_mean));
         (root_mean_square(rmsd), root_mean_square(distances.iter().copied()), "their mean", FAR)
     });
     let rmsd = root_mean_square(looks.iter().map(|look| look.rmsd));
     let distance = root_mean_square(looks.iter().map(|look| look.distance));
-    let apart = [of_all, Some((rmsd, distance, "the most typical one", FAR_FROM_A_MEMBER))];
+    let apart = [of_all, Some((rmsd, distance, "the most typical member", FAR_FROM_A_MEMBER))];
     let places = apart.into_iter().flatten().find(|(rmsd, distance, _, far)| *rmsd > far * distance);
     warnings.extend(places.map(|(rmsd, distance, from, _)| SurfacePoseWarning::PlacesDiffer { rmsd, distance, from }));
     Ok(SurfacePoses { distances, warnings })

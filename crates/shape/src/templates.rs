@@ -1,11 +1,11 @@
 //! Chooses the members from which a group's alignment starts.
 //!
-//! A generalised Procrustes analysis has local optima, and its result depends on the template, the member to which
-//! all members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger
-//! groups the templates are the medoid, whose distances from the others have the smallest sum after one alignment,
-//! and four more members, evenly spaced in the order of these sums. In groups above 500 members distances are
-//! measured only from every second, third, ... member. For the distances, all members are aligned to the first
-//! member. Only for this reason does the choice of templates depend on the order of the members.
+//! A generalised Procrustes analysis has local optima, and its result depends on the template, the member to which all
+//! members are first aligned. In groups of up to [`ALL`] members each member is tried as a template. In larger groups
+//! the templates are the medoid, whose distances from the others have the smallest sum after one alignment, and four
+//! more members, evenly spaced in the order of these sums. In groups of more than 500 members, distances are measured
+//! only to every second, third, ... member. Before distances are measured, all members are aligned to the first member,
+//! so the choice of templates depends on the order of the members.
 
 use rayon::prelude::*;
 
@@ -13,8 +13,7 @@ use rayon::prelude::*;
 pub(crate) const ALL: usize = 20;
 /// Number of templates in a larger group.
 const FEW: usize = 5;
-/// Approximate maximum number of members from which distances are measured; distances from more members don't change
-/// the choice.
+/// Maximum number of members to which distances are measured; distances to more members don't change the choice.
 const ENOUGH: usize = 500;
 
 /// Returns the members to use as templates: all members of a small group, otherwise the medoid and some others.

@@ -16,7 +16,7 @@ use crate::extent::{finite, surface};
 use crate::rotate::rotate_parameters;
 use crate::rotation::Rotation;
 
-/// The coefficient in row 0 of the constant function 1, sqrt(4 pi).
+/// Coefficient of the constant function 1 in row 0: sqrt(4 pi).
 pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
 
 /// A transform of a surface: `f'(u) = scale Q f(R^T u) + translation`, or with f(-R^T u) if `antipodal`.
@@ -50,24 +50,25 @@ impl Transform {
         }
     }
 
-    /// Returns the transformed coefficients of a surface, (K, 3).
+    /// Returns the coefficients (K, 3) of a surface after the transform.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFinite`], [`ShapeError::NotASurface`], [`ShapeError::Interrupted`].
+    /// [`ShapeError::NotFinite`] if a coefficient is NaN or infinite; [`ShapeError::NotASurface`] if the coefficients
+    /// don't have three columns; [`ShapeError::Interrupted`] if the monitor cancels.
     pub fn apply(&self, coefficients: &Coefficients, monitor: &dyn Monitor) -> Result<Coefficients, ShapeError> {
         surface(coefficients)?;
         let turned = turn(coefficients, &self.rotation, self.antipodal, monitor)?;
         transform_object(&turned, &self.similarity)
     }
 
-    /// Applies the similarity in space to points, (n, 3), in the surface's unit, such as landmarks on the surface.
+    /// Applies the similarity in space to points (n, 3), such as landmarks, in the surface's unit.
     #[must_use]
     pub fn apply_points(&self, points: &[[f64; 3]]) -> Vec<[f64; 3]> {
         points.iter().map(|point| self.similarity.apply(*point)).collect()
     }
 
-    /// Applies the similarity in space to a mesh, see [`Similarity::apply_mesh`]. The rotation of the parameters has no
+    /// Applies the similarity in space to a mesh; see [`Similarity::apply_mesh`]. The rotation of the parameters has no
     /// effect, because a mesh has no parameters.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
@@ -97,7 +98,8 @@ impl Transform {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFinite`]; [`ShapeError::NotASurface`] if a signal is to be moved; [`ShapeError::Interrupted`].
+    /// [`ShapeError::NotFinite`] if a coefficient is NaN or infinite; [`ShapeError::NotASurface`] if a signal is to be
+    /// moved; [`ShapeError::Interrupted`] if the monitor cancels.
     pub fn apply_model(&self, model: &Model, monitor: &dyn Monitor) -> Result<Model, ShapeError> {
         let moves = self.similarity != Similarity::default();
         if moves && model.kind() != Kind::Surface {
@@ -138,11 +140,12 @@ impl Transform {
     }
 }
 
-/// Moves a surface, (K, 3): `f'(u) = scale Q f(u) + translation`.
+/// Moves a surface with coefficients (K, 3): `f'(u) = scale Q f(u) + translation`.
 ///
 /// # Errors
 ///
-/// [`ShapeError::NotFinite`], [`ShapeError::NotASurface`].
+/// [`ShapeError::NotFinite`] if a coefficient is NaN or infinite; [`ShapeError::NotASurface`] if the coefficients don't
+/// have three columns.
 pub fn transform_object(coefficients: &Coefficients, similarity: &Similarity) -> Result<Coefficients, ShapeError> {
     surface(coefficients)?;
     let mut values = coefficients.values().clone();
@@ -184,7 +187,7 @@ fn turn(
 ///
 /// # Errors
 ///
-/// [`ShapeError::Differ`].
+/// [`ShapeError::Differ`] if the degrees or the numbers of columns differ.
 pub fn rmsd(a: &Coefficients, b: &Coefficients) -> Result<f64, ShapeError> {
     let ((rows, columns), (other_rows, other_columns)) = (a.values().dim(), b.values().dim());
     for (what, expected, found) in [("coefficients", rows, other_rows), ("channels", columns, other_columns)] {

@@ -1,13 +1,13 @@
 //! The Cholesky factor of normal equations, computed once and used for any number of surfaces.
 //!
-//! G = A^T diag(w) A + P = C C^T with C lower triangular takes K^3 / 3 flops once, and then 2 K^2 for each right-hand
-//! side. G is read tile by tile from a [`GramMatrix`](crate::GramMatrix). C is stored in tiles, too, in memory
-//! ([`MemoryFactor`]) or in a store ([`StoredFactor`]). A factor that is larger than the budget is computed out of
-//! core: finished columns are read back from the unfinished file.
+//! The factorisation G = A^T diag(w) A + P = C C^T, with C lower triangular, takes K^3 / 3 flops once. Each right-hand
+//! side then takes 2 K^2 flops. G is read tile by tile from a [`GramMatrix`](crate::GramMatrix). C is stored in tiles,
+//! too, in memory ([`MemoryFactor`]) or in a store ([`StoredFactor`]). A factor that is larger than the budget is
+//! computed out of core: finished columns are read back from the unfinished file.
 //!
-//! An f32 factor needs half the space of an f64 factor, and half the time for solves that are bound by the bandwidth of
-//! memory. Its solves have a relative error of 6e-8 times the condition number of G: refine them with the operator, or
-//! use them as a preconditioner.
+//! An f32 factor needs half the space of an f64 factor, and half the time for solves that are bound by memory
+//! bandwidth. Its solves have a relative error of 6e-8 times the condition number of G: refine them with the operator,
+//! or use them as a preconditioner.
 //!
 //! | module | contents |
 //! |---|---|
@@ -50,8 +50,8 @@ pub trait CholeskyFactor: Sync {
     /// Returns the norm and the estimated condition number of G.
     fn condition(&self) -> Condition;
 
-    /// Solves G x = b for any number of columns: `x`, (K, c), is b on entry. The result is bit-identical for any number
-    /// of threads.
+    /// Solves G x = b for any number of columns: `x` (K, c) contains b on entry and the solution on return. The result
+    /// is bit-identical for any number of threads.
     ///
     /// # Errors
     ///
@@ -62,13 +62,14 @@ pub trait CholeskyFactor: Sync {
     /// If `x` doesn't have K rows.
     fn solve(&self, x: &mut Array2<f64>) -> Result<(), SolverError>;
 
-    /// Returns the diagonal of G^-1, (K): the squares of the coefficients' standard errors for data of variance 1.
-    /// Takes K^3 / 3 flops.
+    /// Returns the diagonal (K) of G^-1: the squares of the coefficients' standard errors for data of variance 1. Takes
+    /// K^3 / 3 flops.
     ///
     /// Reports one stage, `standard errors`, counted in columns, to the monitor.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Interrupted`], and an error if the factor can't be read or is damaged.
+    /// [`SolverError::Interrupted`] if the monitor cancels the computation, and an error if the factor can't be read or
+    /// is damaged.
     fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError>;
 }

@@ -1,5 +1,4 @@
-//! Arrays, (n, c), that are divided into the same chunks of rows as the basis: each chunk is contiguous and
-//! column-major.
+//! Arrays (n, c) that are divided into the same chunks of rows as the basis. Each chunk is contiguous and column-major.
 //!
 //! Targets are passed in this form, and are replaced by the residual in place. A chunk of the residual is then one
 //! slice that stays in the L1 cache while a chunk of the basis is processed, and disjoint runs of chunks can be
@@ -22,19 +21,19 @@ pub struct ChunkedRows {
 }
 
 impl ChunkedRows {
-    /// Creates an array of zeros, (rows, channels), in the operator's chunks of `chunk_rows` rows.
+    /// Creates an array (rows, channels) of zeros. `chunk_rows` must be the operator's number of rows per chunk.
     pub fn zeros(rows: usize, channels: usize, chunk_rows: usize) -> Self {
         Self { values: vec![0.0; rows * channels], rows, channels, chunk_rows }
     }
 
-    /// Copies an array, (rows, channels), into chunks of `chunk_rows` rows.
+    /// Copies an array (rows, channels) into chunks of `chunk_rows` rows.
     pub fn from_array(array: ArrayView2<'_, f64>, chunk_rows: usize) -> Self {
         let mut chunked = Self::zeros(array.nrows(), array.ncols(), chunk_rows);
         chunked.set_columns(0, array);
         chunked
     }
 
-    /// Copies `columns`, (rows, k), into the columns `first` to `first + k - 1`.
+    /// Copies `columns` (rows, k) into the columns `first` to `first + k - 1`.
     ///
     /// # Panics
     ///
@@ -66,7 +65,7 @@ impl ChunkedRows {
         array
     }
 
-    /// Returns chunk `chunk`, (rows, c) column-major.
+    /// Returns the values (rows, c) of chunk `chunk`, column-major.
     pub(crate) fn chunk(&self, chunk: usize) -> &[f64] {
         let start = chunk * self.chunk_rows * self.channels;
         &self.values[start..(start + self.chunk_rows * self.channels).min(self.values.len())]

@@ -3,9 +3,9 @@
 //! N. J. Higham, "FORTRAN codes for estimating the one-norm of a real or complex matrix, with applications to condition
 //! estimation", ACM Trans. Math. Softw. 14, 1988, algorithm 4.1: Hager's algorithm with Higham's safeguards. It
 //! computes a lower bound of ||G^-1||_1 that is rarely off by more than a factor of 3. The algorithm also needs
-//! products with the transpose; since G^-1 is symmetric, these are products with G^-1.
+//! products with the transpose; since G^-1 is symmetric, these are products with G^-1 as well.
 
-/// Estimates the 1-norm of a symmetric operator (K, K) that `apply` applies in place to vectors, (K).
+/// Estimates the 1-norm of a symmetric operator (K, K). `apply` replaces a vector (K) by its product with the operator.
 pub(crate) fn one_norm<E>(size: usize, apply: &mut dyn FnMut(&mut [f64]) -> Result<(), E>) -> Result<f64, E> {
     /// Higham's maximum number of iterations; more than 3 are hardly ever needed.
     const MOST: usize = 5;

@@ -1,7 +1,7 @@
 //! Operations on dense matrices, on the calling thread: for matrices too small for several threads, and for threads
 //! that each process their own matrices. [`threaded`](crate::threaded) processes large matrices on several threads.
 //!
-//! Matrices are column-major slices. The right-hand sides and solutions of a block, (k, c), are row-major, because they
+//! Matrices are column-major slices. The right-hand sides and solutions (k, c) of a block are row-major, because they
 //! are summed in that order.
 
 use spharm_harmonics::product::Matrix;
@@ -40,15 +40,15 @@ pub(crate) fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out:
     matmul(out, Accum::Add, view(block), MatRef::from_row_major_slice(x, k, c), sign);
 }
 
-/// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle; returns false if it
-/// isn't numerically positive definite.
+/// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle; returns false if the
+/// matrix isn't numerically positive definite.
 pub(crate) fn cholesky(matrix: &mut [f64], k: usize) -> bool {
     assert_eq!(matrix.len(), k * k, "matrix of order {k}");
     spharm_linalg::cholesky_in_place(MatMut::from_column_major_slice_mut(matrix, k, k)).is_ok()
 }
 
-/// Estimates the reciprocal condition number, in the 1-norm, of a matrix from its norm and its factor by [`cholesky`].
-/// Returns zero if the estimate isn't finite.
+/// Estimates the reciprocal condition number, in the 1-norm, of a matrix from the matrix's norm and its factor from
+/// [`cholesky`]. Returns zero if the estimate isn't finite.
 pub(crate) fn reciprocal_condition(norm: f64, factor: &[f64], k: usize) -> f64 {
     let inverse = condition::one_norm(k, &mut |x| {
         cholesky_solve(factor, k, x);
@@ -74,8 +74,8 @@ pub(crate) fn symmetric_norm(matrix: &[f64], k: usize) -> f64 {
     sums.into_iter().fold(0.0, |m, s| if s > m || s.is_nan() { s } else { m })
 }
 
-/// Solves with a factor from [`cholesky`]: `x`, (k, c) row-major, is the right-hand side on entry and the solution on
-/// return.
+/// Solves `C C^T x = b` with the factor C from [`cholesky`]: `x` (k, c), row-major, contains b on entry and the
+/// solution on return.
 pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
     assert!(factor.len() == k * k && x.len().is_multiple_of(k), "factor of order {k}");
     let factor = MatRef::from_column_major_slice(factor, k, k);
@@ -85,8 +85,8 @@ pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
     spharm_linalg::solve_upper(factor.transpose(), x);
 }
 
-/// Computes the triangular factor of a QR factorisation, in place: matrix (rows, columns) column-major. On return its
-/// first `min(rows, columns)` rows contain R, with zeros below the diagonal.
+/// Computes the triangular factor R of the QR factorisation of a matrix (rows, columns), column-major, in place. On
+/// return, the matrix's first `min(rows, columns)` rows contain R, with zeros below the diagonal.
 pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
     assert_eq!(matrix.len(), rows * columns, "matrix of {rows} x {columns}");
     spharm_linalg::triangularise(MatMut::from_column_major_slice_mut(matrix, rows, columns));

@@ -17,27 +17,27 @@ pub enum SolverError {
     /// The fast transforms could not be planned or computed.
     #[error(transparent)]
     Transform(#[from] spharm_transform::TransformError),
-    /// A memory budget that is too small for the fit.
+    /// The memory budget is too small for the fit.
     #[error("a memory budget of {} is too small; at least {} MiB are needed", size(*.budget), .needed.div_ceil(1 << 20))]
     Budget {
         /// The budget in bytes.
         budget: usize,
         /// The smallest sufficient budget in bytes.
         needed: usize,
-        /// Largest granularity of IRF whose plan fits the budget, if any.
+        /// Largest granularity of IRF for which the fit would stay within the budget, if any.
         granularity: Option<usize>,
     },
-    /// A limit on the process that a factor would exceed.
+    /// Computing a factor would exceed a limit of this process, such as the limit on data.
     #[error("this process's limit on {what} is {} MiB, but {} MiB are needed; raise the limit or use fewer threads", .limit >> 20, .needed.div_ceil(1 << 20))]
     Limit {
         /// Name of the limit.
         what: &'static str,
         /// Bytes allowed by the limit.
         limit: u64,
-        /// Bytes that the factor needs.
+        /// Bytes that the process would need with the factor.
         needed: u64,
     },
-    /// A parameter below its minimum, such as a granularity or a number of passes of zero.
+    /// A parameter is below its minimum, such as a granularity or a number of passes of zero.
     #[error("{what} must be at least {least}, found {found}")]
     TooSmall {
         /// Name of the parameter.
@@ -47,7 +47,7 @@ pub enum SolverError {
         /// Given value of the parameter.
         found: usize,
     },
-    /// A first block that ends above the highest degree.
+    /// The first block would end above the highest degree.
     #[error("the start degree {found} exceeds the highest degree of the fit, {max_degree}")]
     StartDegree {
         /// Requested last degree of the first block.
@@ -55,7 +55,7 @@ pub enum SolverError {
         /// Highest degree of the fit.
         max_degree: usize,
     },
-    /// A degree above the operator's highest degree.
+    /// A degree is above the operator's highest degree.
     #[error("degree {found} is above {max_degree}, the highest degree of the basis")]
     Degree {
         /// Requested degree.
@@ -63,7 +63,7 @@ pub enum SolverError {
         /// Highest degree of the basis.
         max_degree: usize,
     },
-    /// An array whose number of rows isn't the number of directions.
+    /// An array's number of rows isn't the number of directions.
     #[error("{what} has {found} rows, but the sampling scheme has {expected} directions")]
     Rows {
         /// Name of the array.
@@ -73,7 +73,7 @@ pub enum SolverError {
         /// Number of rows found.
         found: usize,
     },
-    /// Targets that contain a NaN or an infinity.
+    /// The targets contain a NaN or an infinity.
     #[error("column {column} of the targets has a NaN or infinite value at row {row}")]
     NotFinite {
         /// Row, counted from 0.
@@ -81,7 +81,7 @@ pub enum SolverError {
         /// Column, counted from 0.
         column: usize,
     },
-    /// A batch with more columns than planned.
+    /// A batch has more columns than planned.
     #[error("the batch has {found} columns, but the plan allows {planned}")]
     Channels {
         /// Number of columns planned.
@@ -89,7 +89,7 @@ pub enum SolverError {
         /// Number of columns of the targets.
         found: usize,
     },
-    /// Weights that are negative, not finite or all zero.
+    /// A weight is negative or not finite, or all weights are zero.
     #[error("weights must be finite, not negative and not all zero; row {row} has {found}")]
     Weight {
         /// Row, counted from 0.
@@ -97,7 +97,7 @@ pub enum SolverError {
         /// The row's weight.
         found: f64,
     },
-    /// A numerically singular block that is too wide for a rank-revealing solve within the budget.
+    /// A block is numerically singular and too wide for a rank-revealing solve within the budget.
     #[error("the block of degrees {first} to {last} is numerically singular on this sampling; solving it safely needs {} MiB of memory", .needed.div_ceil(1 << 20))]
     Singular {
         /// First degree of the block.
@@ -107,13 +107,13 @@ pub enum SolverError {
         /// The smallest sufficient budget in bytes.
         needed: usize,
     },
-    /// A smoothness that is negative or not finite.
+    /// The smoothness is negative or not finite.
     #[error("the smoothness must be finite and not negative, found {found}")]
     Smoothness {
         /// Given smoothness.
         found: f64,
     },
-    /// A degree whose penalty is negative or not finite.
+    /// The penalty of a degree is negative or not finite.
     #[error("the penalty of degree {degree} must be finite and not negative, found {found}")]
     Penalty {
         /// Degree whose penalty is invalid.
@@ -121,9 +121,10 @@ pub enum SolverError {
         /// Given penalty.
         found: f64,
     },
-    /// Too few samples to estimate the noise in addition to the coefficients.
+    /// There are too few samples to estimate the noise in addition to the coefficients.
     #[error(
-        "{rows} vertices for {columns} coefficients leave no residual to estimate the noise from; denoising needs more vertices than coefficients: choose a lower degree"
+        "denoising needs more vertices than coefficients, but there are {rows} vertices and {columns} coefficients; \
+         choose a lower degree"
     )]
     NoResidual {
         /// Number of vertices with nonzero weight.
@@ -132,9 +133,9 @@ pub enum SolverError {
         columns: usize,
     },
     /// A factor is needed, but neither a factor nor a Gram matrix to compute one is available.
-    #[error("this strategy needs the Gram matrix or a factor, but has neither")]
+    #[error("this method needs a Cholesky factor or a Gram matrix, but neither is available")]
     NoGram,
-    /// Sums over no samples, or only over samples of weight 0.
+    /// The sums include no samples, or only samples of weight 0.
     #[error("no sample has a positive weight (the sums are over {count} samples of total weight {weight})")]
     NoSamples {
         /// Number of samples with nonzero weight.
@@ -142,7 +143,7 @@ pub enum SolverError {
         /// Sum of the weights.
         weight: f64,
     },
-    /// Sums whose arrays don't match their degree or number of columns.
+    /// An array of the sums over the samples doesn't match the degree or the number of columns.
     #[error("sums over the samples: expected {expected} rows in {what}, found {found}")]
     Sums {
         /// Name of the array.
@@ -152,7 +153,7 @@ pub enum SolverError {
         /// Number of rows found.
         found: usize,
     },
-    /// Sums over samples that contain a NaN or an infinity.
+    /// The sums over the samples contain a NaN or an infinity.
     #[error("the sums over the samples contain NaN or infinite values; check the samples' values and weights")]
     SumsNotFinite,
     /// Standard errors can't be computed, because the samples don't determine the coefficients.
@@ -165,7 +166,7 @@ pub enum SolverError {
         /// Number of coefficients, K.
         columns: usize,
     },
-    /// A Gram matrix that isn't numerically positive definite, so that it has no Cholesky factor.
+    /// The Gram matrix isn't numerically positive definite, so it has no Cholesky factor.
     #[error(
         "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column} (degree {degree}). The sampling does not determine all coefficients of this and higher degrees; choose a lower degree, add a smoothness penalty, or use the minimum-norm solution"
     )]
@@ -188,7 +189,7 @@ pub enum SolverError {
     Interrupted(#[from] spharm_monitor::Interrupted),
 }
 
-/// Formats a size in MiB. A size below 1 MiB is shown in bytes: its unit was probably forgotten.
+/// Formats a size in MiB. A size below 1 MiB is shown in bytes, because the user has probably forgotten the unit.
 fn size(bytes: usize) -> String {
     if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }

@@ -1,10 +1,10 @@
-//! Gram matrices of samplings, computed tile by tile, from moments or other sources.
+//! Gram matrices of samplings, computed tile by tile from moments or from other sources.
 //!
-//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. The moments of the sampling give the same matrix in a
-//! time that doesn't depend on n (`spharm_transform::MomentGram`), with an error of 1e-13, the accuracy of the finest
-//! transform. In a first pass of iterative residual fitting this error causes a relative change of the msd of about
-//! 1e-10 (5e-10 on a cortex, 6e-10 on an irregular head, L = 100). Further passes correct it, since the residual is
-//! exact even if a step is slightly off.
+//! Summing `A^T W A` over the basis takes `n K (K + 1)` flops. From the moments of the sampling, the same matrix is
+//! computed in a time that doesn't depend on n (`spharm_transform::MomentGram`), with an error of 1e-13, the accuracy
+//! of the finest transform. In a first pass of iterative residual fitting this error causes a relative change of the
+//! msd of about 1e-10 (5e-10 on a cortex, 6e-10 on an irregular head, L = 100). Further passes correct it, since the
+//! residual is computed exactly even if a step is slightly inaccurate.
 //!
 //! A basis stored in f64 equals the harmonics of the moments up to rounding. A basis stored in f32 differs from them by
 //! 6e-8, so that the solve of a block would be inexact. Therefore moments are only used with f64 bases.
@@ -18,7 +18,7 @@ use spharm_transform::{FINEST, MomentGram, Transform, TransformParams};
 
 use crate::{MomentNormal, SolverError};
 
-/// A symmetric matrix `G = A^T diag(w) A`, (K, K), columns in the order `l^2 + l + m`, that is read by tiles.
+/// A symmetric matrix `G = A^T diag(w) A` (K, K) that is read tile by tile. Its columns are in the order `l^2 + l + m`.
 pub trait GramMatrix: Sync {
     /// Returns the number of rows and columns, K.
     fn size(&self) -> usize;
@@ -35,7 +35,7 @@ pub trait GramMatrix: Sync {
     ///
     /// # Panics
     ///
-    /// If a range goes past K, `leading` is below the number of rows or `out` is too short.
+    /// If a range goes past K, if `leading` is less than the number of rows, or if `out` is too short.
     fn tile(
         &self,
         rows: Range<usize>,
@@ -86,7 +86,7 @@ pub struct Penalised<'a, S: ?Sized> {
 }
 
 impl<'a, S: GramMatrix + ?Sized> Penalised<'a, S> {
-    /// Adds `penalty`, (K), to the diagonal.
+    /// Creates the sum of `source` and a diagonal matrix with the diagonal `penalty` (K).
     ///
     /// # Panics
     ///
@@ -121,14 +121,14 @@ impl<S: GramMatrix + ?Sized> GramMatrix for Penalised<'_, S> {
     }
 }
 
-/// Returns the diagonal of the smoothness penalty: lambda (l (l + 1))^2 for each column up to `max_degree`, (K). The
-/// penalty is lambda times the squared norm of the Laplacian on the sphere.
+/// Returns the diagonal (K) of the smoothness penalty: lambda (l (l + 1))^2 for each column of degree l, up to degree
+/// `max_degree`. The penalty is lambda times the squared norm of the Laplacian on the sphere.
 pub fn smoothness_penalty(max_degree: usize, lambda: f64) -> Vec<f64> {
     let of = |l: usize| std::iter::repeat_n(lambda * ((l * (l + 1)) as f64).powi(2), order_count(l));
     (0..=max_degree).flat_map(of).collect()
 }
 
-/// Returns the diagonal of a penalty with one value per degree, (K): `p_l` for each order of degree l.
+/// Returns the diagonal (K) of a penalty with one value per degree: `p_l` for each order of degree l.
 pub fn degree_penalty(by_degree: &[f64]) -> Vec<f64> {
     by_degree.iter().enumerate().flat_map(|(l, &p)| std::iter::repeat_n(p, order_count(l))).collect()
 }
@@ -138,7 +138,8 @@ pub fn degree_penalty(by_degree: &[f64]) -> Vec<f64> {
 ///
 /// # Errors
 ///
-/// Errors of the transforms, whose degree is twice `max_degree`.
+/// [`SolverError::Rows`] if the number of weights isn't the number of directions; the errors of the transforms, whose
+/// degree is twice `max_degree`.
 pub fn moment_gram(
     directions: &Directions,
     weights: Option<&[f64]>,
@@ -148,12 +149,13 @@ pub fn moment_gram(
 }
 
 /// Computes the normal matrix of the harmonics up to `max_degree` at weighted directions, from the moments of the
-/// sampling, to the relative accuracy `accuracy`. Without `weights` each direction has weight 1; otherwise there must
+/// sampling, to a relative accuracy of `accuracy`. Without `weights` each direction has weight 1; otherwise there must
 /// be a weight for each direction.
 ///
 /// # Errors
 ///
-/// Errors of the transforms, whose degree is twice `max_degree`.
+/// [`SolverError::Rows`] if the number of weights isn't the number of directions; the errors of the transforms, whose
+/// degree is twice `max_degree`.
 pub fn moment_normal(
     directions: &Directions,
     weights: Option<&[f64]>,
@@ -189,7 +191,8 @@ pub(crate) fn check_count(n: usize, weights: Option<&[f64]>) -> Result<(), Solve
 ///
 /// # Errors
 ///
-/// Errors of the transforms, whose degree is twice `max_degree` and must not be above [`MAX_DEGREE`].
+/// If twice `max_degree`, the degree of the transforms, is above [`MAX_DEGREE`], and the other errors of the
+/// transforms.
 pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, SolverError> {
     if 2 * max_degree > MAX_DEGREE {
         return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE / 2 }.into());
@@ -198,8 +201,8 @@ pub fn moment_gram_bytes(directions: usize, max_degree: usize) -> Result<usize, 
     Ok(transform.max(MomentGram::bytes(max_degree)) + 8 * directions)
 }
 
-/// Returns the parameters of the transform for moments, which have twice the degree `max_degree`. A Gram matrix needs
-/// moments with all digits, since its condition number is the square of the basis's condition number.
+/// Returns the parameters of the transform for moments, whose degree is twice `max_degree`. A Gram matrix needs moments
+/// of full accuracy, since its condition number is the square of the basis's condition number.
 fn to_twice(max_degree: usize, accuracy: f64) -> TransformParams {
     TransformParams { max_degree: 2 * max_degree, accuracy, channels: 1 }
 }

@@ -18,7 +18,7 @@
 //!
 //! Cost of the first pass for c columns: `n k (k + 1)` flops for the Gram matrix of each block of k columns, `4 n K c`
 //! for right-hand sides and updates, and every byte of the basis read once (twice if a block doesn't fit the budget).
-//! Later passes need only right-hand sides and updates, and are bound by the bandwidth of memory.
+//! Later passes need only right-hand sides and updates, and are bound by memory bandwidth.
 //!
 //! | module | contents |
 //! |---|---|
@@ -61,8 +61,8 @@ pub use solver::{IrfFit, IrfSolver, solve};
 const REFINED: f64 = 1e-14;
 
 impl IrfSolver<'_> {
-    /// Fits `a`, (K, c), zero on entry, to `r`, (n, c), which contains the targets on entry and their residual on
-    /// return.
+    /// Fits the coefficients `a` (K, c), zero on entry, to `r` (n, c), which contains the targets on entry and their
+    /// residual on return.
     fn passes(&mut self, r: &mut ChunkedRows, a: &mut Array2<f64>, log: &mut Recorder<'_>) -> Result<(), SolverError> {
         let passes = self.params.method.passes();
         let mut last_change = f64::INFINITY;
@@ -70,9 +70,9 @@ impl IrfSolver<'_> {
             log.begin_pass(number.min(passes), number > passes);
             let pass = self.pass(Order::Forward, r, a, log)?;
             log.end_pass(r, pass.bytes_read);
-            // Refinements end at the limit of rounding: when a refinement changes almost nothing, or at least half as
-            // much as the pass before it. Rank-revealing solves need no refinement: the condition number of the Gram
-            // matrix doesn't affect them.
+            // Refinements end when rounding errors dominate: when a refinement changes the coefficients by almost
+            // nothing, or by at least half as much as the pass before it. Rank-revealing solves need no refinement,
+            // because the condition number of the Gram matrix doesn't affect them.
             let change = pass.relative_change(a);
             let refined = number > passes && (change < REFINED || change >= 0.5 * last_change);
             if refined || (number >= passes && self.block_solver.has_rank_revealing()) {
@@ -111,9 +111,9 @@ impl IrfSolver<'_> {
 
 /// The changes made by a pass, for each column of the targets.
 struct PassSummary {
-    /// Squared norm of the change of the coefficients, (c).
+    /// Squared norms (c) of the coefficients' changes.
     change: Vec<f64>,
-    /// Decrease of the residual's weighted squared norm, (c).
+    /// Decreases (c) of the residual's weighted squared norms.
     energy: Vec<f64>,
     /// Bytes read from the store.
     bytes_read: u64,

@@ -1,11 +1,12 @@
 //! Fits spherical harmonics to functions on the sphere: by iterative residual fitting over a basis that is streamed in
-//! bounded memory, and by the full least squares without the basis.
+//! bounded memory, and by the full least squares without a stored basis.
 //!
 //! The paper: L. Shen and M. K. Chung, "Large-scale modeling of parametric surfaces using spherical harmonics", 3DPVT
 //! 2006. A surface's x, y and z are three columns of targets; many surfaces are many columns, fitted together.
 //!
-//! Arrays: n directions (vertices) are rows, the `K = (L + 1)^2` basis functions up to degree L are columns of the
-//! basis matrix A, in the order `l^2 + l + m`; c columns of targets share a fit.
+//! The basis matrix A (n, K) has one row for each of n directions (vertices), and one column for each of the
+//! `K = (L + 1)^2` basis functions up to degree L, in the order `l^2 + l + m`. Targets (n, c) have c columns, which are
+//! fitted together.
 //!
 //! | module | contents |
 //! |---|---|
@@ -27,7 +28,7 @@
 //! use spharm_monitor::Silent;
 //! use spharm_solver::{IrfParams, MemoryOperator, Method, irf};
 //!
-//! // Functions of degree 2, sampled at 200 directions, are found again.
+//! // The fit recovers functions of degree 2 from samples at 200 directions.
 //! let angles: Vec<_> = (0..200).map(|i| [0.015 * i as f64 + 0.05, 2.4 * i as f64]).collect();
 //! let directions = Directions::from_angles(&angles)?;
 //! let known = Array2::from_shape_fn((9, 3), |(k, c)| (k + c) as f64);

@@ -1,4 +1,5 @@
-//! The full least squares, by products with the basis and, if that is too slow, a factor of the normal equations.
+//! Solves the full least squares by products with the basis or, if that is too slow, by a factor of the normal
+//! equations.
 //!
 //! ```text
 //! min | W^(1/2) (A x - f) |^2 + x^T P x,   P = lambda diag (l (l + 1))^2 + diag p_l
@@ -6,24 +7,26 @@
 //!
 //! for each column f of the targets. This is the paper's NLSF, but A isn't stored. There are three methods:
 //!
-//! - Conjugate gradients ([`cg`]) by fast operators. On an even sampling the normal matrix `N = A^T W A + P` is nearly
-//!   a multiple of the identity, and a handful of iterations suffices. Products with N are computed from the samples,
-//!   or from moments of the sampling ([`MomentProblem`]) at a cost that doesn't depend on the number of samples, three
-//!   columns at a time. With moments, the inverse of the density serves as a preconditioner if the sampling is uneven,
-//!   see [`InverseDensity`](spharm_transform::InverseDensity). At the end the gradient is recomputed from the samples,
-//!   unless its errors are estimated to be small. If the recomputed gradient misses the tolerance, the iteration is
-//!   resumed.
+//! - Conjugate gradients ([`cg`]) with fast operators. On an even sampling the normal matrix `N = A^T W A + P` is
+//!   nearly a multiple of the identity, and a handful of iterations suffices. Products with N are computed from the
+//!   samples, or from moments of the sampling ([`MomentProblem`]) at a cost that doesn't depend on the number of
+//!   samples, three columns at a time. With moments, the inverse of the density serves as a preconditioner if the
+//!   sampling is uneven, see [`InverseDensity`](spharm_transform::InverseDensity). At the end the gradient is
+//!   recomputed from the samples, unless its errors are estimated to be small. If the recomputed gradient misses the
+//!   tolerance, the iteration is resumed.
 //! - A Cholesky factor of N, computed from the Gram matrix or read from a store, and refinement: `x += N^-1 g` with the
-//!   gradient `g = A^T W (f - A x) - P x` computed by the operator, until the optimality `|g| / |A^T W f|` is reached
-//!   or stops improving.
+//!   gradient `g = A^T W (f - A x) - P x` computed by the operator, until the optimality `|g| / |A^T W f|` meets the
+//!   tolerance or stops improving.
 //! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
-//!   From x = 0 this tends to the minimum-norm solution; components that the targets determine too poorly for `mu` stay
-//!   small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996), section 4.1.3.
+//!   From x = 0 this tends to the minimum-norm solution; components that the targets determine too poorly compared with
+//!   `mu` stay small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996),
+//!   section 4.1.3.
 //!
-//! The module `strategy` chooses the methods, their order and their duration: a function returns a list of steps for
-//! the problem's sizes, the available data and the request, and a table documents it. [`Strategy::Auto`] iterates
-//! first, by moments if they pay off, and switches from iterations to a factor if the factor seems faster. The plan is
-//! logged as a detail; the report contains the steps taken ([`StepReport`]) and the accuracy of the result.
+//! The module `strategy` chooses the methods, their order and their durations: its function `choose` returns a list of
+//! steps for the problem's sizes, the available data and the request. A table in that module documents the choice.
+//! [`Strategy::Auto`] iterates first, by moments if they pay off, and switches from iterations to a factor if the
+//! factor seems faster. The plan is logged as a detail; the report contains the steps taken ([`StepReport`]) and the
+//! accuracy of the result.
 //!
 //! | module | contents |
 //! |---|---|
@@ -34,7 +37,7 @@
 //! | `problem` | products and gradients, from samples or from moments |
 //! | `moments`, `moment_solver` | [`MomentProblem`], [`solve_moments`]: fits from sums over the samples |
 //! | `standard_errors` | standard errors of the coefficients |
-//! | [`gcv`] | the smoothness by generalised cross-validation |
+//! | [`gcv`] | choice of the smoothness by generalised cross-validation |
 //! | [`denoise`] | a ridge by degree that removes noise, estimated from the targets |
 //! | `report`, `assess` | reports on fits |
 //!
@@ -45,7 +48,7 @@
 //! use spharm_solver::{LsqParams, MatrixFreeOperator, lsq};
 //! use spharm_transform::TransformParams;
 //!
-//! // Three functions of degree 10, sampled at 600 directions, are found again.
+//! // The fit recovers three functions of degree 10 from samples at 600 directions.
 //! let directions = Directions::fibonacci(600)?;
 //! let known = Array2::from_shape_fn((121, 3), |(k, c)| ((7 * k + c) as f64).sin());
 //! let targets = synthesis(&directions, known.view())?;

@@ -15,8 +15,8 @@ pub struct MomentNormal {
 }
 
 impl MomentNormal {
-    /// Creates the operator up to degree L = `max_degree` from moments up to degree 2L, `(2L + 1)^2` values in
-    /// canonical order.
+    /// Creates the operator up to degree L = `max_degree` from the `(2L + 1)^2` moments up to degree 2L, in canonical
+    /// order.
     ///
     /// # Errors
     ///

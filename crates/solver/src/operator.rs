@@ -1,8 +1,8 @@
 //! The basis as used by solvers: its products with vectors and, for iterative residual fitting, its blocks.
 //!
-//! An [`Operator`] is the matrix A, (n, K): rows are vertices, columns are basis functions. A [`BlockOperator`] also
-//! gives access to the entries of A by blocks. A block consists of the columns of consecutive degrees. It is opened,
-//! and then read chunk by chunk by several threads.
+//! An [`Operator`] represents the matrix A (n, K): rows are vertices, columns are basis functions. A [`BlockOperator`]
+//! also gives access to the entries of A by blocks. A block consists of the columns of consecutive degrees. It is
+//! opened, and then read chunk by chunk by several threads.
 //!
 //! | operator | the basis |
 //! |---|---|
@@ -32,7 +32,7 @@ pub use matrix_free::{DeferredOperator, MatrixFreeOperator};
 #[cfg(feature = "dense")]
 pub use memory::MemoryOperator;
 
-/// A basis matrix A, (n, K), given by its products.
+/// A basis matrix A (n, K), given by its products with vectors.
 pub trait Operator: Sync {
     /// Returns the number of rows (vertices), n.
     fn rows(&self) -> usize;
@@ -40,7 +40,7 @@ pub trait Operator: Sync {
     /// Returns the highest degree, L; the matrix has `(L + 1)^2` columns.
     fn max_degree(&self) -> usize;
 
-    /// Computes the synthesis `A x`: x (K', c) with the coefficients of all degrees up to some degree, result (n, c).
+    /// Computes the synthesis `A x` (n, c), where x (K', c) contains the coefficients of all degrees up to some degree.
     ///
     /// # Errors
     ///
@@ -51,7 +51,7 @@ pub trait Operator: Sync {
     /// If K' isn't a basis size, or is above the operator's basis size.
     fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// Computes the adjoint synthesis `A^T r`: r (n, c), result (K, c).
+    /// Computes the adjoint synthesis `A^T r` (K, c) of r (n, c).
     ///
     /// # Errors
     ///
@@ -62,7 +62,7 @@ pub trait Operator: Sync {
     /// If r doesn't have n rows.
     fn apply_adjoint(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// Computes `A^T diag(w) A x`: x (K, c), weights w (n), all 1 by default; result (K, c).
+    /// Computes `A^T diag(w) A x` (K, c) for x (K, c) and weights w (n), which are all 1 by default.
     ///
     /// # Errors
     ///

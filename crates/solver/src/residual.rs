@@ -7,23 +7,23 @@ use serde::Serialize;
 /// Number of rows whose squares are summed together.
 const RUN: usize = 1 << 14;
 
-/// Mean and maximum over the rows (vertices) of the squared norm of one target's residual, in the square of the
+/// Size of one target's residual: the mean and the maximum of the rows' (vertices') squared norms, in the square of the
 /// target's unit.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ResidualNorms {
-    /// Mean over the rows of the squared norm.
+    /// Mean of the rows' squared norms.
     pub mean_square: f64,
-    /// Maximum over the rows of the squared norm.
+    /// Maximum of the rows' squared norms.
     pub max_square: f64,
 }
 
 impl ResidualNorms {
-    /// Computes the norms of a target's residual, (n, c).
+    /// Computes the norms of a target's residual (n, c).
     pub fn of(residual: ArrayView2<'_, f64>) -> Self {
         Self::without(residual, None)
     }
 
-    /// Computes the norms over the rows of a residual, (n, c), that aren't marked in `unread`, (n).
+    /// Computes the norms of a target's residual (n, c) over the rows that aren't marked in `unread` (n).
     pub fn without(residual: ArrayView2<'_, f64>, unread: Option<&[bool]>) -> Self {
         // Sum runs of rows: the sums then don't depend on the number of threads.
         let runs: Vec<[f64; 2]> = residual

@@ -1,9 +1,9 @@
 //! Dense operations on matrices that are large enough for several threads to pay off.
 //!
 //! [`ThreadedKernels`] lists the operations, and [`Kernels`] is the implementation that the build chooses: OpenBLAS
-//! with the feature `openblas`, which exists on Linux for x86-64, otherwise faer, which is written entirely in Rust. In
-//! either case, faer handles small matrices, and the matrices of threads that each process their own, on the calling
-//! thread (`dense`).
+//! with the feature `openblas` on Linux for x86-64, otherwise faer, which is written entirely in Rust. In either case,
+//! the module `dense` uses faer on the calling thread for small matrices, and for threads that each process their own
+//! matrices.
 //!
 //! Matrices are column-major slices with a leading dimension. Rows are counted from 0.
 
@@ -18,10 +18,10 @@ pub use faer::Faer as Kernels;
 #[cfg(all(feature = "openblas", target_os = "linux", target_arch = "x86_64"))]
 pub use openblas::OpenBlas as Kernels;
 
-/// The four dense operations of Cholesky factors and of wide blocks, on several threads.
+/// The four dense operations that Cholesky factors and wide blocks need, on several threads.
 pub trait ThreadedKernels: Sized {
-    /// Bytes of address space that the library reserves per thread in addition to what it touches. They count against
-    /// limits on data and address space (`ulimit -d`, `ulimit -v`).
+    /// Bytes of address space that the library reserves per thread in addition to the bytes that it touches. They count
+    /// towards limits on data and address space (`ulimit -d`, `ulimit -v`).
     const RESERVED_PER_THREAD: usize;
     /// Bytes of buffers that a thread touches while it works on large matrices.
     const TOUCHED_PER_THREAD: usize;
@@ -32,8 +32,8 @@ pub trait ThreadedKernels: Sized {
     /// Prepares the operations for `threads` threads.
     fn with_threads(threads: usize) -> Self;
 
-    /// Computes the lower triangle of `gram += block^T block`: block (n, k), gram (k, k) column-major with `leading`.
-    /// Takes `n k (k + 1)` flops.
+    /// Computes the lower triangle of `gram += block^T block`: block (n, k), gram (k, k) column-major with leading
+    /// dimension `leading`. Takes `n k (k + 1)` flops.
     ///
     /// # Panics
     ///
@@ -41,7 +41,7 @@ pub trait ThreadedKernels: Sized {
     fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize);
 
     /// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle, column-major with
-    /// `leading`. Entries above the diagonal are unspecified afterwards. Takes `k^3 / 3` flops.
+    /// leading dimension `leading`. Entries above the diagonal are unspecified afterwards. Takes `k^3 / 3` flops.
     ///
     /// # Errors
     ///
@@ -52,16 +52,16 @@ pub trait ThreadedKernels: Sized {
     /// If the shapes don't match.
     fn cholesky(&mut self, matrix: &mut [f64], k: usize, leading: usize) -> Result<(), usize>;
 
-    /// Computes `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with `leading`. Takes
-    /// `rows k^2` flops.
+    /// Computes `out = out C^-T`: C (k, k) lower triangular, out (rows, k) column-major with leading dimension
+    /// `leading`. Takes `rows k^2` flops.
     ///
     /// # Panics
     ///
     /// If the shapes don't match.
     fn divide_by_transpose(&mut self, c: Matrix<'_>, out: &mut [f64], rows: usize, leading: usize);
 
-    /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with `leading`. Takes
-    /// `2 rows columns k` flops.
+    /// Computes `out -= a b^T`: a (rows, k), b (columns, k), out (rows, columns) column-major with leading dimension
+    /// `leading`. Takes `2 rows columns k` flops.
     ///
     /// # Panics
     ///

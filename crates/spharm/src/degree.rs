@@ -1,10 +1,10 @@
 //! Chooses the degree of a model: the lowest degree with which the model is accurate enough.
 //!
-//! The error of a surface's model is the root mean square distance between the surfaces. It falls roughly as a power
-//! of the degree. A few fits therefore suffice to find the degree. The degree is first doubled until the error is
-//! small enough. The wanted degree then lies between the last two, and is found by predictions with a power law
-//! alternating with bisection. Bisection is needed for surfaces that are themselves models, whose errors fall abruptly
-//! at the model's degree.
+//! The error of a model is the root mean square distance between the model and the surface. It falls roughly as a power
+//! of the degree. A few fits therefore suffice to find the degree. The degree is first doubled until the error is small
+//! enough. The wanted degree then lies between the last two, and is found by predictions with a power law alternating
+//! with bisection. Bisection is needed for surfaces that are themselves models, whose errors fall abruptly at the
+//! model's degree.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -70,8 +70,8 @@ impl Accuracy {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct DegreeChoice {
-    /// The lowest degree that is accurate enough. If no degree is, the degree that resolves one and a half edges of
-    /// the mesh.
+    /// The lowest degree that is accurate enough. If no degree is, the degree whose resolution is one and a half edges
+    /// of the mesh.
     pub degree: usize,
     /// Root mean square distance between the surface and its model of this degree.
     pub rms: f64,
@@ -94,7 +94,9 @@ impl fmt::Display for DegreeChoice {
         let Self { degree, most, .. } = self;
         let (rms, wanted) = (number(self.rms), number(self.wanted));
         match self.reached() {
-            true => write!(f, "degree {degree} is the lowest with an rms error of at most {wanted}; it has {rms}"),
+            true => {
+                write!(f, "degree {degree} is the lowest with an rms error of at most {wanted}; its error is {rms}")
+            }
             false => write!(
                 f,
                 "no degree up to {most} has an rms error of at most {wanted}; degree {degree}, with {rms}, is used, \
@@ -110,20 +112,20 @@ const MOST: usize = 256;
 /// The first degree tried.
 const FIRST: usize = 16;
 
-/// Length that a model resolves if no degree is accurate enough, in edges of the mesh. Finer models would follow the
-/// mesh's facets.
+/// Resolution of the model that is used if no degree is accurate enough, in edge lengths of the mesh. Finer models
+/// would follow the mesh's facets.
 const EDGES: f64 = 1.5;
 
 /// Returns the lowest degree with which the model of a surface is as accurate as requested. The surface is mapped to a
 /// sphere for each fit. The degree is at most 256, and a model has at most as many functions as the surface has
-/// vertices. If no degree is accurate enough, returns the degree that resolves one and a half edges of the surface, or
-/// the highest possible degree if it is lower.
+/// vertices. If no degree is accurate enough, returns the degree whose resolution is one and a half edges of the
+/// surface, or the highest possible degree if it is lower.
 ///
-/// Each degree is tried by a fit with `params`, except for their degree. Five to eight fits are usual.
+/// Each degree is tried by a fit with `params`, in which only the degree is replaced. Five to eight fits are usual.
 ///
 /// # Errors
 ///
-/// The errors of [`fit_mesh`](crate::fit_mesh()); [`Error::Setting`] if `params` fit the vertices.
+/// The errors of [`fit_mesh`](crate::fit_mesh()); [`Error::Setting`] if `params` request a fit of the vertices.
 pub fn choose_degree(
     surface: &Input,
     accuracy: Accuracy,
@@ -142,7 +144,7 @@ pub fn choose_degree(
 ///
 /// # Errors
 ///
-/// The errors of [`fit()`](crate::fit()); [`Error::Setting`] if `params` fit the vertices.
+/// The errors of [`fit()`](crate::fit()); [`Error::Setting`] if `params` request a fit of the vertices.
 pub fn choose_degree_over(
     sphere: &Sphere,
     surface: &Mesh,

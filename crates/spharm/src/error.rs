@@ -13,7 +13,7 @@ use spharm_store::StoreError;
 use spharm_surface::{Sphere, SurfaceError};
 use spharm_transform::TransformError;
 
-/// Errors of this crate. Errors of its dependencies are their sources.
+/// Errors of this crate, including the errors of the crates that it calls.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -95,7 +95,7 @@ pub enum Error {
     /// A computation that integrates over triangles, on a sphere without triangles.
     #[error("{what} needs triangles, but {} has no triangles; give a sphere with triangles", .sphere.display())]
     NeedsTriangles {
-        /// Computation that needs triangles: `quadrature`, `density`, `area`.
+        /// Computation that needs triangles, such as `quadrature`.
         what: &'static str,
         /// Path of the sphere's file.
         sphere: PathBuf,
@@ -152,7 +152,8 @@ pub enum Error {
         /// Bytes needed by the computation.
         needed: u64,
     },
-    /// The iteration ended before the tolerance was met; only with [`FitParams::strict`](crate::FitParams::strict).
+    /// The iteration ended before the tolerance was met. Occurs only if [`FitParams::strict`](crate::FitParams::strict)
+    /// is set.
     #[error("{0}")]
     NotConverged(crate::FitWarning),
     /// A target whose coefficients exceed the range of f64.

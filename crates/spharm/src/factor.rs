@@ -22,7 +22,7 @@ const ILL_CONDITIONED: f64 = 1e-12;
 pub struct FactorSettings {
     /// Highest degree of the coefficients to solve for.
     pub max_degree: usize,
-    /// Scalar type of the basis whose folder receives the factor.
+    /// Scalar type of the basis. The factor is stored in the folder of this basis.
     pub basis_scalar: Scalar,
     /// Scalar type of the factor.
     pub scalar: Scalar,
@@ -91,7 +91,8 @@ impl<'a> PlannedFactor<'a> {
     /// # Errors
     ///
     /// [`SolverError::NotPositiveDefinite`] if the sphere doesn't determine the coefficients,
-    /// [`StoreError::Interrupted`], and failures of reading and writing.
+    /// [`StoreError::Interrupted`] if the monitor stopped the call, and other errors if the store can't be read or
+    /// written.
     pub fn build(&self, monitor: &dyn Monitor) -> Result<FactorReport, Error> {
         let Self { store, sphere, spec, params, .. } = self;
         let source = moment_gram(&sphere.directions, None, spec.max_degree)?;

@@ -41,9 +41,9 @@ use job::Job;
 /// The coefficients of one target, and a report on the fit.
 #[derive(Debug, Clone)]
 pub struct Fit {
-    /// Canonical coefficients of shape (K, c), in the target's unit.
+    /// Canonical coefficients (K, c), in the target's unit.
     pub coefficients: Coefficients,
-    /// Standard errors of the coefficients, of shape (K, c), if requested.
+    /// Standard errors (K, c) of the coefficients, if requested.
     pub standard_errors: Option<Array2<f64>>,
     /// Distances between model and target, and warnings.
     pub report: FitReport,
@@ -94,8 +94,8 @@ impl ToTarget for Target {
 ///
 /// # Errors
 ///
-/// [`Error`]: a target that doesn't match the sphere, incompatible settings, too little memory, a store that can't be
-/// read.
+/// An [`Error`] if the target doesn't match the sphere, settings are incompatible, memory doesn't suffice, or a store
+/// can't be read.
 pub fn fit(sphere: &Sphere, target: &impl ToTarget, params: &FitParams) -> Result<Fit, Error> {
     fit_with(sphere, target, params, &Silent)
 }
@@ -177,8 +177,8 @@ pub fn fit_many<T: Send, E: From<Error> + Send>(
 }
 
 /// Fits many targets as [`fit_many`] does, but passes errors of single targets to `done`, which decides whether they
-/// end the call. These errors are targets that can't be read or don't match the sphere and, with [`FitParams::strict`],
-/// fits that don't reach the tolerance.
+/// end the call. Such an error occurs if a target can't be read or doesn't match the sphere, or, with
+/// [`FitParams::strict`], if its fit doesn't reach the tolerance.
 ///
 /// Errors of single targets don't affect the other targets' coefficients.
 ///

@@ -1,6 +1,7 @@
 //! Fits surfaces that have no sphere, in memory: prepares, checks, maps and fits them.
 //!
-//! The program, volumes, studies and the Python package call these functions, so that their coefficients are the same.
+//! The program and the Python package call these functions, also for volumes and studies, so that all of them compute
+//! the same coefficients.
 
 use spharm_model::{Model, Provenance, VoxelRecord};
 use spharm_monitor::{Monitor, Silent};
@@ -21,8 +22,8 @@ pub struct Preparation {
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
-    /// Largest share of the area that the repair of a mesh may drop or add, if it is larger than [`DROPPED`] and
-    /// [`FILLED`], respectively.
+    /// Largest share of the area that the repair of a mesh may drop or add. It replaces the usual limits, [`DROPPED`]
+    /// and [`FILLED`], where it is larger.
     pub largest_repair: Option<f64>,
     /// Number of voxels, along the longest side of a mesh, at which the mesh is replaced by the closed surface around
     /// it ([`wrap()`](crate::parametrize::wrap())), instead of being repaired. Default `None`.
@@ -31,13 +32,15 @@ pub struct Preparation {
     pub cut_handles: bool,
 }
 
-/// Largest share of the area that pieces may have which the repair of a mesh drops.
+/// Largest share of a mesh's area that a repair may drop as separate pieces, unless [`Preparation::largest_repair`]
+/// allows more.
 pub const DROPPED: f64 = 0.05;
-/// Largest share of the area that holes may have which the repair of a mesh fills.
+/// Largest share of a mesh's area that a repair may add by filling holes, unless [`Preparation::largest_repair`] allows
+/// more.
 pub const FILLED: f64 = 0.25;
 
-/// Returns the smallest [`largest_repair`](Preparation::largest_repair) that allows a repair, in whole percent; `None`
-/// if the usual limits allow it.
+/// Returns the smallest [`largest_repair`](Preparation::largest_repair) that allows a repair, rounded up to whole per
+/// cent; `None` if the usual limits allow it.
 #[must_use]
 pub fn percent_to_allow(repair: &MeshRepair) -> Option<u32> {
     let shares = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
@@ -46,8 +49,8 @@ pub fn percent_to_allow(repair: &MeshRepair) -> Option<u32> {
 }
 
 impl Preparation {
-    /// Returns the changes that apply to a surface: none for a surface with a sphere, default settings for volumes if
-    /// the surface isn't extracted from a label, and no wrap if it is.
+    /// Returns the changes that apply to a surface. A surface with a sphere isn't changed. Otherwise, a surface without
+    /// a label gets the default settings for reading volumes, and a surface extracted from a label isn't wrapped.
     #[must_use]
     pub fn of(self, on_sphere: bool, label: Option<i64>) -> Self {
         match (on_sphere, label) {
@@ -106,7 +109,8 @@ impl MappedSurface {
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`] with the memory that suffices for both steps, [`Error::Parametrize`].
+    /// [`Error::Memory`], with the memory that suffices for both steps, if memory doesn't suffice;
+    /// [`Error::Parametrize`] if the surface can't be mapped.
     pub fn new(surface: &Input, params: &FitParams, monitor: &dyn Monitor) -> Result<Self, Error> {
         check_surface(surface, params)?;
         let mut parametrized = parametrize_with(surface, &params.map(), monitor)?;
@@ -178,7 +182,7 @@ pub fn steps_of(provenance: &Provenance) -> Option<VoxelSteps> {
 ///
 /// # Errors
 ///
-/// [`Error::Memory`].
+/// [`Error::Memory`] if memory doesn't suffice.
 pub fn check_surface(surface: &Input, params: &FitParams) -> Result<(), Error> {
     let of_mesh = surface.mesh().map(|mesh| (mesh.vertices.len(), mesh.faces.len()));
     let of_label = surface.label().map(|label| (label.quads.vertices.len(), 2 * label.quads.quads.len()));
@@ -225,8 +229,8 @@ impl From<MeshFit> for Model {
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] before any work, [`Error::Parametrize`] with the reason why the surface can't be mapped, and the
-/// errors of [`fit()`](crate::fit()).
+/// [`Error::Memory`], before any work, if memory doesn't suffice; [`Error::Parametrize`], with the reason, if the
+/// surface can't be mapped; the errors of [`fit()`](crate::fit()).
 pub fn fit_mesh(surface: &Mesh, params: &FitParams) -> Result<MeshFit, Error> {
     fit_mesh_with(Input::Mesh(surface.clone()), Preparation::default(), params, &Silent)
 }

@@ -5,13 +5,15 @@ use std::path::Path;
 
 use crate::Error;
 
-/// Number of bytes of free memory that is assumed if the system doesn't report it.
+/// Free memory in bytes that is assumed if the system doesn't report it.
 const UNKNOWN: u64 = 2 << 30;
 
-/// A limit on a process, which Unix has.
+/// A limit on the memory of this process. Only Unix has such limits.
 #[derive(Clone, Copy)]
 enum Limit {
+    /// Limits the size of the process's data (`ulimit -d`).
     Data,
+    /// Limits the size of the process's address space (`ulimit -v`).
     AddressSpace,
 }
 
@@ -32,7 +34,7 @@ impl Limit {
     }
 }
 
-/// The limits, each with the field of `/proc/self/status` that is limited by it, and its name in messages.
+/// The limits. Each is listed with the field of `/proc/self/status` that it restricts, and with its name in messages.
 const LIMITS: [(Limit, &str, &str); 2] =
     [(Limit::Data, "VmData:", "data (ulimit -d)"), (Limit::AddressSpace, "VmSize:", "address space (ulimit -v)")];
 
@@ -64,8 +66,9 @@ fn free_of_system() -> Option<u64> {
     Some(system.available_memory()).filter(|free| *free > 0)
 }
 
-/// Returns the minimum of the free memory of the control groups in `/proc/self/cgroup` and of their ancestors. The
-/// hierarchies of both versions are mounted below `root`.
+/// Returns the smallest amount of free memory among the control groups in `groups`, the contents of
+/// `/proc/self/cgroup`, and their ancestors; `None` if no group has a limit. The hierarchies of both versions are
+/// mounted below `root`.
 fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
     let of_line = |line: &str| -> Option<u64> {
         let mut parts = line.splitn(3, ':');
@@ -75,7 +78,7 @@ fn free_in_groups(groups: &str, root: &Path) -> Option<u64> {
             names if names.split(',').any(|name| name == "memory") => (root.join("memory"), &V1),
             _ => return None,
         };
-        // In a container, the path may be that of the host. Only the root of such a path exists in the container.
+        // In a container, the path may be the path on the host. Only the root of such a path exists in the container.
         let group = Path::new(path.trim_start_matches('/'));
         group.ancestors().filter_map(|group| version.free(&mount.join(group))).min()
     };
@@ -91,13 +94,15 @@ struct Version {
     files: [&'static str; 2],
 }
 
+/// Names of the files of version 1 of control groups.
 const V1: Version = Version {
     limits: &["memory.limit_in_bytes"],
     used: "memory.usage_in_bytes",
     files: ["total_inactive_file ", "total_active_file "],
 };
 
-/// Above `memory.high`, a process isn't killed but slowed down until it hardly runs.
+/// Names of the files of version 2 of control groups. `memory.high` counts as a limit, too: above it, a process isn't
+/// killed, but slowed down until it hardly runs.
 const V2: Version = Version {
     limits: &["memory.max", "memory.high"],
     used: "memory.current",
@@ -105,7 +110,8 @@ const V2: Version = Version {
 };
 
 impl Version {
-    /// Returns the difference between a group's limit and its usage, or `None` if it has no limit.
+    /// Returns the difference between a group's limit and its usage without pages of files, or `None` if one of them is
+    /// unknown.
     fn free(&self, group: &Path) -> Option<u64> {
         let number = |name: &&str| read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
         let limit = self.limits.iter().filter_map(number).min()?;
@@ -140,7 +146,7 @@ pub(crate) fn exceeded(data: usize, mapped: usize) -> Option<Exceeded> {
 ///
 /// # Errors
 ///
-/// [`Error::Limit`] with the limit and the smallest sufficient one.
+/// [`Error::Limit`], with the smallest sufficient limit, if a limit would be exceeded.
 pub fn check_limits(data: usize, mapped: usize) -> Result<(), Error> {
     exceeded(data, mapped).map_or(Ok(()), |Exceeded { what, limit, needed }| Err(Error::Limit { what, limit, needed }))
 }

@@ -9,13 +9,14 @@ use crate::{FitParams, Method};
 /// The part of a mesh to which the full least squares is fitted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Objective {
-    /// The surface for meshes over a sphere with triangles, and the vertices for signals and for fits over a store.
+    /// Chooses automatically: fits the surface of a mesh if the sphere has triangles and no store is given, and fits
+    /// the vertices in all other cases, for example those of signals.
     #[default]
     Default,
-    /// The surface: the integral over the sphere of the squared distance is minimised. All triangles are sampled as
+    /// Fits the surface: minimises the integral over the sphere of the squared distance. All triangles are sampled as
     /// densely as the degree requires. Signals are interpolated linearly on each triangle.
     Surface,
-    /// The vertices alone are fitted, as in the paper.
+    /// Fits the vertices alone, as in the paper.
     Vertices,
 }
 

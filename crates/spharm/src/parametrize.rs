@@ -39,7 +39,7 @@ impl TryFrom<Parametrization> for Parametrized {
 ///
 /// # Errors
 ///
-/// [`Error::Parametrize`] with the reason why the surface can't be mapped.
+/// [`Error::Parametrize`], with the reason, if the surface can't be mapped.
 pub fn parametrize(surface: &Mesh, params: &CaldParams) -> Result<Parametrized, Error> {
     parametrize_with(surface, params, &Silent)
 }
@@ -58,7 +58,8 @@ pub fn parametrize_with<'a>(
     Method::Auto(params.clone()).run(surface, monitor)?.try_into()
 }
 
-/// Returns a surface's map to the sphere, given by a mesh of the sphere.
+/// Returns a surface's map to the sphere that is given by `sphere`, a mesh with the surface's triangles and the images
+/// of its vertices.
 ///
 /// # Errors
 ///

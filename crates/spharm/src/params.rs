@@ -95,7 +95,7 @@ impl Method {
         matches!(*self, Self::Irf { accelerate: true, .. } | Self::Mirf { accelerate: true, .. })
     }
 
-    /// Returns the solver's schedule of blocks, for the methods that read a store.
+    /// Returns the solver's schedule of blocks, or `None` for a method that doesn't read a store.
     pub(crate) fn blocks(&self) -> Option<spharm_solver::Method> {
         use spharm_solver::Method as Blocks;
         match *self {
@@ -111,13 +111,13 @@ impl Method {
 /// The smoothness penalty of the full least squares: `lambda sum (l (l + 1))^2 a^2`, added to the squared distances.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Smoothness {
-    /// No penalty for surfaces, and none for vertices over a given sphere. For vertices over a sphere made by
-    /// parametrisation, [`defaults::parametrized_smoothness`].
+    /// Applies no penalty to fits of surfaces or to fits of vertices over a given sphere. Applies
+    /// [`defaults::parametrized_smoothness`] to fits of vertices over a sphere made by parametrisation.
     #[default]
     Default,
-    /// A given lambda, finite and not negative.
+    /// Applies the given lambda, finite and not negative.
     Fixed(f64),
-    /// For each target, the lambda that minimises generalised cross-validation.
+    /// Applies, for each target, the lambda that minimises the score of generalised cross-validation.
     Auto,
 }
 
@@ -148,16 +148,16 @@ impl FromStr for Smoothness {
 /// Preconditioner for the iterations of the full least squares.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Preconditioner {
-    /// Automatic choice: the density of uneven samples if computing their moments pays off, and later a Cholesky
-    /// factor of the normal equations if iterations are slow and memory allows.
+    /// Chooses automatically: uses the density of uneven samples if computing their moments pays off, and changes to a
+    /// Cholesky factor of the normal equations if iterations are slow and memory allows.
     #[default]
     Auto,
-    /// No preconditioner.
+    /// Uses no preconditioner.
     None,
-    /// The density of uneven samples, from their moments. It isn't used if the samples are even, if there is a
-    /// smoothness penalty, or, with a warning, if memory doesn't suffice.
+    /// Uses the density of uneven samples, computed from their moments. The density isn't used if the samples are even,
+    /// if there is a smoothness penalty, or, with a warning, if memory doesn't suffice.
     Density,
-    /// No iterations: a Cholesky factor of the normal equations from the start.
+    /// Uses a Cholesky factor of the normal equations from the start, without iterations.
     Factor,
 }
 
@@ -187,8 +187,8 @@ impl FromStr for Preconditioner {
     }
 }
 
-/// Settings of a fit, created by [`lsq`](Self::lsq) or [`irf`](Self::irf). Each setter returns the settings with
-/// another value of one field.
+/// Settings of a fit, created by [`lsq`](Self::lsq) or [`irf`](Self::irf). Each setter returns the settings with one
+/// field changed.
 ///
 /// ```
 /// use spharm::{FitParams, Objective, Smoothness};
@@ -216,7 +216,7 @@ pub struct FitParams {
     pub area: Option<f64>,
     /// Smoothness penalty, for [`Method::Lsq`].
     pub smoothness: Smoothness,
-    /// Whether to remove noise within the fit, by a penalty on each degree that is estimated from the target. Only for
+    /// Whether to remove noise within the fit, by a penalty on each degree that is estimated from the target. Requires
     /// [`Method::Lsq`] without a smoothness penalty. See [`spharm_solver::lsq::denoise`].
     pub denoise: bool,
     /// Weight of each vertex.
@@ -243,7 +243,7 @@ pub struct FitParams {
     /// Scalar type of the basis. By default it is the type found in the store, or f64 if the store has both types.
     #[setters(into)]
     pub scalar: Option<Scalar>,
-    /// Whether to verify the entire basis against its hash before fitting.
+    /// Whether to verify the whole basis against its hash before fitting.
     pub verify: bool,
     /// Memory budget in bytes, including mapped files. See [`memory_budget`](Self::memory_budget) for the default.
     #[setters(into)]
@@ -279,8 +279,8 @@ impl FitParams {
         }
     }
 
-    /// Returns the settings with weight 0 at the sphere's vertices for which `keep` is false. The new weights are
-    /// named `mask` in the provenance.
+    /// Returns the settings with weight 0 at the sphere's vertices for which `keep` is false. In the provenance, the
+    /// new weights are named `mask`, after the name of any previous weights.
     ///
     /// # Errors
     ///
@@ -298,7 +298,7 @@ impl FitParams {
         Self { method: Method::irf(), store: Some(store.into()), ..Self::lsq(max_degree) }
     }
 
-    /// Returns the memory budget of a fit in bytes: [`memory`](Self::memory) if it is set. Otherwise
+    /// Returns the memory budget of a fit in bytes: [`memory`](Self::memory) if it is set. Otherwise it is
     /// [`MEMORY_OVER_A_STORE`](defaults::MEMORY_OVER_A_STORE) for the methods that read a store, and half of the free
     /// memory for the others.
     pub fn memory_budget(&self) -> usize {
@@ -320,7 +320,8 @@ impl FitParams {
     ///
     /// # Errors
     ///
-    /// [`Error::Degree`], [`Error::Setting`] and [`Error::NeedsStore`].
+    /// [`Error::Degree`] if the degree is too high; [`Error::Setting`] if a setting is invalid or conflicts with
+    /// another; [`Error::NeedsStore`] if the method needs a store and none is set.
     pub fn check(&self) -> Result<(), Error> {
         let refuse = |what, expected, found: String| Err(Error::Setting { what, expected, found });
         if self.max_degree > MAX_DEGREE {
@@ -355,8 +356,10 @@ impl FitParams {
         if self.objective == Objective::Surface && self.store.is_some() {
             return refuse("store", "a fit of the vertices", "objective surface".to_owned());
         }
-        if self.method == Method::Quadrature && (self.weights != Weights::Uniform || self.hold_out.is_some()) {
-            return refuse("weights and hold_out", "a least-squares method", name.to_owned());
+        let for_least_squares = [(self.weights != Weights::Uniform, "weights"), (self.hold_out.is_some(), "hold_out")];
+        let given = for_least_squares.iter().find(|(given, _)| *given);
+        if let (Method::Quadrature, Some((_, what))) = (self.method, given) {
+            return refuse(what, "a least-squares method", name.to_owned());
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! Reports on fits: on each target, on each batch, and on an entire call.
+//! Reports on fits: on each target, on each batch, and on a whole call.
 
 use serde::Serialize;
 use spharm_solver::lsq::{Denoise, Gcv};
@@ -79,11 +79,11 @@ pub struct Settings {
     pub objective: crate::Objective,
     /// Allowed area distortion of the map of a mesh without a sphere, if it was given.
     pub area: Option<f64>,
-    /// Choice of the penalty: `default`, `fixed`, `auto` or `denoise`.
+    /// Name of the penalty: `default`, `fixed`, `auto` or `denoise`.
     pub penalty: &'static str,
     /// Name of the weights: `uniform`, `area`, or the name given with the values.
     pub weights: String,
-    /// Hash of the weights given, see [`Weights::hash`](crate::Weights::hash).
+    /// Hash of given weights; see [`Weights::hash`](crate::Weights::hash).
     pub weights_hash: Option<String>,
     /// Fraction of the vertices that was held out.
     pub hold_out: Option<f64>,
@@ -103,7 +103,7 @@ pub struct Settings {
     pub meta: Meta,
 }
 
-/// Report on the targets that were fitted together, for each kind of method.
+/// Report on targets that were fitted together, by the kind of method that fitted them.
 #[derive(Debug, Clone, Serialize)]
 #[serde(untagged)]
 #[non_exhaustive]

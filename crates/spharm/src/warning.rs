@@ -7,19 +7,20 @@ use spharm_solver::LsqReport;
 use spharm_solver::irf::BlockReport;
 use spharm_solver::lsq::LsqWarning;
 
-/// Least error of the worst combination of coefficients, relative to their norm, about which a warning is given.
+/// Largest expected error of the worst combination of coefficients, relative to the norm of all coefficients, that
+/// causes no warning.
 const LARGEST_AMPLIFIED: f64 = 0.25;
 /// Largest rms of unresolved detail, relative to the noise, that causes no warning. Held-out vertices reveal only part
 /// of the detail.
 const DETAIL: f64 = 0.3;
 
-/// A possible problem of a fit. It is serialised as its text.
+/// A possible problem of a fit. It is serialised as its message.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum FitWarning {
     /// The model is far from the surface between the vertices, because the vertices don't determine it there.
     Oscillation {
-        /// Rms distance between the vertices, relative to the rms distance at the vertices.
+        /// Rms distance at centres of triangles, relative to the rms distance at the vertices.
         ratio: f64,
     },
     /// The normal equations are singular on this sampling, so the minimum-norm solution was used.
@@ -131,8 +132,8 @@ impl fmt::Display for FitWarning {
             ),
             Self::RankDeficient { first_degree, last_degree, rank, columns } => write!(
                 f,
-                "degrees {first_degree} to {last_degree}: rank {rank} of {columns} columns: the sampling doesn't \
-                 determine all coefficients of these degrees; the solution of minimum norm was used"
+                "the sampling doesn't determine all coefficients of degrees {first_degree} to {last_degree} (rank {rank} \
+                 of {columns} columns); the solution of minimum norm was used"
             ),
             Self::FactorUnusable { reason } => write!(f, "{reason}; solving without this factor"),
             Self::Gap { max_degree, samples, functions, largest_gap, resolved } => write!(
@@ -194,9 +195,9 @@ impl FitWarning {
         warnings
     }
 
-    /// Returns a warning if noise decides a large part of the coefficients. Of independent noise of standard deviation
-    /// s at n samples, the combination of coefficients that the samples determine worst gets the standard deviation
-    /// `s condition sqrt(4 pi / n)`, up to a factor that depends on how evenly the samples are distributed.
+    /// Returns a warning if noise decides a large part of the coefficients. If n samples have independent noise of
+    /// standard deviation s, the combination of coefficients that they determine worst has the standard deviation `s
+    /// condition sqrt(4 pi / n)`, up to a factor that depends on how evenly the samples are distributed.
     fn of_amplified(report: &LsqReport, functions: usize) -> Option<Self> {
         let free = report.rows.checked_sub(functions).filter(|&free| free > 0 && report.smoothness == 0.0)?;
         let mean_square = report.residuals.iter().map(|residual| residual.mean_square).reduce(f64::max)?;

@@ -20,7 +20,7 @@ pub enum Weights {
     Area,
     /// Given weights, one per vertex: finite, not negative and not all zero.
     Values {
-        /// Name of the weights in the model's provenance: a file name.
+        /// Name of the weights in the model's provenance, such as a file name.
         name: String,
         /// Weights of the n vertices.
         values: Vec<f64>,
@@ -56,8 +56,9 @@ impl Weights {
     ///
     /// # Errors
     ///
-    /// [`Error::WeightCount`] if the number of elements of the mask or of given values isn't the number of vertices;
-    /// [`Error::Weight`] if the mask leaves no vertex.
+    /// [`Error::WeightCount`] if the mask or the given weights don't have one element per vertex; [`Error::Weight`] if
+    /// the mask excludes all vertices; [`Error::NeedsTriangles`] if the weights are areas and the sphere has no
+    /// triangles.
     pub fn masked(&self, keep: &[bool], name: String, sphere: &Sphere) -> Result<Self, Error> {
         let expected = sphere.directions.len();
         let check = |name: &str, found: usize| match found == expected {
@@ -81,7 +82,8 @@ impl Weights {
         Ok(Self::Values { name, values })
     }
 
-    /// Returns a hash of given weights, as 64 hexadecimal digits. A store uses it to identify the weights of a factor.
+    /// Returns a hash of given weights, as 64 hexadecimal digits; `None` for other weights. A store uses it to identify
+    /// the weights of a factor.
     pub fn hash(&self) -> Option<String> {
         let Self::Values { values, .. } = self else { return None };
         Some(WeightsHash::of(Some(values)).0.iter().map(|byte| format!("{byte:02x}")).collect())

@@ -23,12 +23,12 @@ pub fn schemes(store: &Path) -> Result<Vec<SchemeKey>, StoreError> {
     folder::schemes(store)
 }
 
-/// Returns the one scheme whose key begins with `digits`, or all schemes for `None`.
+/// Returns the one scheme whose key begins with `digits`, or all schemes if `digits` is `None`.
 ///
 /// # Errors
 ///
-/// [`StoreError::NoSchemes`] for a store without schemes, [`StoreError::KeyDigits`] unless exactly one key begins with
-/// the digits, [`StoreError::Io`].
+/// [`StoreError::NoSchemes`] if the store has no schemes, [`StoreError::KeyDigits`] if no key or several keys begin
+/// with the digits, [`StoreError::Io`] if the store can't be listed.
 pub fn find_schemes(store: &Path, digits: Option<&str>) -> Result<Vec<SchemeKey>, StoreError> {
     let all = schemes(store)?;
     if all.is_empty() {
@@ -71,7 +71,7 @@ pub struct SchemeSummary {
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when the scheme's folder can't be listed.
+/// [`StoreError::Io`] if the scheme's folder can't be listed.
 pub fn summarize(store: &Path, key: SchemeKey) -> Result<SchemeSummary, StoreError> {
     let (degrees, factors) = (degrees(store, key)?, factors(store, key)?);
     let sound: Vec<&DegreeFile> = degrees.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
@@ -109,8 +109,8 @@ pub struct Verification {
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when a folder can't be listed, [`StoreError::Interrupted`]. Damaged files don't cause an error;
-/// they are listed in the result.
+/// [`StoreError::Io`] if a folder can't be listed, [`StoreError::Interrupted`] if the monitor cancels the verification.
+/// Damaged files don't cause an error; the result lists them.
 pub fn verify(store: &Path, keys: &[SchemeKey], monitor: &dyn Monitor) -> Result<Verification, StoreError> {
     let mut files = Vec::new();
     for &key in keys {
@@ -153,7 +153,7 @@ impl AnyFile {
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when the scheme's folder can't be listed.
+/// [`StoreError::Io`] if the scheme's folder can't be listed.
 pub fn leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreError> {
     temporary::abandoned(&folder::of_scheme(store, key))
 }
@@ -163,7 +163,7 @@ pub fn leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreErro
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when the scheme's folder can't be listed.
+/// [`StoreError::Io`] if the scheme's folder can't be listed.
 pub fn remove_leftovers(store: &Path, key: SchemeKey) -> Result<Vec<PathBuf>, StoreError> {
     temporary::remove_abandoned(&folder::of_scheme(store, key))
 }

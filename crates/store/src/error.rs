@@ -1,7 +1,7 @@
 //! Errors and warnings of the store.
 //!
-//! A message names the file, the expected and the actual value, and the remedy if the remedy doesn't depend on the
-//! program. Programs derive advice on their own options from the fields of an error.
+//! A message names the file, the expected value, the actual value, and a remedy if one exists that doesn't depend on
+//! the program. Programs derive advice on their own options from the fields of an error.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -93,12 +93,13 @@ pub enum StoreError {
     },
     /// A factor exceeds the limits of the format.
     #[error(
-        "a factor of {size} columns in tiles of {tile}: expected tiles of a multiple of 8 from 8 to {MAX_TILE}, and at most {MAX_TILES} of them; choose a lower degree"
+        "a factor of {size} columns can't be divided into tiles of {tile} x {tile}: the tile size must be a multiple \
+         of 8 from 8 to {MAX_TILE}, and there may be at most {MAX_TILES} tiles; choose a lower degree"
     )]
     FactorLayout {
         /// Number of columns, K.
         size: usize,
-        /// Number of rows, and of columns, of a tile.
+        /// Number of rows and columns of a tile.
         tile: usize,
     },
     /// The file has a format version that this program can't read.
@@ -170,7 +171,10 @@ pub enum StoreError {
         found: usize,
     },
     /// The disk has too little free space, or the files exceed 64 GiB and large files aren't allowed.
-    #[error("{}: the {what} needs {needed} bytes ({:.1} GB), but the disk has {free} free ({:.1} GB)", .path.display(), *.needed as f64 / 1e9, *.free as f64 / 1e9)]
+    #[error(
+        "{}: the {what} needs {needed} bytes ({:.1} GB){}",
+        .path.display(), *.needed as f64 / 1e9, why_refused(*.needed, *.free)
+    )]
     Space {
         /// Path of the store.
         path: PathBuf,
@@ -196,15 +200,18 @@ pub enum StoreError {
     #[error(transparent)]
     Harmonics(#[from] spharm_harmonics::HarmonicsError),
     /// The format doesn't allow this number of rows per chunk.
-    #[error("chunks of {found} rows: expected a multiple of {ROW_MULTIPLE} from {ROW_MULTIPLE} to {MAX_CHUNK_ROWS}")]
+    #[error(
+        "the number of rows per chunk must be a multiple of {ROW_MULTIPLE} from {ROW_MULTIPLE} to {MAX_CHUNK_ROWS}, \
+         found {found}"
+    )]
     ChunkRows {
         /// The requested number of rows.
         found: usize,
     },
     /// The file would have more chunks, or larger ones, than the format allows.
     #[error(
-        "degree {degree} of {rows} directions in chunks of {chunk_rows} rows: a file holds at most {MAX_CHUNKS} chunks \
-         of {MAX_CHUNK_LEN} bytes; choose another number of rows per chunk"
+        "degree {degree} with {rows} directions and {chunk_rows} rows per chunk exceeds the format's limits of \
+         {MAX_CHUNKS} chunks and {MAX_CHUNK_LEN} bytes per chunk; choose another number of rows per chunk"
     )]
     Layout {
         /// Number of directions.
@@ -255,7 +262,15 @@ fn keys_there(keys: &[SchemeKey]) -> String {
 }
 
 fn keys_begin(found: usize) -> String {
-    if found == 0 { "no scheme begins".to_owned() } else { format!("{found} schemes begin") }
+    if found == 0 { "no scheme key begins".to_owned() } else { format!("{found} scheme keys begin") }
+}
+
+fn why_refused(needed: u64, free: u64) -> String {
+    if needed > free {
+        format!(", but the disk has {free} free ({:.1} GB)", free as f64 / 1e9)
+    } else {
+        "; files larger than 64 GiB need explicit permission".to_owned()
+    }
 }
 
 fn factors_there(names: &[String]) -> String {
@@ -285,8 +300,8 @@ mod tests {
         assert!(none(vec![key; 10]).ends_with(", abababababab and 2 more"));
         assert_eq!(none(vec![key; 10]).matches("abababababab, ").count(), 7);
         let digits = |found| StoreError::KeyDigits { store: store(), digits: "ab".into(), found }.to_string();
-        assert_eq!(digits(0), "store: no scheme begins with ab");
-        assert_eq!(digits(2), "store: 2 schemes begin with ab");
+        assert_eq!(digits(0), "store: no scheme key begins with ab");
+        assert_eq!(digits(2), "store: 2 scheme keys begin with ab");
         let missing = |available| {
             StoreError::FactorMissing { store: store(), key, wanted: "degree 2".into(), available }.to_string()
         };
@@ -300,6 +315,9 @@ mod tests {
         assert!(degree(None).ends_with("has no degree 0"));
         let space = StoreError::Space { path: store(), what: "basis", needed: 2_500_000_000, free: 1_000_000_000 };
         let expected = "the basis needs 2500000000 bytes (2.5 GB), but the disk has 1000000000 free (1.0 GB)";
+        assert!(space.to_string().ends_with(expected), "{space}");
+        let space = StoreError::Space { path: store(), what: "basis", needed: 70_000_000_000, free: 100_000_000_000 };
+        let expected = "needs 70000000000 bytes (70.0 GB); files larger than 64 GiB need explicit permission";
         assert!(space.to_string().ends_with(expected), "{space}");
     }
 }

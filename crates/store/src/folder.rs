@@ -46,7 +46,7 @@ pub(crate) fn create(store: &Path, folder: &Path) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Syncs a folder to disk, so that created and removed files in it survive a power failure.
+/// Syncs a folder to disk, so that the creation and removal of files in it survive a power failure.
 pub(crate) fn sync(folder: &Path) -> Result<(), StoreError> {
     platform::sync_folder(folder).map_err(StoreError::io(folder, "cannot write to disk"))
 }
@@ -67,7 +67,7 @@ pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>,
     let path = folder.join(".lock");
     // If another user created the lock file, this process may only open it for reading; that is enough for locking. If
     // the lock file can't be created, the build continues without a lock: if the folder isn't writable, creating the
-    // first basis file will report it.
+    // first basis file will report the error.
     let Ok(file) = platform::open_lock(&path, true).or_else(|_| platform::open_lock(&path, false)) else {
         return Ok(None);
     };
@@ -79,7 +79,7 @@ pub(crate) fn lock(folder: &Path, monitor: &dyn Monitor) -> Result<Option<File>,
             Err(TryLockError::WouldBlock) => {}
         }
         if !std::mem::replace(&mut noted, true) {
-            let text = "another build is at work on this scheme; waiting until the other build ends";
+            let text = "another build of this scheme is running; waiting for it to finish";
             monitor.note(Level::Info, format_args!("{text}"));
         }
         monitor.check()?;

@@ -1,8 +1,8 @@
 //! Stores the harmonics of a sampling scheme on disk, computed once and shared by every fit on that scheme.
 //!
 //! A store is a folder with one subfolder for each sampling scheme, named by the scheme's [key](SchemeKey). The
-//! subfolder has one basis file for each degree l, `A_<l>`. The file holds the matrix `A_l` of the harmonics of degree
-//! l, (n, 2 l + 1) for n directions, in chunks of rows:
+//! subfolder has one basis file for each degree l, `A_<l>`. The file holds the matrix `A_l` (n, 2 l + 1), the harmonics
+//! of degree l at n directions, in chunks of rows:
 //!
 //! ```text
 //! STORE/<key>/A_0   header | chunk 0 | chunk 1 | ... | table | footer

@@ -1,16 +1,16 @@
 //! Read-only memory windows on files.
 //!
 //! A memory map has two risks that reading with system calls doesn't have. First, the file may change while it is
-//! mapped. Second, the file may lack a page that is accessed, because it was truncated or the disk failed. On Unix the
-//! process survives the second by a `FaultGuard` (`platform`). On Windows a file can't be written to or truncated while
-//! the store has it open; a disk that fails while a file is mapped ends the process there.
+//! mapped. Second, the file may lack a page that is accessed, because it was truncated or the disk failed. On Unix, a
+//! `FaultGuard` (`platform`) lets the process survive the second risk. On Windows, a file can't be written to or
+//! truncated while the store has it open, but the process ends if the disk fails while a file is mapped.
 //!
 //! [`Window::check`] fails after use if a page was missing or the file's size or modification time has changed. Results
 //! computed from a window are valid only once this check has passed.
 //!
 //! A window gives access only to types for which every bit pattern is valid: bytes, integers and floating-point
-//! numbers. If a file changes while it is mapped, the values may be wrong, and the check then rejects them; they are
-//! never undefined behaviour.
+//! numbers. If a file changes while it is mapped, the values may be wrong, and the check then rejects them; reading
+//! them is never undefined behaviour.
 
 #![allow(unsafe_code)]
 
@@ -40,7 +40,8 @@ impl Window {
             .map_err(StoreError::io(source.path(), "cannot map"))?;
         let start = map.as_ptr() as usize;
         let guard = FaultGuard::new(start, start + len).ok_or_else(|| {
-            StoreError::io(source.path(), "cannot map")(io::Error::other("too many windows are open at once"))
+            let reason = "too many file ranges are mapped at the same time";
+            StoreError::io(source.path(), "cannot map")(io::Error::other(reason))
         })?;
         Ok(Self { guard, map })
     }
@@ -49,13 +50,13 @@ impl Window {
         &self.map
     }
 
-    /// Asks the system to start reading a range of the window from disk. A hint: failure is ignored.
+    /// Asks the system to start reading a range of the window from disk. This is only a hint: failure is ignored.
     pub(crate) fn will_need(&self, offset: usize, len: usize) {
         platform::map_will_need(&self.map, offset, len);
     }
 
-    /// Maps all pages of a range with one system call, which costs less than one page fault per page. A hint: failure
-    /// is ignored.
+    /// Maps all pages of a range with one system call, which costs less than one page fault per page. This is only a
+    /// hint: failure is ignored.
     pub(crate) fn populate(&self, offset: usize, len: usize) {
         platform::populate_map(&self.map, offset, len);
     }
@@ -70,8 +71,8 @@ impl Window {
 }
 
 /// Prefetches a range of memory into the L2 cache. The range has the size of `values` and starts `ahead` bytes after
-/// the beginning of `values`. Useful because the processor's own prefetcher stops at page boundaries. A hint: the range
-/// need not be mapped.
+/// the beginning of `values`. This is useful because the processor's own prefetcher stops at page boundaries. The range
+/// need not be mapped, since a prefetch is only a hint.
 #[inline(always)]
 pub fn prefetch<T>(values: &[T], ahead: isize) {
     #[cfg(target_arch = "x86_64")]
@@ -79,8 +80,8 @@ pub fn prefetch<T>(values: &[T], ahead: isize) {
         const LINE: usize = 64;
         let start = values.as_ptr().cast::<i8>().wrapping_offset(ahead);
         for at in (0..size_of_val(values)).step_by(LINE) {
-            // SAFETY: a prefetch reads nothing that the program could see and never faults, whatever the address; SSE
-            // is part of every x86-64.
+            // SAFETY: a prefetch has no effect that the program could observe, and it never faults, whatever the
+            // address; SSE is part of every x86-64.
             unsafe { std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T1 }>(start.wrapping_add(at)) };
         }
     }

@@ -1,12 +1,12 @@
-//! Calls of the operating system that the standard library doesn't have for all platforms. Unix and Windows implement
-//! the same functions.
+//! System calls that the standard library doesn't provide on all platforms. Unix and Windows implement the same
+//! functions.
 //!
 //! | | Unix | Windows |
 //! |---|---|---|
 //! | a file changes while it is read | found afterwards, by its size and time | refused by the system |
 //! | a page of a mapped file is missing | found afterwards (`FaultGuard`) | ends the process |
 //! | flushing a folder to disk | `fsync` | left to the file system's journal |
-//! | rights of new files | those of the umask | inherited from the folder |
+//! | permissions of new files | limited by the umask | inherited from the folder |
 
 #[cfg(unix)]
 mod faults;

@@ -12,7 +12,7 @@ use spharm_harmonics::Directions;
 pub enum Scalar {
     /// IEEE double precision.
     F64,
-    /// IEEE single precision: half the size of double precision, values rounded to a relative error of at most 6e-8.
+    /// IEEE single precision: half the size of double precision, with a relative rounding error of at most 6e-8.
     F32,
 }
 
@@ -57,11 +57,11 @@ pub struct SchemeKey(pub [u8; 32]);
 
 const CONTEXT: &str = "spharm-rs 2026-11 sampling scheme key v1";
 
-/// Number of coordinates hashed at a time: 2 MiB, enough for several threads.
+/// Number of coordinates hashed at a time: 2 MiB of f64, enough to occupy several threads.
 const PART: usize = 1 << 18;
 
 impl SchemeKey {
-    /// Computes the key of the harmonics of type `scalar` at `directions`, (n) unit vectors whose order matters.
+    /// Computes the key of the harmonics of type `scalar` at `directions`. The order of the directions matters.
     pub fn of(directions: &Directions, scalar: Scalar) -> Self {
         let mut hasher = blake3::Hasher::new_derive_key(CONTEXT);
         let head = |hasher: &mut blake3::Hasher, tag: &str, bytes: usize| {
@@ -109,7 +109,7 @@ impl fmt::Display for SchemeKey {
     }
 }
 
-/// Error for a text that isn't a valid [`SchemeKey`] of 64 lower-case hexadecimal digits.
+/// The error for a string that isn't a valid [`SchemeKey`] of 64 lower-case hexadecimal digits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
 pub struct NotAKey;

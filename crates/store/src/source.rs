@@ -21,7 +21,7 @@ pub(crate) struct Source {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Stamp {
     len: u64,
-    /// `None` if the file system doesn't have it.
+    /// Modification time; `None` if the file system doesn't provide it.
     modified: Option<SystemTime>,
 }
 

@@ -26,8 +26,8 @@ pub(crate) fn create(folder: &Path, prefix: &str) -> io::Result<NamedTempFile> {
         platform::with_usual_rights(&mut builder);
         let temporary = builder.tempfile_in(folder)?;
         match temporary.as_file().try_lock() {
-            // Between the file's creation and its lock, another process mistook it for a leftover: it has removed the
-            // file, or holds the lock in order to remove it. Try again with a new file.
+            // Between the creation and the locking of the file, another process took the file for a leftover: that
+            // process has removed the file, or holds the lock in order to remove it. Try again with a new file.
             Ok(()) if !temporary.path().try_exists()? => {}
             Err(TryLockError::WouldBlock) => {}
             Ok(()) | Err(TryLockError::Error(_)) => return Ok(temporary),
@@ -54,7 +54,7 @@ pub(crate) fn remove_abandoned(folder: &Path) -> Result<Vec<PathBuf>, StoreError
 }
 
 /// Calls `visit` with each abandoned temporary file while holding the file's lock. If a builder has just created the
-/// file, it fails to get the lock and thereby notices that the file is being removed.
+/// file, the builder fails to lock it and so notices that the file is being removed.
 fn for_each_abandoned(folder: &Path, visit: &mut dyn FnMut(&Path)) -> Result<(), StoreError> {
     for item in std::fs::read_dir(folder).map_err(StoreError::io(folder, "cannot list"))? {
         let item = item.map_err(StoreError::io(folder, "cannot list"))?;

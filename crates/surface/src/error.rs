@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use spharm_harmonics::HarmonicsError;
 
-/// Errors of reading, checking, comparing, drawing and writing surfaces.
+/// An error that occurred while a surface was read, checked, compared, drawn or written.
 ///
 /// Each message is one line that names the file and says what was expected, what was found and, where possible, what to
 /// do. Surfaces made in memory are called "the surface" or "the sphere" instead of by a path.
@@ -28,7 +28,7 @@ pub enum SurfaceError {
     NotAFile {
         /// The path.
         path: PathBuf,
-        /// Kind of the object at the path.
+        /// What the path refers to, such as "a directory".
         found: &'static str,
     },
 
@@ -175,7 +175,7 @@ pub enum SurfaceError {
         path: PathBuf,
         /// Index of the triangle, counted from 0 after polygons were split into triangles.
         face: usize,
-        /// The triangle's index of a vertex, counted from 0.
+        /// The vertex index that is out of range, counted from 0.
         index: u32,
         /// Number of vertices of the surface.
         vertices: usize,
@@ -236,9 +236,9 @@ pub enum SurfaceError {
     TopologyDiffers {
         /// Index of the first triangle that differs.
         face: usize,
-        /// That triangle in the first surface.
+        /// Vertices of that triangle in the first surface.
         expected: [u32; 3],
-        /// That triangle in the second surface.
+        /// Vertices of that triangle in the second surface.
         found: [u32; 3],
     },
 
@@ -264,7 +264,7 @@ pub enum SurfaceError {
     NotCovered {
         /// Number of directions that meet no triangle.
         missed: usize,
-        /// Number of all directions.
+        /// Total number of directions.
         directions: usize,
         /// Index of the first direction that meets no triangle.
         first: usize,
@@ -346,15 +346,15 @@ pub enum SurfaceError {
 
     /// A surface doesn't have the sphere's triangles.
     #[error(
-        "{}: its triangles differ from those of {} ({differ} of them); the vertices must correspond",
-        path.display(), named(sphere.as_ref())
+        "{}: {} between it and {}; both must have the same triangles",
+        path.display(), differing(*differ), named(sphere.as_ref())
     )]
     OtherTriangles {
         /// Path of the surface's file.
         path: PathBuf,
         /// Path of the sphere's file, if it has one.
         sphere: Option<PathBuf>,
-        /// Number of triangles that only one of the two has.
+        /// Number of triangles that only one of the two meshes has.
         differ: usize,
     },
 
@@ -383,7 +383,11 @@ pub enum SurfaceError {
     },
 }
 
-/// Returns a phrase for a sphere, with its path if it has one.
+/// Returns "the sphere", followed by its path if it has one.
+fn differing(triangles: usize) -> String {
+    if triangles == 1 { "1 triangle differs".to_owned() } else { format!("{triangles} triangles differ") }
+}
+
 fn named(sphere: Option<&PathBuf>) -> String {
     sphere.map_or("the sphere".to_owned(), |path| format!("the sphere {}", path.display()))
 }

@@ -53,7 +53,7 @@ pub fn face_normal([a, b, c]: [Vec3; 3]) -> Vec3 {
     cross(sub(b, a), sub(c, a))
 }
 
-/// Returns the normals at the vertices of a mesh, (n): the sums of [`face_normal`] over the triangles around each
+/// Returns the normal at each of the n vertices of a mesh: the sum of [`face_normal`] over the triangles around the
 /// vertex. Triangles with indices out of range are skipped.
 #[must_use]
 pub fn vertex_normals(vertices: &[Vec3], faces: &[[u32; 3]]) -> Vec<Vec3> {
@@ -108,7 +108,7 @@ pub fn orientation([a, b, c]: [Vec3; 3]) -> f64 {
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 #[must_use]
 pub fn winding_number(directions: &[Vec3], faces: &[[u32; 3]]) -> f64 {
     let covered: f64 = faces.iter().map(|face| solid_angle(face.map(|v| directions[v as usize]))).sum();

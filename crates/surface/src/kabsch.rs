@@ -5,8 +5,9 @@
 //! Q^T M` is largest for `Q = U diag(1, 1, d) V^T`, with the value `s_1 + s_2 + d s_3`; d is the sign of det M. If
 //! reflections are allowed, too, it is largest for `Q = U V^T`.
 //!
-//! The singular value decomposition uses one-sided Jacobi rotations. A dozen of them reach rounding accuracy, and small
-//! singular values are as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13, 1992).
+//! The singular value decomposition uses one-sided Jacobi rotations. A dozen rotations suffice for rounding accuracy,
+//! and small singular values are as accurate as large ones (J. Demmel and K. Veselic, SIAM J. Matrix Anal. Appl. 13,
+//! 1992).
 
 use crate::geometry::{cross, dot};
 use crate::matrix3::{IDENTITY, Matrix3, determinant, product, transposed};

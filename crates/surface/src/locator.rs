@@ -84,7 +84,7 @@ impl SphereLocator {
     pub fn new(sphere: &Mesh) -> Result<Self, SurfaceError> {
         let wrong = |found: String| SurfaceError::Argument {
             what: "sphere to interpolate over",
-            expected: "triangles over vertices that have a direction",
+            expected: "triangles whose vertices are finite and not at the origin",
             found,
         };
         let directions = Directions::from_vertices(&sphere.vertices).map_err(|error| wrong(error.to_string()))?;
@@ -135,7 +135,7 @@ impl SphereLocator {
     ///
     /// # Panics
     ///
-    /// When the place belongs to another sphere.
+    /// If the place belongs to another sphere.
     #[must_use]
     pub fn corners(&self, place: &Place) -> [u32; 3] {
         self.faces[place.triangle as usize]
@@ -162,7 +162,7 @@ impl SphereLocator {
     ///
     /// # Errors
     ///
-    /// [`NotCovered`](SurfaceError::NotCovered), with the number of directions that meet no triangle.
+    /// [`NotCovered`](SurfaceError::NotCovered) if some directions meet no triangle. The error gives their number.
     pub fn locate_all(&self, directions: &[[f64; 3]]) -> Result<Vec<Place>, SurfaceError> {
         let found: Vec<Option<Place>> = directions.par_iter().with_min_len(256).map(|&d| self.locate(d)).collect();
         let missed = found.iter().filter(|place| place.is_none()).count();
@@ -173,13 +173,12 @@ impl SphereLocator {
         Err(SurfaceError::NotCovered { missed, directions: directions.len(), first, flipped: self.flipped })
     }
 
-    /// Interpolates values at the sphere's n vertices, of shape (n, c), to m unit vectors. The result has shape (m,
-    /// c).
+    /// Interpolates the values (n, c) at the sphere's n vertices to m unit vectors. Returns an array (m, c).
     ///
     /// # Errors
     ///
-    /// The errors of [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) if n isn't the
-    /// number of vertices.
+    /// The errors of [`locate_all`](Self::locate_all); [`LengthMismatch`](SurfaceError::LengthMismatch) if `values`
+    /// doesn't have a row for each vertex.
     pub fn interpolate(
         &self,
         values: ArrayView2<'_, f64>,

@@ -2,8 +2,9 @@
 
 /// A triangle mesh.
 ///
-/// This crate never changes the order of the vertices, which the subjects of a study share, or the winding of the
-/// triangles, which is counter-clockwise seen from outside by convention.
+/// This crate keeps the order of the vertices, which the subjects of a study share, and the winding of the triangles,
+/// which is counter-clockwise seen from outside by convention. The exceptions are repairs, reflections, and formats
+/// that store a vertex several times.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// Positions, in the file's unit and axes: mm and RAS+ for brains.
@@ -25,7 +26,7 @@ impl Mesh {
     ///
     /// # Panics
     ///
-    /// When the number of positions isn't the number of vertices.
+    /// If the number of positions isn't the number of vertices.
     #[must_use]
     pub fn with_vertices(&self, vertices: Vec<[f64; 3]>) -> Self {
         assert_eq!(
@@ -72,7 +73,7 @@ pub struct CoordinateSystem {
 /// Values on the vertices of a mesh, such as thickness, curvature or a time series.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signal {
-    /// The values, of shape (vertices, channels), row-major.
+    /// The values (vertices, channels), row-major.
     pub values: Vec<f64>,
     /// Number of vertices.
     pub vertices: usize,
@@ -81,11 +82,11 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// Returns a signal with the given values, of shape (vertices, channels), row-major.
+    /// Returns a signal with the given values (vertices, channels), row-major.
     ///
     /// # Panics
     ///
-    /// When the number of values isn't `vertices * channels`.
+    /// If the number of values isn't `vertices * channels`.
     #[must_use]
     pub fn new(values: Vec<f64>, vertices: usize, channels: usize) -> Self {
         assert_eq!(

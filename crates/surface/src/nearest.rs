@@ -39,7 +39,7 @@ impl TriangleTree {
     ///
     /// # Panics
     ///
-    /// When a triangle's index is out of range.
+    /// If a triangle's index is out of range.
     #[must_use]
     pub fn new(mesh: &Mesh) -> Self {
         let triangles: Vec<[Vec3; 3]> = mesh.faces.iter().map(|face| face.map(|v| mesh.vertices[v as usize])).collect();
@@ -68,7 +68,7 @@ impl TriangleTree {
     ///
     /// # Panics
     ///
-    /// When `near` is out of range.
+    /// If `near` is out of range.
     #[must_use]
     pub fn distance(&self, point: [f64; 3], near: Option<u32>) -> Option<(u32, f64)> {
         if self.slivers.is_some() {

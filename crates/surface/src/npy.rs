@@ -63,7 +63,8 @@ impl Header {
     ///
     /// # Errors
     ///
-    /// The errors of `input`; [`InvalidData`](io::ErrorKind::InvalidData) if it doesn't begin with a valid header.
+    /// The errors of reading from `input`; [`InvalidData`](io::ErrorKind::InvalidData) if `input` doesn't begin with a
+    /// valid header.
     pub fn read(input: &mut dyn Read) -> io::Result<Self> {
         let invalid = |text: String| io::Error::new(io::ErrorKind::InvalidData, text);
         let mut begin = [0; 8];
@@ -238,7 +239,7 @@ impl<'a> Parser<'a> {
         let quote = self.rest.chars().next().filter(|c| matches!(c, '\'' | '"'));
         let found = quote.and_then(|quote| self.rest.get(1..)?.split_once(quote));
         let Some((text, rest)) = found.filter(|(text, _)| !text.contains('\\')) else {
-            return Err(self.expected("a text in quotes, without escapes"));
+            return Err(self.expected("a quoted string without escapes"));
         };
         self.rest = rest;
         Ok(text)

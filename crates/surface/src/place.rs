@@ -40,7 +40,7 @@ impl Place {
         self.corners.iter().all(|v| (*v as usize) < vertices)
     }
 
-    /// Returns the weighted sum of the rows that belong to the corners. `rows` is a matrix of shape (vertices, width),
+    /// Returns the weighted sum of the rows that belong to the corners. `rows` is a matrix (vertices, width),
     /// row-major.
     #[must_use]
     pub fn row(&self, rows: &[f64], width: usize) -> Vec<f64> {

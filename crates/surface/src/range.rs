@@ -15,8 +15,9 @@ const SAFE: i32 = 200;
 /// Largest exponent of a power of two by which [`times`] multiplies at once; f64 represents exponents up to 1023.
 const STEP: i32 = 1000;
 
-/// Returns the exponent e for which the largest magnitude divided by 2^e is from 1 to 4. e is even, so that the square
-/// root of 2^e is exact. Returns 0 if the magnitude is from 1e-60 to 1e60, is zero, or isn't finite.
+/// Returns the exponent e for which the largest magnitude among `values`, divided by 2^e, is from 1 to 4. e is even, so
+/// that the square root of 2^e is exact. Returns 0 if the largest magnitude is from 1e-60 to 1e60, is zero, or isn't
+/// finite.
 #[must_use]
 pub fn exponent(values: impl IntoIterator<Item = f64>) -> i32 {
     let largest = values.into_iter().fold(0.0_f64, |most, value| most.max(value.abs()));

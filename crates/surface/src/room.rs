@@ -43,7 +43,8 @@ pub fn most_expanded(compressed: u64) -> u64 {
     compressed.saturating_mul(256).saturating_add(64 << 20)
 }
 
-/// The error of insufficient memory. Its text gives the bytes needed and free, worded as the end of a sentence.
+/// The error for insufficient memory. Its message gives the memory needed and the memory free, worded as the end of a
+/// sentence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub struct NoRoom {
     /// Number of bytes needed.

@@ -14,17 +14,17 @@
 //!
 //! # Positions of the samples
 //!
-//! A triangle with edges shorter than the spacing has the three points of the symmetric rule that is exact for
-//! polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section 4.3).
-//! The squared distance from a linear function is then integrated exactly. A larger triangle is cut parallel to its
-//! shortest edge into layers no thicker than the spacing, measured along its sides. Each layer is cut into cells no
-//! wider than the spacing. A cell has 2 x 2 points of Gauss's rule, which is exact for degree 3; its two points from
-//! apex to base take the growing width of the cell into account. Triangles that come near the sphere's centre have
-//! smaller cells, since their points lie farther apart on the sphere than on the triangle. A sliver gets a single row
-//! of n cells, where a grid of similar triangles would need n^2.
+//! A triangle with edges shorter than the spacing is sampled at the three points of the symmetric rule that is exact
+//! for polynomials of degree 2 (G. Strang and G. J. Fix, "An analysis of the finite element method", 1973, section
+//! 4.3). The squared distance from a linear function is then integrated exactly. A larger triangle is cut parallel to
+//! its shortest edge into layers no thicker than the spacing, measured along its sides. Each layer is cut into cells no
+//! wider than the spacing. A cell is sampled at the 2 x 2 points of Gauss's rule, which is exact for degree 3; the two
+//! positions between apex and base take the growing width of the cell into account. Triangles that come near the
+//! sphere's centre have smaller cells, since their points lie farther apart on the sphere than on the triangle. A
+//! sliver gets a single row of n cells, where a grid of similar triangles would need n^2.
 //!
-//! With a spacing of 3 / L the points are about as dense as midpoints at distance 1.5 / L. A fit agrees to a thousandth
-//! with the fit for twice as many points; docs/algorithms/least-squares.md gives the measurements.
+//! With a spacing of 3 / L, the points are about as dense as the midpoints of cells of size 1.5 / L. A fit agrees to a
+//! thousandth with the fit for twice as many points; docs/algorithms/least-squares.md gives the measurements.
 
 mod cut;
 
@@ -57,7 +57,7 @@ pub struct SphereSampling {
 /// Samples of a range of a sphere's triangles.
 #[derive(Debug, Clone)]
 pub struct SphereSamples {
-    /// Directions of the samples, of shape (samples, 3).
+    /// Directions of the samples (samples, 3).
     pub directions: Directions,
     /// Solid angle of each sample, in steradians. If the triangles cover the sphere once, all solid angles sum to 4
     /// pi, up to the error of the rule.
@@ -164,8 +164,8 @@ impl SphereSampling {
         Ok(SphereSamples { directions, weights })
     }
 
-    /// Interpolates values at the vertices, of shape (n, c), linearly to the samples of a range of triangles. The
-    /// result has shape (samples, c).
+    /// Interpolates the values (n, c) at the vertices linearly to the samples of a range of triangles. Returns an array
+    /// (samples, c).
     ///
     /// # Panics
     ///
@@ -177,8 +177,8 @@ impl SphereSampling {
         samples
     }
 
-    /// Interpolates like [`interpolate`](Self::interpolate), but writes the values to `samples`, of shape (samples,
-    /// c), which may be some of the columns of a larger array.
+    /// Interpolates like [`interpolate`](Self::interpolate), but writes the values to the array `samples` (samples, c),
+    /// which may be some columns of a larger array.
     ///
     /// # Panics
     ///

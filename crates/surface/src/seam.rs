@@ -1,13 +1,13 @@
 //! Relates a surface that was cut open along loops to the original surface.
 //!
-//! A surface with handles can't be mapped to the sphere. It can be mapped after it was cut open along loops and both
-//! sides of each loop were filled. The vertices of the cut surface are the n vertices of the original in their order,
-//! then copies of the vertices on the seams, then the vertices of the fillings. Its triangles are the F triangles of
-//! the original in their order, on one side of each seam with copied vertices, then the triangles of the fillings.
-//! Therefore n, F and the list of copied vertices suffice to recover the original.
+//! A surface with handles can't be mapped to the sphere. It can be mapped once it has been cut open along loops and
+//! both sides of each loop have been filled. The vertices of the cut surface are the n vertices of the original in
+//! their order, then copies of the vertices on the seams, then the vertices of the fillings. Its triangles are the F
+//! triangles of the original in their order, on one side of each seam with copied vertices, then the triangles of the
+//! fillings. Therefore n, F and the list of copied vertices suffice to recover the original.
 //!
-//! The GIfTI file of the sphere stores them as metadata: `SpharmCutFrom` has n and F, `SpharmSeam` the vertices that
-//! were copied. A model stores them in arrays.
+//! The GIfTI file of the sphere stores these as metadata: `SpharmCutFrom` contains n and F, `SpharmSeam` the list of
+//! copied vertices. A model stores the same data in arrays.
 
 use crate::mesh::{Mesh, Meta};
 
@@ -41,7 +41,7 @@ impl Seam {
     ///
     /// # Errors
     ///
-    /// A description of the inconsistency.
+    /// A description of the inconsistency, if there is one.
     pub fn checked(self, vertices: usize, faces: usize) -> Result<Self, String> {
         if self.vertices.checked_add(self.copies.len()).is_none_or(|known| known > vertices) {
             let copies = self.copies.len();

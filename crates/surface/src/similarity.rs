@@ -30,8 +30,8 @@ impl Similarity {
         Self { orthogonal: rotation.into(), ..Self::default() }
     }
 
-    /// Returns the reflection x -> -x, which exchanges left and right in frames whose first axis runs from left to
-    /// right, such as RAS.
+    /// Returns the reflection (x, y, z) -> (-x, y, z), which exchanges left and right in frames whose first axis runs
+    /// between left and right, such as RAS and LPS.
     #[must_use]
     pub const fn reflection() -> Self {
         let orthogonal = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];

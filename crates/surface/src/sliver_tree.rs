@@ -75,7 +75,8 @@ impl Node {
     }
 }
 
-/// A node to be visited. The greatest entry is the one with the smallest bound, then the smallest index.
+/// A node to be visited. Entries are ordered such that the greatest one has the smallest bound and, in case of ties,
+/// the smallest index.
 #[derive(PartialEq)]
 struct Entry {
     bound: f64,

@@ -19,7 +19,7 @@ use crate::topology::Topology;
 pub struct Sphere {
     /// Path of the sphere's file, or `None` if the sphere was made in memory.
     pub path: Option<PathBuf>,
-    /// The directions as unit vectors, of shape (n, 3).
+    /// The directions as unit vectors (n, 3).
     pub directions: Directions,
     /// Triangles over `directions`; empty if the directions were given without triangles.
     pub faces: Vec<[u32; 3]>,
@@ -87,7 +87,7 @@ impl Sphere {
     ///
     /// # Panics
     ///
-    /// For levels above 14, as for [`icosphere`].
+    /// If `level` is above 14, as in [`icosphere`].
     #[must_use]
     pub fn icosphere(level: u32) -> Self {
         let mesh = icosphere(level);
@@ -117,7 +117,8 @@ impl Sphere {
     /// # Errors
     ///
     /// [`NoDirection`](SurfaceError::NoDirection) for a vertex at the origin or not finite;
-    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange); [`Seam`](SurfaceError::Seam);
+    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange) if a triangle refers to a missing vertex;
+    /// [`Seam`](SurfaceError::Seam) if the seam in the metadata doesn't match the mesh;
     /// [`OriginOutside`](SurfaceError::OriginOutside) or [`SeveralTurns`](SurfaceError::SeveralTurns) for a closed mesh
     /// that doesn't wind around the origin exactly once.
     pub fn from_mesh(mesh: &Mesh) -> Result<Self, SurfaceError> {
@@ -125,7 +126,7 @@ impl Sphere {
     }
 
     /// Returns each vertex's share of the sphere's area, in steradians: a third of the area of the triangles around it.
-    /// The shares sum to 4 pi. Without triangles they are all zero.
+    /// The shares sum to 4 pi if the triangles cover the sphere once. Without triangles they are all zero.
     #[must_use]
     pub fn areas(&self) -> Vec<f64> {
         let unit = self.directions.as_slice();
@@ -204,8 +205,9 @@ impl Sphere {
 ///
 /// # Errors
 ///
-/// An error if the file can't be read; the errors of [`Sphere::from_mesh`]; for tables
-/// [`NotAngles`](SurfaceError::NotAngles) and [`Colatitude`](SurfaceError::Colatitude).
+/// The errors of [`read_mesh`] or [`read_signal`] if the file can't be read; the errors of [`Sphere::from_mesh`];
+/// [`NotAngles`](SurfaceError::NotAngles) if a table doesn't have two columns; [`Colatitude`](SurfaceError::Colatitude)
+/// if a colatitude in it isn't from 0 to pi.
 pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
     let path = path.as_ref();
     let name = name_without_gz(path);

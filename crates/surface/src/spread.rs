@@ -61,7 +61,7 @@ impl SpreadPoints {
     ///
     /// # Panics
     ///
-    /// When the mesh has fewer triangles or vertices than the mesh that the points were placed on.
+    /// If the mesh has fewer triangles or vertices than the mesh that the points were placed on.
     #[must_use]
     pub fn moved(&self, mesh: &Mesh) -> Self {
         let corners = |triangle: &u32| mesh.faces[*triangle as usize].map(|v| mesh.vertices[v as usize]);

@@ -15,8 +15,7 @@ use crate::topology::{Topology, different_triangles};
 pub struct Target {
     /// Path of the target's file, or `None` if the target was made in memory.
     pub path: Option<PathBuf>,
-    /// The positions or signal values, of shape (n, c), row-major. They are finite, except at vertices that a fit
-    /// ignores.
+    /// The positions or signal values (n, c), row-major. They are finite, except at vertices that a fit ignores.
     pub values: Vec<f64>,
     /// Number of channels, c; 3 for a surface.
     pub channels: usize,
@@ -28,7 +27,8 @@ pub struct Target {
     pub warnings: Vec<TargetWarning>,
 }
 
-/// A property of a target that may be a mistake. It doesn't prevent a fit, since the least-squares problem is defined.
+/// A property of a target that may be a mistake. It doesn't prevent a fit, since the least-squares problem is still
+/// well-defined.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum TargetWarning {
@@ -61,9 +61,12 @@ impl Target {
     ///
     /// # Errors
     ///
-    /// [`NonFinite`](SurfaceError::NonFinite), [`IndexOutOfRange`](SurfaceError::IndexOutOfRange),
-    /// [`VertexCount`](SurfaceError::VertexCount); [`OtherTriangles`](SurfaceError::OtherTriangles) if the sphere has
-    /// triangles and the surface's triangles differ from them.
+    /// [`Empty`](SurfaceError::Empty) if the surface has no vertices or triangles;
+    /// [`NonFinite`](SurfaceError::NonFinite) if a position isn't finite;
+    /// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange) if a triangle refers to a missing vertex;
+    /// [`VertexCount`](SurfaceError::VertexCount) if the sphere has another number of vertices;
+    /// [`OtherTriangles`](SurfaceError::OtherTriangles) if the sphere has triangles and the surface's triangles differ
+    /// from them.
     pub fn from_mesh(mesh: &Mesh, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the surface");
         crate::io::check_mesh(name, mesh)?;
@@ -74,7 +77,8 @@ impl Target {
     ///
     /// # Errors
     ///
-    /// [`NonFinite`](SurfaceError::NonFinite), [`VertexCount`](SurfaceError::VertexCount).
+    /// [`Empty`](SurfaceError::Empty) if the signal has no values; [`NonFinite`](SurfaceError::NonFinite) if a value
+    /// isn't finite; [`VertexCount`](SurfaceError::VertexCount) if the sphere has another number of vertices.
     pub fn from_signal(signal: Signal, sphere: &Sphere) -> Result<Self, SurfaceError> {
         let name = Path::new("the signal");
         crate::io::check_signal(name, &signal)?;
@@ -103,11 +107,11 @@ impl Target {
         Self::of_signal(signal, sphere, None)
     }
 
-    /// Checks that the values are finite at all vertices, except those for which `unread`, a list of n flags, is true.
+    /// Checks that the values are finite at all vertices, except those for which `unread` (n) is true.
     ///
     /// # Errors
     ///
-    /// [`NonFinite`](SurfaceError::NonFinite), with the first value that isn't finite.
+    /// [`NonFinite`](SurfaceError::NonFinite) if a value isn't finite. The error gives the first such value.
     pub fn check_finite(&self, unread: Option<&[bool]>) -> Result<(), SurfaceError> {
         let channels = self.channels.max(1);
         let is_read = |vertex: usize| unread.is_none_or(|unread| !unread.get(vertex).copied().unwrap_or(false));
@@ -169,7 +173,8 @@ fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), Surface
 ///
 /// # Errors
 ///
-/// An error if the file can't be read; the errors of [`Target::from_mesh`] and [`Target::from_signal`].
+/// The errors of [`read_input`] if the file can't be read; the errors of [`Target::from_mesh`] and
+/// [`Target::from_signal`].
 pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
     target_of(read_input(path)?, path, sphere)

@@ -95,8 +95,8 @@ impl VolumeGeometry {
     /// Returns the geometry as the footer that follows a FreeSurfer surface's triangles.
     #[must_use]
     pub fn to_footer(&self) -> Vec<u8> {
-        /// The tag for whether coordinates are scanner coordinates, its value 0 (no), and the tag of the volume's
-        /// geometry.
+        /// Three numbers: the tag of the flag for scanner coordinates, the flag's value 0 (no), and the tag of the
+        /// volume's geometry.
         const TAGS: [i32; 3] = [2, 0, 20];
         let mut footer: Vec<u8> = TAGS.iter().flat_map(|tag| tag.to_be_bytes()).collect();
         let triple = |row: [f64; 3]| row.map(|x| format!("{x:.15e}")).join(" ");

@@ -1,4 +1,4 @@
-//! Measures seconds and GFLOP/s of the Gram matrix.
+//! Measures the time and the rate, in GFLOP/s, of computing the Gram matrix.
 //!
 //! `cargo run --release -p spharm-transform --example gram -- [DEGREE [COLUMNS_PER_TILE]]`
 

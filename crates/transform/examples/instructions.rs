@@ -1,7 +1,8 @@
-//! Runs a kernel a number of times on one thread, for counts of its instructions: `instructions KERNEL REPEATS`.
+//! Runs a kernel a given number of times, so that its instructions can be counted: `RAYON_NUM_THREADS=1 instructions
+//! KERNEL REPEATS`.
 //!
 //! `legendre` is synthesis at few directions and a high degree, where nearly all of the work is Legendre sums;
-//! `synthesis` and `adjoint` are at many directions and a low degree, where it is the interpolation.
+//! `synthesis` and `adjoint` are at many directions and a low degree, where most of the work is interpolation.
 
 use std::error::Error;
 

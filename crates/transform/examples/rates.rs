@@ -1,4 +1,4 @@
-//! Measures the seconds of a plan, a synthesis, an adjoint, and of the normal operator by samples and by moments:
+//! Measures the time of planning, synthesis, adjoint synthesis, and the normal operator by samples and by moments:
 //! `rates DIRECTIONS DEGREE ACCURACY CHANNELS`.
 
 use std::time::Instant;

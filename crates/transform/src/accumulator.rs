@@ -1,19 +1,20 @@
-//! Sums over weighted samples for a least-squares fit, accumulated chunk by chunk.
+//! Accumulates sums over weighted samples for a least-squares fit, chunk by chunk.
 //!
-//! For samples at directions `x_i` with weights `w_i` and values `f_i` these are the moments `s_{lm} = sum_i w_i
-//! S_{lm}(x_i)` to degree 2L, from which [`gram`](crate::gram) computes `A^T W A`, the right-hand sides `A^T W f` to
-//! degree L, and a few numbers. The sums of parts of the data add up to those of all data, and are smaller than the
-//! data.
+//! For samples at directions `x_i` with weights `w_i` and values `f_i`, the sums consist of three parts: the moments
+//! `s_{lm} = sum_i w_i S_{lm}(x_i)` to degree 2L, from which [`gram`](crate::gram) computes `A^T W A`; the right-hand
+//! sides `A^T W f` to degree L; and a few scalars. Sums over parts of the data can be added, and take less memory than
+//! the data.
 //!
-//! The cost of a sample is that of spreading it to two grids: w and w f go to the oversampled grids of two [adjoint
-//! syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L, which are turned into coefficients
-//! once, at the end. The second grid consists of every second point of the first in either direction, so that samples
-//! are placed and sorted once for both. Samples are gathered in *blocks* that fit a cache, each sorted by strips of
-//! the grids. Once enough samples have been gathered, all samples of a strip are spread together.
+//! Adding a sample costs as much as spreading it to two grids: w and w f go to the oversampled grids of two [adjoint
+//! syntheses](crate::Transform::adjoint_synthesis), of degree 2L and of degree L. The grids are turned into
+//! coefficients once, at the end. The second grid consists of every second point of the first in either direction, so
+//! that samples are placed and sorted once for both. Samples are gathered in *blocks* that fit in the cache, and each
+//! block is sorted by strip of the grids. Once enough samples have been gathered, all samples of a strip are spread
+//! together.
 //!
-//! Memory: the grids take `4 M^2 + c M^2` bytes for M points around and c channels, with M from 2.4 to 5.6 times 2L. Up
-//! to 8 million samples take `32 + 8 c` bytes each, and at the end spectra take some `16 L M` bytes. At L = 1,000 the
-//! total is some 1 GB. Results are the same bits on any number of threads.
+//! Memory: the grids take `4 M^2 + c M^2` bytes for c channels and a fine grid of M points around the sphere, with M
+//! from 2.4 to 5.6 times 2L. Up to 8 million samples take `32 + 8 c` bytes each, and at the end spectra take some `16 L
+//! M` bytes. At L = 1,000 the total is some 1 GB. Results are bit-identical for any number of threads.
 
 mod blocks;
 mod griddings;
@@ -53,12 +54,12 @@ pub struct Accumulator {
     channels: usize,
     griddings: Griddings,
     kernels: [Kernel; 2],
-    /// The grid of the weights, and that of the weighted values.
+    /// The grid of the weights and the grid of the weighted values.
     grids: [Vec<f64>; 2],
     /// First the `full` blocks that haven't been spread yet, then blocks that can be refilled.
     blocks: Vec<Block>,
     full: usize,
-    /// Number of samples in the full blocks, and its limit.
+    /// Number of samples in the full blocks; `most_held` is its limit.
     held: usize,
     most_held: usize,
     count: u64,
@@ -90,12 +91,12 @@ pub struct Accumulated {
 }
 
 impl Accumulator {
-    /// Starts sums for fits to degree L = `max_degree` of `channels` channels; with 0 channels, sums of the weights
-    /// alone.
+    /// Creates empty sums for fits of `channels` channels to degree L = `max_degree`. With 0 channels, only weights are
+    /// summed.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Harmonics`]: the degree is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    /// [`TransformError::Harmonics`] if the degree is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, channels: usize) -> Result<Self, TransformError> {
         if max_degree > spharm_harmonics::MAX_DEGREE {
             let max = spharm_harmonics::MAX_DEGREE;
@@ -136,12 +137,12 @@ impl Accumulator {
         self.max_degree
     }
 
-    /// Adds samples at unit vectors, (n, 3), with weights, (n), and values, (n, c); without weights, w = 1. The values
-    /// must be finite, and the weights finite and at least 0.
+    /// Adds samples at the unit vectors `directions` (n, 3) with `weights` (n) and `values` (n, c). Without weights, w
+    /// = 1. The values must be finite, and the weights finite and at least 0.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: an array doesn't have n rows, or the number of channels isn't c.
+    /// [`TransformError::Shape`] if an array doesn't have n rows, or the number of channels isn't c.
     pub fn add(
         &mut self,
         directions: &[[f64; 3]],

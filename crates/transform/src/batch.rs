@@ -1,4 +1,4 @@
-//! Batches of points: kernel values of points, and their places on the grid.
+//! Computes the kernel values of a batch of points, and the points' places on the grid.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use crate::points::Points;
 /// Number of points whose kernel values are computed together.
 pub(crate) const BATCH: usize = 32;
 
-/// Kernel values of at most [`BATCH`] points, and the places of their first grid values.
+/// Kernel values of at most [`BATCH`] points, and row and column of the first grid value under each point's kernel.
 pub(crate) struct Batch {
     pub(crate) rows: [usize; BATCH],
     pub(crate) columns: [usize; BATCH],

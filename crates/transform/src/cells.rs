@@ -1,9 +1,9 @@
-//! The grid cells that contain directions.
+//! Computes the grid cells that contain directions.
 //!
-//! Rows are colatitudes, columns azimuths; both are angles `atan2(y, x)` on a grid of a multiple of 8 points around. An
-//! angle is measured from the nearest multiple of `pi / 4`, which is a whole number of cells: its rounding error is
-//! then that of an angle of at most `pi / 8`, a sixteenth of that of an angle near 2 pi, which matters at high degrees.
-//! Eight directions are processed at a time, whereas the library's `atan` is a function call for a single argument.
+//! Rows are colatitudes, columns azimuths. Both are angles `atan2(y, x)`, on a grid whose number of points around is a
+//! multiple of 8. An angle is measured from the nearest multiple of `pi / 4`, which is a whole number of cells. It is
+//! then at most `pi / 8`, and its rounding error a sixteenth of the rounding error of an angle near 2 pi, which matters
+//! at high degrees. Eight directions are processed at a time, whereas a call of the library's `atan` processes one.
 
 use std::f64::consts::TAU;
 
@@ -19,8 +19,8 @@ const LANES: usize = 8;
 /// `tan(pi / 8)`.
 const TAN_EIGHTH: f64 = 0.414_213_562_373_095_03;
 
-/// `(atan(t) / t - 1) / t^2` as a polynomial in `t^2` on `[0, tan(pi / 8)^2]`, by falling power: interpolation at
-/// Chebyshev nodes in 60 digits. With it atan has a relative error of 5e-18 before rounding.
+/// Coefficients, by falling power, of a polynomial in `t^2` for `(atan(t) / t - 1) / t^2` on `[0, tan(pi / 8)^2]`,
+/// computed by interpolation at Chebyshev nodes in 60 digits. The relative error of atan is then 5e-18 before rounding.
 const ATAN: [f64; 11] = [
     -0.019175404711104935,
     0.03923044778479309,
@@ -35,7 +35,7 @@ const ATAN: [f64; 11] = [
     -0.3333333333333333,
 ];
 
-/// Places unit vectors, (n, 3), on a grid of `grid` points around, a multiple of 8.
+/// Places unit vectors (n, 3) on a grid of `grid` points around, a multiple of 8.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn place(directions: &[[f64; 3]], grid: usize, places: &mut [Place]) {
     for (directions, places) in directions.chunks(LANES).zip(places.chunks_mut(LANES)) {

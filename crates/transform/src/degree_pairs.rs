@@ -1,4 +1,4 @@
-//! The Legendre recurrence over pairs of degrees: one value for two degrees.
+//! Evaluates the Legendre recurrence over pairs of degrees, with one value for two degrees.
 //!
 //! For `z` not near zero the functions of odd `k = l - m` are z times polynomials in `z^2`, and each function of even k
 //! is a sum of two neighbours of these. With the values r and alpha of [`legendre`](crate::legendre), `A_k =
@@ -21,17 +21,17 @@
 //! That saves a quarter of the Legendre sums of one channel. K. Ishioka, "A new recurrence formula for efficient
 //! computation of spherical harmonic transform", J. Meteorol. Soc. Japan 96 (2018).
 //!
-//! Next to the equator the two neighbours nearly cancel, and rounding errors grow by `1 / z` as they do by `1 / sin
-//! theta` next to the poles. Rings there are therefore computed one degree at a time.
+//! Next to the equator the two neighbours nearly cancel, and rounding errors grow like `1 / z`, as they grow like `1 /
+//! sin theta` next to the poles. Rings next to the equator are therefore computed one degree at a time.
 
 use rayon::prelude::*;
 use spharm_harmonics::double_double::DoubleDouble;
 
-/// Lowest degree at which pairs of degrees pay off. Mixing coefficients takes as long as about ten rings, and so does
-/// an additional zone.
+/// Lowest degree at which pairs of degrees pay off. Mixing coefficients takes as long as computing about ten rings, and
+/// so does processing an additional zone of rings.
 const PAIRS_FROM: usize = 256;
-/// A ring is next to the equator if the cosine of its colatitude is below the first constant plus the second times the
-/// degree: there pairs of degrees lose a digit, and more at high degrees.
+/// A ring counts as next to the equator if the cosine of its colatitude is below `EQUATORIAL_COSINE +
+/// EQUATORIAL_COSINE_PER_DEGREE L`. On such rings, pairs of degrees lose a digit, and more at high degrees.
 const EQUATORIAL_COSINE: f64 = 0.05;
 const EQUATORIAL_COSINE_PER_DEGREE: f64 = 5e-5;
 
@@ -57,7 +57,7 @@ struct Order {
 }
 
 impl DegreePairs {
-    /// Computes the tables from `alpha_l` of each order to degree L, from degree m on.
+    /// Computes the tables to degree L. `alpha` returns the values `alpha_l` of an order m, from degree m on.
     pub(crate) fn new<'a>(max_degree: usize, alpha: impl Fn(usize) -> &'a [f64] + Sync) -> Self {
         Self { orders: (0..=max_degree).into_par_iter().map(|m| order(m, alpha(m))).collect() }
     }
@@ -67,8 +67,8 @@ impl DegreePairs {
         &self.orders[m].steps
     }
 
-    /// Mixes coefficients of order m, (L + 1 - m, columns) row-major, to (pairs, 2 columns): for each channel, cosine
-    /// and sine of even degrees and then those of odd ones.
+    /// Mixes the coefficients `x` (L + 1 - m, columns) of order m to `mixed` (pairs, 2 columns), both row-major.
+    /// `mixed` contains, for each channel, cosine and sine of even degrees, then cosine and sine of odd degrees.
     pub(crate) fn mix(&self, m: usize, x: &[f64], columns: usize, mixed: &mut Vec<f64>) {
         let Order { mixing, .. } = &self.orders[m];
         mixed.clear();
@@ -104,8 +104,8 @@ impl DegreePairs {
     }
 }
 
-/// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`. From this
-/// equation a and b are computed with errors in the last bit only, since errors accumulate from step to step.
+/// Computes the tables of one order. With `l = m + 2j`, `alpha_l alpha_{l+1} = (4 l^2 - 1) / (l^2 - m^2)`. This
+/// equation gives a and b with errors in the last bit only. Larger errors would accumulate from step to step.
 fn order(m: usize, alpha: &[f64]) -> Order {
     let count = alpha.len().div_ceil(2);
     let mut order = Order { steps: Vec::with_capacity(count), mixing: Vec::with_capacity(count) };
@@ -137,7 +137,7 @@ fn order(m: usize, alpha: &[f64]) -> Order {
             order.steps.push([a, -b]);
             (before, sigma) = (sigma, next);
         }
-        // A value beyond the highest degree has no coefficient.
+        // There is no coefficient beyond the highest degree.
         let next = if 2 * j + 2 < alpha.len() { sigma / odd(j + 1) } else { 0.0 };
         order.mixing.push([sigma / odd(j), next, sigma]);
     }

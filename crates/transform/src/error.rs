@@ -9,7 +9,7 @@ pub enum TransformError {
     /// Invalid degree or coefficients.
     #[error(transparent)]
     Harmonics(#[from] HarmonicsError),
-    /// A degree above that of the plan that is to be shared.
+    /// A degree above the highest degree of the plan whose sorted directions are to be shared.
     #[error("degree: expected at most {max}, found {found}")]
     Degree {
         /// The requested degree.

@@ -38,8 +38,8 @@ pub(crate) struct Fourier {
     grid_inverse: Arc<dyn Fft<f64>>,
     to_reals: Arc<dyn ComplexToReal<f64>>,
     from_reals: Arc<dyn RealToComplex<f64>>,
-    /// Correction factors of the frequencies `k >= 0` of theta, `e^{-i k pi / 2N} / (2 N p_k)`; those of -k are
-    /// conjugate.
+    /// Factors `e^{-i k pi / 2N} / (2 N p_k)` that correct the frequencies `k >= 0` in theta. The factors for -k are
+    /// their conjugates.
     correction: Vec<Complex64>,
 }
 
@@ -56,8 +56,9 @@ pub(crate) struct FourierWork {
     spectra: Vec<Complex64>,
 }
 
-/// Cosine (real part) and sine (imaginary part) sums of an even order and of the odd order after it at a pair of rings,
-/// each as the sum over even and the sum over odd `l - m`.
+/// Legendre sums of an even order and of the odd order after it, at a pair of rings. Cosine sums are real parts and
+/// sine sums imaginary parts. For each order, the first element is the sum over even `l - m`, and the second the sum
+/// over odd `l - m`.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct RingPair {
     pub(crate) even_order: [Complex64; 2],
@@ -108,8 +109,8 @@ impl Fourier {
         }
     }
 
-    /// Transforms one pair of orders of one channel, given on the pairs of rings from the pole to the equator, to the M
-    /// points of a great circle, `out`.
+    /// Transforms one pair of orders of one channel from rings to the M points of a great circle, `out`. `ring` returns
+    /// the sums at a pair of rings; pairs are counted from the pole to the equator.
     pub(crate) fn rings_to_circle(
         &self,
         ring: impl Fn(usize) -> RingPair,
@@ -168,7 +169,7 @@ impl Fourier {
         }
     }
 
-    /// Transforms all circles, (order pairs, channels, M), to the rows of the grid.
+    /// Transforms all circles (order pairs, channels, M) to the rows of the grid.
     pub(crate) fn circles_to_grid(&self, circles: &[Complex64], layout: Layout, grid: &mut [f64]) {
         let (m, channels) = (self.gridding.grid, layout.channels);
         let length = m / 2 + 1;
@@ -210,7 +211,7 @@ impl Fourier {
         circles: &mut [Complex64],
     ) {
         let (m, channels, count) = (self.gridding.grid, layout.channels, self.max_degree + 1);
-        // Computes first the rows' spectra, (rows, channels, orders), then the circles from these spectra.
+        // First compute the spectra (rows, channels, orders) of the rows, then the circles from these spectra.
         layout.core_mut(grid, ROWS).zip(spectra.par_chunks_mut(ROWS * channels * count)).for_each_init(
             || self.work(),
             |work, (rows, spectra)| {

@@ -1,4 +1,5 @@
-//! The Gram matrix `A^T diag(w) A` of the canonical basis at n scattered weighted directions, without the basis.
+//! Computes the Gram matrix `A^T diag(w) A` of the canonical basis at n scattered weighted directions, without
+//! evaluating the basis.
 //!
 //! The Gram matrix depends on weights and directions only through the *moments* `s_{lm} = sum_i w_i S_{lm}(x_i)` to
 //! degree 2L, which one adjoint synthesis of the weights computes: a product of two harmonics of degrees up to L has
@@ -63,16 +64,16 @@ use crate::moments::check;
 use measure::Measure;
 use panel::{Columns, Part, Rows};
 
-/// Number of pairs (l', m') per task. Every task reads the entire Legendre table, so tasks must not be small, but
-/// there must be enough of them for all threads.
+/// Number of pairs (l', m') per task. Every task reads the whole Legendre table, so tasks must not be small, but there
+/// must be enough of them for all threads.
 const TASK: usize = 32;
-/// Number of columns and of rows of the tiles in which the matrix is mirrored. A tile takes 32 kB, which fits the L1
+/// Number of columns and of rows of the tiles in which the matrix is mirrored. A tile takes 32 kB, which fits in the L1
 /// cache.
 const MIRROR: usize = 64;
 
-/// The Gram matrix `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
+/// The Gram matrix `A^T diag(w) A` (K, K) of the canonical basis to degree L, computed from the moments of the weights.
 ///
-/// Entries are computed on request: the entire matrix, tiles or blocks of degrees. Methods run on the rayon pool from
+/// Entries are computed on request: the whole matrix, tiles or blocks of degrees. Methods run on the rayon pool from
 /// which they are called.
 #[derive(Debug)]
 pub struct MomentGram {
@@ -85,9 +86,9 @@ impl MomentGram {
     ///
     /// # Errors
     ///
-    /// - [`TransformError::MomentCount`]: the number of moments isn't `(2L + 1)^2`.
-    /// - [`TransformError::MomentNotFinite`]: a moment is NaN or infinite.
-    /// - [`TransformError::Harmonics`]: 2L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    /// - [`TransformError::MomentCount`] if the number of moments isn't `(2L + 1)^2`.
+    /// - [`TransformError::MomentNotFinite`] if a moment is NaN or infinite.
+    /// - [`TransformError::Harmonics`] if 2L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         check(max_degree, moments)?;
         Ok(Self { measure: Measure::new(max_degree, moments)? })
@@ -104,13 +105,13 @@ impl MomentGram {
         self.measure.max_degree()
     }
 
-    /// Returns the number of rows and of columns of the entire matrix, `K = (L + 1)^2`.
+    /// Returns the number of rows and of columns of the whole matrix, `K = (L + 1)^2`.
     pub fn size(&self) -> usize {
         basis_size(self.max_degree())
     }
 
-    /// Writes the lower triangle with the diagonal into `out`, (K, K) column-major in canonical order, with `leading`
-    /// values from column to column. Values above the diagonal are left unchanged.
+    /// Writes the lower triangle, including the diagonal, to `out`, a column-major matrix (K, K) in canonical order
+    /// whose columns are `leading` values apart. Values above the diagonal are left unchanged.
     ///
     /// # Panics
     ///
@@ -119,12 +120,12 @@ impl MomentGram {
         self.fill(0..self.size(), 0..self.size(), true, out, leading);
     }
 
-    /// Writes the entries of `rows` and `columns`, anywhere in the symmetric matrix, into `out`, (rows, columns)
-    /// column-major, with `leading` values from column to column.
+    /// Writes the entries in `rows` and `columns`, anywhere in the symmetric matrix, to `out`, a column-major matrix
+    /// (rows, columns) whose columns are `leading` values apart.
     ///
-    /// Tiles of several complete degrees cost least per entry: columns of both signs of a degree and order share their
-    /// sums, and a kernel processes three degrees of equal parity at a time. Tiles of fewer than two degrees per side
-    /// cost three times as much per entry.
+    /// Tiles of several complete degrees cost least per entry: the columns of a degree and order, cosine and sine,
+    /// share their sums, and a kernel processes three degrees of equal parity at a time. Tiles of fewer than two
+    /// degrees per side cost three times as much per entry.
     ///
     /// # Panics
     ///
@@ -133,8 +134,8 @@ impl MomentGram {
         self.fill(rows, columns, false, out, leading);
     }
 
-    /// Writes the Gram matrix of a range of degrees, both triangles, into `out`, (k, k) column-major, where k is the
-    /// number of basis functions of these degrees. The result is exactly symmetric, to the last bit.
+    /// Writes both triangles of the Gram matrix of a range of degrees to `out`, a column-major matrix (k, k), where k
+    /// is the number of basis functions of these degrees. The result is exactly symmetric, to the last bit.
     ///
     /// # Panics
     ///
@@ -147,7 +148,7 @@ impl MomentGram {
         mirror_lower(out, size);
     }
 
-    /// Writes the entries of `rows` and `columns`; with `lower`, only those on and below the diagonal.
+    /// Writes the entries in `rows` and `columns`; with `lower`, only those on and below the diagonal.
     fn fill(&self, rows: Range<usize>, columns: Range<usize>, lower: bool, out: &mut [f64], leading: usize) {
         let size = self.size();
         assert!(rows.end <= size && columns.end <= size, "{rows:?} x {columns:?} of {size} functions");
@@ -163,7 +164,7 @@ impl MomentGram {
             out.len()
         );
 
-        // Columns of one order, of both signs, share factors of their sums.
+        // Columns of one order, cosine and sine, share factors of their sums.
         let mut orders: Vec<Vec<Part<'_>>> = (0..=self.max_degree()).map(|_| Vec::new()).collect();
         for (column, values) in columns.zip(out[..needed].chunks_mut(leading)) {
             let (degree, order) = degree_order(column);
@@ -184,7 +185,7 @@ impl MomentGram {
     }
 
     /// Groups the columns, given by order, into tasks of about [`TASK`] degrees: of one order if it has that many,
-    /// otherwise of as many orders as fit a cache together.
+    /// otherwise of as many orders as fit in the cache together.
     fn tasks<'a>(&self, orders: Vec<Vec<Part<'a>>>) -> Vec<Vec<Columns<'a>>> {
         let most = panel::most_orders(self.measure.rings());
         let mut tasks: Vec<Vec<Columns<'a>>> = Vec::new();
@@ -209,7 +210,7 @@ impl MomentGram {
     }
 }
 
-/// Copies the lower triangle of a (size, size) matrix to the upper one.
+/// Copies the lower triangle of a matrix (size, size) to its upper triangle.
 fn mirror_lower(matrix: &mut [f64], size: usize) {
     for first in (0..size).step_by(MIRROR) {
         for start in (first..size).step_by(MIRROR) {

@@ -22,9 +22,9 @@ pub(crate) struct Layout {
     pub(crate) channels: usize,
     /// Number of values from one channel of a row to the next.
     pub(crate) stride: usize,
-    /// Number of margin rows before the first row, and number of those after the last one.
+    /// Number of margin rows before the first row, and also after the last row.
     pub(crate) margin: usize,
-    /// Number of rows per strip. Points are sorted by strips, and strips are distributed among threads.
+    /// Number of rows per strip. Points are sorted by strip, and strips are distributed among threads.
     pub(crate) strip: usize,
 }
 
@@ -36,8 +36,8 @@ impl Layout {
         // sets of the cache.
         let stride = if (columns / 8).is_multiple_of(2) { columns + 8 } else { columns };
         let margin = width.div_ceil(2);
-        // Kernels of a strip's points extend beyond it by one margin on either side: with its margins it is two strips
-        // high.
+        // Kernels of a strip's points extend beyond the strip by one margin on either side: with its margins, a strip
+        // is twice as high.
         Self { around, channels, stride, margin, strip: 2 * margin }
     }
 
@@ -57,18 +57,18 @@ impl Layout {
         (self.core_rows().next_multiple_of(self.strip) + self.strip + 1) * self.row()
     }
 
-    /// Returns the rows of a grid from pole to pole, `count` at a time, each (channels, columns) with margins.
+    /// Returns the rows (channels, columns) of a grid from pole to pole, `count` at a time, with margin columns.
     pub(crate) fn core_mut<'a>(&self, grid: &'a mut [f64], count: usize) -> rayon::slice::ChunksMut<'a, f64> {
         grid[self.margin * self.row()..][..self.core_rows() * self.row()].par_chunks_mut(count * self.row())
     }
 
-    /// Returns the columns of a channel, without margins, in rows from [`core_mut`](Self::core_mut).
+    /// Returns the index range of a channel's columns, without margins, in rows from [`core_mut`](Self::core_mut).
     pub(crate) fn line(&self, row: usize, channel: usize) -> Range<usize> {
         let start = row * self.row() + channel * self.stride + MARGIN;
         start..start + self.around
     }
 
-    /// Returns the starts of the lines beyond the poles and of the lines that they copy.
+    /// Returns, for each line beyond a pole, the start of the line and the start of the line that it copies.
     fn over_the_poles(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
         let layout = *self;
         let last = layout.core_rows() - 1;
@@ -84,7 +84,7 @@ impl Layout {
         })
     }
 
-    /// Fills the margins with the values that they copy.
+    /// Fills the margins with copies of the corresponding grid values.
     pub(crate) fn extend(&self, grid: &mut [f64]) {
         let m = self.around;
         let wrap = |line: &mut [f64]| {
@@ -101,7 +101,7 @@ impl Layout {
         }
     }
 
-    /// Applies the transpose of [`extend`](Self::extend): adds the margins to the values that they copy.
+    /// Applies the transpose of [`extend`](Self::extend): adds the margins to the corresponding grid values.
     pub(crate) fn fold(&self, grid: &mut [f64]) {
         let m = self.around;
         let unwrap = |line: &mut [f64]| {

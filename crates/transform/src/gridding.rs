@@ -1,7 +1,7 @@
-//! The choice of grid size and kernel width: the cheapest pair that reaches the requested accuracy.
+//! Chooses the grid size and the kernel width: the cheapest pair that reaches the requested accuracy.
 //!
-//! A finer grid needs only a narrower kernel. The cost of the Fourier transforms grows with the square of the grid
-//! size, and the cost of the interpolation with the square of the kernel width and with the number of directions.
+//! The finer the grid, the narrower the kernel can be. The cost of the Fourier transforms grows with the square of the
+//! grid size, and the cost of the interpolation with the square of the kernel width and with the number of directions.
 
 use crate::TransformError;
 use crate::kernel::{MAX_WIDTH, aliasing, magnification};
@@ -55,12 +55,12 @@ impl Gridding {
                 grids.get(found).map(|&grid| Self { grid, width, reach: width, rings })
             })
             .min_by(|a, b| a.cost(max_degree, directions).total_cmp(&b.cost(max_degree, directions)));
-        // Fallback for the finest accuracy: the widest kernel on the largest grid.
+        // Fallback if no kernel reaches the finest accuracy: the widest kernel on the largest grid.
         Ok(best.unwrap_or(Self { grid: grids[grids.len() - 1], width: MAX_WIDTH, reach: MAX_WIDTH, rings }))
     }
 
-    /// Returns the gridding of the same grid for a lower degree. A narrower kernel is enough, since the grid is finer
-    /// for it.
+    /// Returns the gridding of the same grid for a lower degree. A narrower kernel may suffice, since the grid is finer
+    /// relative to the degree.
     pub(crate) fn of_degree(&self, max_degree: usize, accuracy: f64) -> Self {
         let width = (4..self.width).find(|&width| error(width, max_degree, self.grid) <= accuracy);
         Self { width: width.unwrap_or(self.width), rings: smooth(max_degree + 1, 1), ..*self }
@@ -89,7 +89,7 @@ pub(crate) fn point_cost(width: usize, channels: usize, density: f64) -> f64 {
     width as f64 * lanes * product * channels as f64 + 12.0 * lanes + 4.0
 }
 
-/// Returns the expected relative error of a width on a grid: the aliases in both directions, and magnified rounding
+/// Returns the expected relative error of a kernel width on a grid: aliasing in both directions plus magnified rounding
 /// errors.
 pub(crate) fn error(width: usize, max_degree: usize, grid: usize) -> f64 {
     if (2 * max_degree + 1) as f64 > 0.9 * grid as f64 {

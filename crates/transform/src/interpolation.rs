@@ -2,7 +2,7 @@
 //!
 //! Per channel, a direction costs `w^2` fused products. In addition it costs two Horner schemes of about `w + 4` steps
 //! over w lanes, which all channels share. Interpolation reads `8 w^2` bytes per channel and direction, and spreading
-//! reads and writes them; as directions are sorted, these bytes are in the L1 cache.
+//! reads and writes as many. Since directions are sorted, these bytes are in the L1 cache.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use crate::interpolation_batch::{interpolate_batch, spread_batch};
 use crate::kernel::Kernel;
 use crate::points::Points;
 
-/// Interpolates from the grid to the points: `values` is (places, channels) row-major.
+/// Interpolates from the grid to the points, and writes the results to `values` (places, channels), row-major.
 pub(crate) fn interpolate(layout: Layout, grid: &[f64], kernel: &Kernel, points: &Points, values: &mut [f64]) {
     let channels = layout.channels;
     // Number of places per task: enough to be worth a task, and few enough that every thread gets some tasks.
@@ -28,7 +28,8 @@ pub(crate) fn interpolate(layout: Layout, grid: &[f64], kernel: &Kernel, points:
     });
 }
 
-/// Adds the values at the points, (places, channels) row-major, to a grid of zeros: the transpose of [`interpolate`].
+/// Spreads the values (places, channels) at the points, row-major, to a grid of zeros: the transpose of
+/// [`interpolate`].
 pub(crate) fn spread(layout: Layout, grid: &mut [f64], kernel: &Kernel, points: &Points, values: &[f64]) {
     let channels = layout.channels;
     over_strips(layout, grid, points, |places, first_row, rows| {
@@ -43,7 +44,7 @@ pub(crate) fn spread(layout: Layout, grid: &mut [f64], kernel: &Kernel, points: 
     });
 }
 
-/// Interpolates from the first grid, multiplies by the weights, (places) in sorted order, if any, and spreads to the
+/// Interpolates from the first grid, multiplies by the weights if there are any, one per place, and spreads to the
 /// second grid, which must be zero. Each point's kernel values are computed once.
 pub(crate) fn interpolate_and_spread(
     layout: Layout,

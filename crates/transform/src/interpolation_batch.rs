@@ -1,7 +1,7 @@
-//! The products of the kernel values of a batch of points with the grid.
+//! Multiplies the kernel values of a batch of points with the grid.
 //!
-//! There is a compiled kernel for every padded width and for one, two and three channels: the sums over a point's
-//! neighbourhood then stay in registers. Batches in which many points share a cell are passed to
+//! There is a separate function for every padded kernel width and for one, two and three channels, so that the sums
+//! over a point's neighbourhood stay in registers. Batches in which many points share a cell are passed to
 //! [`interpolation_cells`](crate::interpolation_cells).
 
 use multiversion::{multiversion, target::target_cfg_f};
@@ -12,8 +12,8 @@ use crate::interpolation_cells::{interpolate_cells, spread_cells};
 use crate::kernel::Kernel;
 use crate::lanes::fused;
 
-/// Interpolates the batch's points from `grid`, whose first row is row `first_row`, to `values`, (points, channels)
-/// row-major.
+/// Interpolates from `grid`, whose first row has index `first_row`, to the batch's points, and writes the results to
+/// `values` (points, channels), row-major.
 pub(crate) fn interpolate_batch(
     layout: Layout,
     grid: &[f64],
@@ -40,7 +40,8 @@ pub(crate) fn interpolate_batch(
     }
 }
 
-/// Adds the values of the batch's points, (points, channels) row-major, to `grid`, whose first row is row `first_row`.
+/// Spreads the values (points, channels) at the batch's points, row-major, to `grid`, whose first row has index
+/// `first_row`.
 pub(crate) fn spread_batch(
     layout: Layout,
     grid: &mut [f64],
@@ -144,7 +145,7 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
             }
         }
     }
-    // Only loops are used, since a closure that isn't inlined is compiled for the oldest processor.
+    // Only loops are used, since a closure that isn't inlined is compiled for the oldest supported processor.
     let columns = &batch.column_values[point];
     let mut result = [0.0; C];
     for (result, sums) in result.iter_mut().zip(&sums) {
@@ -159,7 +160,7 @@ fn gather<const W: usize, const C: usize, const FMA: bool>(
     result
 }
 
-/// Adds values of C channels at one point to the grid.
+/// Spreads the values of C channels at one point to the grid.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "a kernel")]
 fn scatter<const W: usize, const C: usize, const FMA: bool>(

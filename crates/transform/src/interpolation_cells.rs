@@ -1,7 +1,7 @@
-//! Products of kernel values with the grid for points that share cells.
+//! Multiplies kernel values with the grid, for points that share cells.
 //!
 //! The kernels of points in one cell cover the same grid points if their width is even. Spreading sums their values in
-//! registers and adds the sums to the grid once: a point costs its products, at the rate of a matrix product's kernel,
+//! registers and adds the sums to the grid once: a point then costs only its products, at the rate of a matrix product,
 //! instead of reading and writing `w^2` values across cache lines. Interpolation reads the grid once for several
 //! points. Channels are processed one at a time.
 
@@ -47,7 +47,7 @@ pub(crate) fn spread_cells(
     }
 }
 
-/// Kernels for a padded width, which also serve narrower ones: sums of `$rows` by `$across` grid values fit the
+/// Defines the functions for kernels of at most a padded width. Sums of `$rows` by `$across` grid values fit in the
 /// registers of AVX-512.
 macro_rules! kernels_for {
     ($interpolate:ident, $spread:ident, $lanes:literal, $rows:literal, $across:literal) => {
@@ -98,7 +98,7 @@ macro_rules! kernels_for {
 kernels_for!(interpolate_cells_12, spread_cells_12, 12, 12, 4);
 kernels_for!(interpolate_cells_16, spread_cells_16, 16, 16, 8);
 
-/// Returns the index of the first value under a point's kernel, of the first channel, in a grid whose first row is row
+/// Returns the index, in the first channel, of the first value under a point's kernel. The grid's first row has index
 /// `first_row`.
 #[inline(always)]
 fn start(layout: Layout, first_row: usize, batch: &Batch, point: usize) -> usize {
@@ -106,7 +106,7 @@ fn start(layout: Layout, first_row: usize, batch: &Batch, point: usize) -> usize
     (row - first_row) * layout.row() + column
 }
 
-/// Returns the first point after `point` whose kernel covers other grid points, at most `count`.
+/// Returns the first point after `point` whose kernel covers other grid points, or `count` if there is none.
 #[inline(always)]
 fn end_of_cell(batch: &Batch, point: usize, count: usize) -> usize {
     let mut end = point + 1;
@@ -116,7 +116,7 @@ fn end_of_cell(batch: &Batch, point: usize, count: usize) -> usize {
     end
 }
 
-/// Computes the values of all channels at P points of one cell. `values`, (points, channels) row-major, starts with the
+/// Computes the values of all channels at P points of one cell. `values` (points, channels), row-major, starts with the
 /// first of these points, and `grid` with the first value under their kernels.
 #[inline(always)]
 fn gather<const W: usize, const P: usize, const FMA: bool>(
@@ -138,7 +138,7 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
                 }
             }
         }
-        // Only loops are used, since a closure that isn't inlined is compiled for the oldest processor.
+        // Only loops are used, since a closure that isn't inlined is compiled for the oldest supported processor.
         for (p, (sums, columns)) in sums.iter().zip(column_values).enumerate() {
             let mut four = [0.0; 4];
             for (columns, sums) in columns.chunks_exact(4).zip(sums.chunks_exact(4)) {
@@ -151,8 +151,9 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
     }
 }
 
-/// Adds values of all channels at points of one cell, `values` (points of the batch, channels) row-major, to the grid,
-/// which starts with the first value under their kernels. R rows and L columns of the sums are processed at a time.
+/// Spreads the values of all channels at some points of one cell to the grid, which starts with the first value under
+/// their kernels. `values` (points of the batch, channels) is row-major. R rows and L columns of the sums are processed
+/// at a time.
 #[inline(always)]
 fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
     layout: Layout,
@@ -181,7 +182,8 @@ fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
     }
 }
 
-/// Returns the sums over points of a value times R by L kernel values; the values of a channel are `stride` apart.
+/// Returns R by L sums over points: of each point's value times its R by L kernel values. The values of successive
+/// points are `stride` apart.
 #[inline(always)]
 fn sums<const R: usize, const L: usize, const FMA: bool>(
     batch: &Batch,

@@ -1,8 +1,8 @@
 //! The interpolation kernel: Kaiser-Bessel, evaluated by piecewise polynomials.
 //!
-//! A function with frequencies `|k| <= L` on the circle is interpolated from a grid of `M > 2 L + 1` points as
-//! `f(x) = sum_j g_j phi(j - x)`, x in grid steps, `g` the grid values of the function whose spectrum is that of f
-//! divided by `p_k`, the transform of the kernel. With support of `w` grid points,
+//! A function with frequencies `|k| <= L` on the circle is interpolated from a grid of `M > 2 L + 1` points as `f(x) =
+//! sum_j g_j phi(j - x)`, with x in grid steps. The values `g` are those of a function whose spectrum is the spectrum
+//! of f divided by `p_k`, the transform of the kernel. With support of `w` grid points,
 //!
 //! ```text
 //! phi(s) = I0(beta sqrt(1 - (2 s / w)^2)) / I0(beta)          |s| <= w / 2
@@ -10,14 +10,14 @@
 //! beta   = pi w (1 - 1 / (2 sigma)),   sigma = M / (2 L + 1)
 //! ```
 //!
-//! The relative error at frequency k is that of the aliases, `sqrt(sum_{j != 0} p_{k+jM}^2) / p_k`, largest at `k = L`.
-//! `beta` puts the first zero of the transform at the nearest alias; the error is two to ten times smaller than with
-//! the exponential-of-semicircle kernel of the same width (measured over widths 4 to 16, sigma 1.2 to 2.5). J. I.
-//! Jackson et al., "Selection of a convolution function for Fourier inversion using gridding", IEEE Trans. Med. Imaging
-//! 10 (1991).
+//! The relative error at frequency k comes from aliases: it is `sqrt(sum_{j != 0} p_{k+jM}^2) / p_k`, and is largest at
+//! `k = L`. `beta` puts the first zero of the transform at the nearest alias; the error is two to ten times smaller
+//! than with the exponential-of-semicircle kernel of the same width (measured over widths 4 to 16, sigma 1.2 to 2.5).
+//! J. I. Jackson et al., "Selection of a convolution function for Fourier inversion using gridding", IEEE Trans. Med.
+//! Imaging 10 (1991).
 //!
-//! `phi` is one polynomial on each of the w grid steps. All have the same argument, so a single Horner scheme over
-//! lanes computes the w values of a point.
+//! `phi` is evaluated as one polynomial on each of the w grid steps. All w polynomials have the same argument, so a
+//! single Horner scheme over lanes computes the w values of a point.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -80,8 +80,8 @@ impl Kernel {
         transform(self.width, self.beta, k as f64 / grid as f64)
     }
 
-    /// Returns, for a point in cell `cell` at position `fraction` in it, the first grid point under its kernel, which
-    /// may lie up to `width / 2` before the grid, and the argument of the polynomials.
+    /// Returns the first grid point under the kernel of a point at position `fraction` in cell `cell`, and the argument
+    /// of the polynomials. The grid point may lie up to `width / 2` before the grid.
     #[inline(always)]
     pub(crate) fn place(&self, cell: u32, fraction: f64) -> (isize, f64) {
         let cell = cell as isize - (self.width / 2) as isize;
@@ -133,7 +133,7 @@ macro_rules! horner_for {
 horner_for!(horner_8, 8);
 horner_for!(horner_16, 16);
 
-/// Returns the parameter beta.
+/// Returns the kernel's shape parameter beta.
 fn shape_parameter(width: usize, max_degree: usize, grid: usize) -> f64 {
     let inverse_sigma = (2 * max_degree + 1) as f64 / grid as f64;
     std::f64::consts::PI * width as f64 * (1.0 - inverse_sigma / 2.0)
@@ -173,8 +173,8 @@ pub(crate) fn magnification(width: usize, max_degree: usize, grid: usize) -> f64
 /// Returns `I0(beta sqrt(square)) e^-beta`, an entire function of `square`, which rounding may make slightly
 /// negative.
 fn bessel_ratio(beta: f64, square: f64) -> f64 {
-    // I0(z) = sum (z^2 / 4)^k / k!^2; unless rounding makes z^2 negative, all terms are positive, at most some 60 of
-    // them for beta <= 45.
+    // I0(z) = sum (z^2 / 4)^k / k!^2; all terms are positive unless rounding makes z^2 negative, and at most some 60
+    // terms are needed for beta <= 45.
     let quarter = beta * beta * square / 4.0;
     let (mut term, mut sum) = (1.0, 1.0);
     for k in 1..200 {

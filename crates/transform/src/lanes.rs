@@ -10,7 +10,7 @@ pub(crate) fn load<const W: usize>(values: &[f64], at: usize) -> [f64; W] {
     lanes
 }
 
-/// Returns `a b + c`; with `FMA` it is rounded once, which is one instruction on processors that have it.
+/// Returns `a b + c`. With `FMA`, the result is rounded only once, by a single instruction if the processor has one.
 #[inline(always)]
 pub(crate) fn fused<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
     if FMA { a.mul_add(b, c) } else { a * b + c }

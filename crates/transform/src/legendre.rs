@@ -38,7 +38,7 @@ use crate::ring_table::{ADJOINT, LANES, RingTable, SYNTHESIS};
 /// Number of coefficients that one task brings into canonical order.
 const RUN: usize = 1024;
 
-/// Columns of coefficients in canonical order, (K, all) row-major, from the column `first` on.
+/// The columns from `first` on of coefficients `values` (K, all) in canonical order, row-major.
 #[derive(Clone, Copy)]
 pub(crate) struct SomeColumns<'a> {
     pub(crate) values: &'a [f64],
@@ -50,12 +50,12 @@ pub(crate) struct SomeColumns<'a> {
 #[derive(Debug)]
 pub(crate) struct Legendre {
     max_degree: usize,
-    /// Coefficients `alpha_{l,m}` at index `start(m) + l - m`; `scale` has `s_{l,m}` in the same layout.
+    /// Coefficients `alpha_{l,m}` at index `start(m) + l - m`; `scale` contains `s_{l,m}` in the same layout.
     alpha: Vec<f64>,
     scale: Vec<f64>,
     /// `cos theta` of the northern rings from the pole to the equator, padded.
     z: Vec<f64>,
-    /// `2^930 u^m`, (rings, L + 1) column-major.
+    /// Values `2^930 u^m` (rings, L + 1), column-major.
     power: Vec<f64>,
     /// Index of the first ring on which each order isn't negligible, rounded down to a multiple of [`LANES`].
     first_ring: Vec<usize>,
@@ -70,8 +70,8 @@ pub(crate) struct Legendre {
 }
 
 impl Legendre {
-    /// Prepares the transforms for rings whose colatitudes have the cosines and sines `angles`, (rings, 2), from the
-    /// north pole to the equator at most. Values of `P_{l,m}` below `negligible` need not be computed.
+    /// Prepares the transforms for rings from the north pole to the equator at most. `angles` (rings, 2) are the
+    /// cosines and sines of their colatitudes. Values of `P_{l,m}` below `negligible` need not be computed.
     pub(crate) fn new(recurrence: &MonicRecurrence, angles: &[[f64; 2]], negligible: f64) -> Self {
         let max_degree = recurrence.max_degree();
         let rings = angles.len().next_multiple_of(LANES);
@@ -91,7 +91,7 @@ impl Legendre {
             }
         });
         drop(columns);
-        // A ring on which an order isn't negligible isn't negligible for any lower order either.
+        // If an order isn't negligible on a ring, no lower order is negligible there either.
         let mut first = 0;
         let first_ring: Vec<usize> = (0..=max_degree)
             .map(|m| {
@@ -163,9 +163,9 @@ impl Legendre {
         self.order(m).1
     }
 
-    /// Writes the coefficients of order m of `channels` columns in the form that [`synthesis`](Self::synthesis)
-    /// expects, multiplied by [`scale`](Self::scale) and a factor: x is (L + 1 - m, 2 c) row-major, cosine and sine of
-    /// each channel. Sines of order 0 are 0.
+    /// Writes the coefficients of order m in `channels` columns, multiplied by [`scale`](Self::scale) and `factor`, to
+    /// `x`, as [`synthesis`](Self::synthesis) expects: (L + 1 - m, 2 c) row-major, with cosine and sine of each
+    /// channel. Sines of order 0 are 0.
     pub(crate) fn scaled(&self, m: usize, factor: f64, from: SomeColumns<'_>, channels: usize, x: &mut [f64]) {
         let SomeColumns { values, all, first } = from;
         for ((x, scale), l) in x.chunks_exact_mut(2 * channels).zip(self.scale(m)).zip(m..) {
@@ -178,7 +178,7 @@ impl Legendre {
         }
     }
 
-    /// Brings coefficients that are sorted by order, (L + 1 - m, 2 c) row-major for each m, into canonical order, (K,
+    /// Brings coefficients sorted by order, for each m an array (L + 1 - m, 2 c), row-major, into canonical order (K,
     /// c).
     pub(crate) fn to_canonical(&self, by_order: &[f64], mut out: ArrayViewMut2<'_, f64>) {
         let columns = 2 * out.ncols();
@@ -195,8 +195,9 @@ impl Legendre {
         });
     }
 
-    /// Computes the sums over even and over odd `l - m` on the rings. `x` is (L + 1 - m, columns) row-major, already
-    /// multiplied by [`scale`](Self::scale); `even` and `odd` are (rings, columns) column-major and are overwritten.
+    /// Computes the sums over even and over odd `l - m` on the rings. `x` (L + 1 - m, columns) is row-major, and
+    /// already multiplied by [`scale`](Self::scale). `even` and `odd` (rings, columns) are column-major, and are
+    /// overwritten.
     pub(crate) fn synthesis(
         &self,
         m: usize,
@@ -249,8 +250,8 @@ impl Legendre {
         self.weigh(m, columns, even, odd);
     }
 
-    /// Applies the transpose of [`synthesis`](Self::synthesis). `even` and `odd`, (rings, columns) column-major, are
-    /// used as scratch space; `x` is overwritten.
+    /// Applies the transpose of [`synthesis`](Self::synthesis). `even` and `odd` (rings, columns), column-major, are
+    /// modified; `x` is overwritten.
     pub(crate) fn adjoint(
         &self,
         m: usize,
@@ -304,7 +305,8 @@ impl Legendre {
         work.mixed = mixed;
     }
 
-    /// Multiplies the columns by `u^m`, and those of odd `l - m` also by the factor z that pairs of degrees omit.
+    /// Multiplies the columns by `u^m`. Multiplies columns of odd `l - m` also by the factor z, if pairs of degrees
+    /// have omitted it.
     fn weigh(&self, m: usize, columns: usize, even: &mut [f64], odd: &mut [f64]) {
         let rings = self.rings();
         let power = &self.power[m * rings..(m + 1) * rings];
@@ -346,11 +348,11 @@ impl Legendre {
 /// The zone of a ring, which determines how its Legendre functions are computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Zone {
-    /// Next to a pole: in double-double.
+    /// Next to a pole: values are computed in double-double.
     Polar,
-    /// Away from poles and equator: by pairs of degrees.
+    /// Away from poles and equator: values are computed by pairs of degrees.
     Middle,
-    /// Next to the equator: one degree at a time.
+    /// Next to the equator: values are computed one degree at a time.
     Equatorial,
 }
 
@@ -359,7 +361,7 @@ enum Zone {
 pub(crate) struct Work {
     polar: PolarState,
     table: RingTable,
-    /// Mixed coefficients of an order, (pairs of degrees, 2 columns): for each channel those of even, then those of odd
+    /// Mixed coefficients (pairs of degrees, 2 columns) of an order: for each channel those of even, then those of odd
     /// degrees.
     mixed: Vec<f64>,
 }

@@ -1,8 +1,8 @@
 //! Fast synthesis and adjoint synthesis of spherical harmonics at scattered directions.
 //!
-//! Conventions are those of [`spharm_harmonics`]. With A the basis matrix, (n, K), a [`Transform`] computes synthesis
-//! `A x`, adjoint synthesis `A^T r` and the normal operator `A^T diag(w) A x` without forming A, for all columns of x
-//! at once and to a relative accuracy of choice:
+//! Conventions are those of [`spharm_harmonics`]. With A the basis matrix (n, K), a [`Transform`] computes synthesis `A
+//! x`, adjoint synthesis `A^T r` and the normal operator `A^T diag(w) A x` without forming A, for all columns of x at
+//! once and to a chosen relative accuracy:
 //!
 //! ```text
 //! coefficients --Legendre sums--> rings --Fourier--> oversampled grid --interpolation--> samples
@@ -33,7 +33,7 @@
 //! | `degree_pairs` | the Legendre recurrence over pairs of degrees, away from poles and equator |
 //! | `fourier` | rings to the oversampled grid and back |
 //! | `grid` | the layout of the oversampled grid and its margins |
-//! | `cells`, `points` | the cells of directions; directions sorted by them |
+//! | `cells`, `points` | the cells of directions; directions sorted by cell |
 //! | `kernel` | the interpolation kernel |
 //! | `interpolation`, `interpolation_batch`, `interpolation_cells` | grid to directions and back, and the inner loops |
 //! | `batch` | the kernel values of a batch of directions |

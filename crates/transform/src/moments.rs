@@ -1,5 +1,5 @@
-//! The normal operator `A^T diag(w) A` of n scattered weighted directions from their moments, at a cost that doesn't
-//! depend on n.
+//! Applies the normal operator `A^T diag(w) A` of n scattered weighted directions, using their moments, at a cost that
+//! doesn't depend on n.
 //!
 //! A product of two harmonics of degrees up to L has degree 2L, so that with the *moments* `s_{lm} = sum_i w_i
 //! S_{lm}(x_i)` to degree 2L and `S = sum s_{lm} S_{lm}`, `sum_i w_i h(x_i) = integral of S h` for each such product h.
@@ -11,8 +11,7 @@
 //! ```
 //!
 //! Next to the poles, where high orders vanish, rings have fewer azimuths. [`MomentGram`](crate::MomentGram) computes
-//! the matrix itself from the same moments. The moments of the parts of a sampling add up to those of the entire
-//! sampling.
+//! the matrix itself from the same moments. The moments of a sampling are the sums of its parts' moments.
 //!
 //! # Cost
 //!
@@ -58,9 +57,9 @@ use ring_grid::{RingGrid, Size};
 pub use inverse_density::InverseDensity;
 pub use sums::SampleSums;
 
-/// The normal operator `A^T diag(w) A`, (K, K), of the canonical basis to degree L, from the moments of the weights.
+/// The normal operator `A^T diag(w) A` (K, K) of the canonical basis to degree L, from the moments of the weights.
 ///
-/// Methods run on the rayon pool from which they are called; results are the same bits on any number of threads.
+/// Methods run on the rayon pool from which they are called; results are bit-identical for any number of threads.
 /// Several threads can use an operator at once.
 #[derive(Debug)]
 pub struct MomentOperator {
@@ -70,7 +69,8 @@ pub struct MomentOperator {
 }
 
 impl MomentOperator {
-    /// Number of channels that a product processes together. They share Legendre functions and fit a cache together.
+    /// Number of channels that a product processes together. The channels share Legendre functions and fit in the cache
+    /// together.
     pub const CHANNELS: usize = ring_grid::CHANNELS;
 
     /// Builds the operator to degree L = `max_degree` from the moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L +
@@ -78,9 +78,9 @@ impl MomentOperator {
     ///
     /// # Errors
     ///
-    /// - [`TransformError::MomentCount`]: the number of moments isn't `(2L + 1)^2`.
-    /// - [`TransformError::MomentNotFinite`]: a moment is NaN or infinite.
-    /// - [`TransformError::Harmonics`]: L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    /// - [`TransformError::MomentCount`] if the number of moments isn't `(2L + 1)^2`.
+    /// - [`TransformError::MomentNotFinite`] if a moment is NaN or infinite.
+    /// - [`TransformError::Harmonics`] if L is above [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
     pub fn new(max_degree: usize, moments: &[f64]) -> Result<Self, TransformError> {
         check(max_degree, moments)?;
         let (grid, twice) = RingGrid::new(max_degree, Size::Exact)?;
@@ -93,9 +93,9 @@ impl MomentOperator {
         Ok(Self { on_grid: OnGrid::new(grid, density), norm })
     }
 
-    /// Returns the peak bytes of an operator, either during construction or with the working memory of calls with
-    /// `channels` channels on `threads` threads: about `240 (L + 1)^2` during construction, then `90 (L + 1)^2` plus
-    /// `72 (L + 1)^2` for each channel, of up to 3 on each thread.
+    /// Returns the peak memory of an operator in bytes, either during construction or during calls with `channels`
+    /// channels on `threads` threads. It is about `240 (L + 1)^2` during construction. Afterwards it is `90 (L + 1)^2`,
+    /// and in calls `72 (L + 1)^2` more for each channel in work, of which there are up to 3 on each thread.
     pub const fn bytes(max_degree: usize, channels: usize, threads: usize) -> usize {
         let Sizes { held, made, called } = Self::sizes(max_degree, channels, threads);
         held + if made > called { made } else { called }
@@ -116,17 +116,17 @@ impl MomentOperator {
         basis_size(self.max_degree())
     }
 
-    /// Returns a bound on the largest absolute eigenvalue: the largest `|S(g)|`, as `A_g^T diag(q_g) A_g` is the
+    /// Returns a bound on the largest absolute eigenvalue: the largest `|S(g)|`, since `A_g^T diag(q_g) A_g` is the
     /// identity.
     pub fn norm(&self) -> f64 {
         self.norm
     }
 
-    /// Computes `A^T diag(w) A x` for coefficients x. Both x and the result are (K, c).
+    /// Computes `A^T diag(w) A x` for coefficients x. Both x and the result have shape (K, c).
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: x doesn't have `K = (L + 1)^2` rows.
+    /// [`TransformError::Shape`] if x doesn't have `K = (L + 1)^2` rows.
     pub fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.on_grid.apply(x)
     }

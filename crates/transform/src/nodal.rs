@@ -1,4 +1,5 @@
-//! Sums over samples that are linear in values at nodes, as samples of a surface are in the values at its vertices.
+//! Computes sums over samples that are linear in values at nodes, as samples of a surface are linear in the values at
+//! its vertices.
 //!
 //! A sample in a triangle has the value `f_i = sum_k lambda_ik X_{v_ik}` of its three corners. The right-hand sides of
 //! a least-squares fit are then linear in X as well:
@@ -14,6 +15,7 @@
 //! values: [`NodalSums::keep`] computes them once for many surfaces over one sphere. Otherwise they are computed when
 //! they are added, and then discarded. The bits are the same either way, and depend neither on other channels nor on
 //! the number of threads.
+//!
 //! # Cost
 //!
 //! Per channel: a fused product for each value of a patch, some 400 for a node whose triangles are smaller than the
@@ -42,7 +44,7 @@ use crate::{Accumulator, FINEST, SampleSums, Transform, TransformError, Transfor
 /// Number of pieces of patches computed together, if patches aren't kept.
 const TOGETHER: usize = 128;
 
-/// Number of channels transformed together. With more of them the grid doesn't fit the caches, with fewer the patches
+/// Number of channels transformed together. With more channels, the grid doesn't fit in the caches; with fewer, patches
 /// are read more often.
 const CHANNELS: usize = 32;
 
@@ -58,7 +60,7 @@ pub struct NodalSumsBuilder {
     incidence: Incidence,
 }
 
-/// Samples of a sphere, prepared for summing with any values at its nodes; see the [module](self).
+/// Samples over a sphere, prepared for computing the sums for any values at the nodes; see the [module](self).
 #[derive(Debug)]
 pub struct NodalSums {
     nodes: usize,
@@ -71,8 +73,8 @@ pub struct NodalSums {
 }
 
 impl NodalSumsBuilder {
-    /// Starts sums for fits to degree L = `max_degree` of values at `nodes` nodes, over about `triangles` triangles and
-    /// `samples` samples.
+    /// Creates a builder without samples, for fits to degree L = `max_degree` of values at `nodes` nodes. `triangles`
+    /// and `samples` are the expected numbers of triangles and samples.
     ///
     /// # Errors
     ///
@@ -87,7 +89,7 @@ impl NodalSumsBuilder {
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: an array doesn't have n rows, or a node's index is out of range.
+    /// [`TransformError::Shape`] if an array doesn't have n rows, or a node's index is out of range.
     pub fn add(&mut self, samples: NodalSamples<'_>) -> Result<(), TransformError> {
         let NodalSamples { directions, weights, nodes, shares } = samples;
         let n = directions.len();
@@ -121,8 +123,8 @@ impl NodalSumsBuilder {
 }
 
 impl NodalSums {
-    /// Returns the peak bytes for `samples` samples on `triangles` triangles, including their preparation and the
-    /// computation of sums for c = `channels` channels, but without kept patches.
+    /// Returns the peak memory in bytes for `samples` samples on `triangles` triangles, including their preparation and
+    /// the computation of sums for c = `channels` channels, but without kept patches.
     #[must_use]
     pub fn bytes(max_degree: usize, nodes: usize, triangles: usize, samples: usize, channels: usize) -> usize {
         // Each sample has its place and shares; each triangle its data and entries in the lists of its nodes; each
@@ -151,11 +153,11 @@ impl NodalSums {
         self.kept = Some(strips.into_par_iter().with_max_len(1).map(of_strip).collect());
     }
 
-    /// Computes the sums over all samples for values at the nodes, (nodes, c).
+    /// Computes the sums over all samples for `values` (nodes, c) at the nodes.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: the number of rows isn't the number of nodes.
+    /// [`TransformError::Shape`] if the number of rows isn't the number of nodes.
     pub fn sums(&self, values: ArrayView2<'_, f64>) -> Result<SampleSums, TransformError> {
         if values.nrows() != self.nodes {
             return Err(TransformError::Shape { what: "values at nodes", expected: self.nodes, found: values.nrows() });
@@ -169,8 +171,8 @@ impl NodalSums {
         Ok(SampleSums { right_sides, squares: self.squares(values, channels), ..self.plain.clone() })
     }
 
-    /// Writes the sum of all nodes' patches, each times its node's values, to a grid: the layout's channels, starting
-    /// from channel `first` of the values.
+    /// Writes to a grid the sum of all patches, each multiplied by its node's values. The grid's channels are those of
+    /// the values from channel `first` on.
     fn spread(&self, layout: Layout, first: usize, values: &[f64], channels: usize, grid: &mut [f64]) {
         let strips = grid.par_chunks_mut(ROWS * layout.row()).enumerate().with_max_len(1);
         strips.for_each_init(Patches::default, |scratch, (strip, grid)| {

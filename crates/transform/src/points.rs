@@ -1,4 +1,4 @@
-//! The directions sorted for interpolation: by strips of the grid's rows, and by columns along a strip.
+//! Sorts the directions for interpolation: by strip of the grid's rows, and by column along a strip.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -9,18 +9,19 @@ use rayon::prelude::*;
 use crate::TransformError;
 use crate::cells::{self, Place};
 
-/// Number of columns of a tile. Points are sorted by tiles. A tile's part of its strip's rows fits the L1 cache.
+/// Number of columns of a tile. Points are sorted by tile. The grid values in a tile fit in the L1 cache.
 const TILE_COLUMNS: usize = 16;
 
-/// Number of runs in which directions are sorted, and the minimum length of a run.
+/// Largest number of runs into which directions are divided, to be sorted in parallel.
 const RUNS: usize = 16;
+/// Minimum number of directions in a run.
 const LEAST_RUN: usize = 1 << 13;
 /// Number of directions that are placed together. Their positions stay in the L1 cache until they are sorted.
 const PLACED: usize = 256;
 
 /// The directions' positions on the grid, sorted. A *place* is an index in sorted order.
 ///
-/// Directions are sorted by strips of rows, within a strip by tiles of columns, and within a tile by cells, so that
+/// Directions are sorted by strip of rows, within a strip by tile of columns, and within a tile by cell, so that
 /// directions in one cell follow each other. If cells outnumber the directions, directions stay in input order within a
 /// tile.
 #[derive(Debug)]
@@ -77,8 +78,8 @@ impl Points {
         self.order.len()
     }
 
-    /// Returns the bytes held for a number of directions. During construction, each thread also holds a copy of its
-    /// longest strip; the total is at most twice the bytes held.
+    /// Returns the memory in bytes held for a number of directions. During construction, each thread also holds a copy
+    /// of its longest strip; the total is at most twice the bytes held.
     pub(crate) const fn bytes(directions: usize) -> usize {
         directions * (2 * 4 + 8 + 16)
     }
@@ -99,8 +100,8 @@ impl Points {
         if let Some(ranks) = self.ranks.get() {
             return ranks;
         }
-        // The list isn't computed inside `get_or_init`, since a thread that has picked up other work could wait for
-        // it there.
+        // The list isn't computed inside `get_or_init`, since a thread that waits inside it for other threads may pick
+        // up work that calls it again, and would then wait for itself.
         let ranks: Vec<AtomicU32> = (0..self.len()).into_par_iter().map(|_| AtomicU32::new(0)).collect();
         self.order.par_iter().enumerate().for_each(|(place, direction)| {
             ranks[*direction as usize].store(place as u32, Ordering::Relaxed);
@@ -128,8 +129,8 @@ impl<'a> Slots<'a> {
     }
 }
 
-/// Places directions on the grid and writes them to the slots, sorted by strips, stably. Returns the first place of
-/// each strip, followed by the number of places.
+/// Places directions on the grid and writes them to the slots, sorted stably by strip. Returns the first place of each
+/// strip, followed by the number of places.
 ///
 /// This is a counting sort of several runs of directions in parallel; each run has its own slots in every strip.
 /// Directions are placed twice, the first time only by row, which costs less than storing the positions.
@@ -178,9 +179,9 @@ pub(crate) struct CellSorter {
 }
 
 impl CellSorter {
-    /// Calls `put` with each of `count` points and its place in their strip, which has the rows `rows` of a grid.
-    /// Points are sorted by tiles of columns. Within a tile they are sorted by cells if there are enough points, such
-    /// that the points of each two by two cells are contiguous. The sort is stable.
+    /// Sorts `count` points of a strip, and calls `put` with each point and its place in the strip. The strip has the
+    /// rows `rows` of a grid. Points are sorted by tile of columns and, if there are enough points, by cell within a
+    /// tile, such that the points of each square of two by two cells are contiguous. The sort is stable.
     pub(crate) fn sort<P>(
         &mut self,
         grid: usize,
@@ -192,7 +193,7 @@ impl CellSorter {
     ) {
         let tiles = grid.div_ceil(TILE_COLUMNS);
         let per_tile = rows.len().next_multiple_of(2) * TILE_COLUMNS;
-        // With fewer points, few cells have more than one of them, and counters cost more than they save.
+        // With fewer points, few cells contain more than one point, and counters cost more than they save.
         let by_cells = count > tiles * per_tile;
         let bucket = |[row, column]: [u32; 2]| {
             let (row, column) = (row as usize - rows.start, column as usize);

@@ -53,7 +53,7 @@ impl PolarRings {
         self.z[0].len()
     }
 
-    /// Writes the values of r for a chunk of degrees and a block of polar rings to `table`, (tiling.block, degrees)
+    /// Writes the values of r for a chunk of degrees and a block of polar rings to `table` (tiling.block, degrees),
     /// column-major. Chunks must be computed in order; chunk 0 starts the recurrence.
     pub(crate) fn fill(
         &self,

@@ -2,8 +2,8 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// Values for reuse, as many as were in use at once. Reuse is faster, since touching a fresh page costs more than
-/// writing to it.
+/// A pool of values for reuse, as many as were in use at the same time. Reuse is faster, since the first access to a
+/// page of memory costs more than writing to the page.
 #[derive(Debug)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 

@@ -1,20 +1,22 @@
-//! Sums over degrees and sums over rings of a [ring table](crate::ring_table), for two to six columns at a time.
+//! Computes sums over the degrees and sums over the rings of a [ring table](crate::ring_table), for two to six columns
+//! at a time.
 //!
 //! A column contains the cosine or the sine coefficients of a channel. Rings are processed 8 or 16 at a time, with the
 //! sums of all columns in registers. The table's values belong to single degrees, alternately even and odd, or to
-//! [pairs of degrees](crate::degree_pairs); the latter are multiplied with the coefficients of both.
+//! [pairs of degrees](crate::degree_pairs); the latter are multiplied by the coefficients of both degrees.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
 use crate::lanes::{fused, load};
 use crate::ring_table::{ADJOINT, LANES, SYNTHESIS};
 
-/// Whether 16 rings are summed and two rows are projected at once. ARM64's 32 registers of two numbers hold the sums of
-/// half as many; with more, a sixth of its instructions would move sums to memory and back.
+/// Whether 16 rings are summed, and two rows are projected, at once. On ARM64, the 32 registers of two numbers each
+/// hold the sums of only half as many rings or rows; with more, a sixth of the instructions would move sums to memory
+/// and back.
 const WIDE: bool = cfg!(not(target_arch = "aarch64"));
 
-/// Coefficients of a chunk's degrees or pairs of degrees: those of a degree or pair are contiguous, and `stride` values
-/// after those of the previous one.
+/// Coefficients of the degrees, or pairs of degrees, of a chunk. The coefficients of a degree or pair are contiguous,
+/// and start `stride` values after those of the previous degree or pair.
 #[derive(Clone, Copy)]
 pub(crate) struct Coefficients<'a> {
     pub(crate) values: &'a [f64],
@@ -30,7 +32,7 @@ struct Rows<'a> {
     end: usize,
 }
 
-/// Defines a kernel for each number of columns, which calls a function for each width of rings.
+/// Defines a function for a number of columns, which processes 8 or 16 rings at a time.
 macro_rules! sums_for {
     ($degrees:ident, $columns:literal) => {
         /// Adds sums over even degrees to `even` and over odd ones to `odd`.
@@ -59,7 +61,8 @@ sums_for!(sums_2, 2);
 sums_for!(sums_4, 4);
 sums_for!(sums_6, 6);
 
-/// Adds sums over pairs of degrees for a channel: two columns for even and two for odd degrees.
+/// Adds sums over pairs of degrees for one channel: two columns of even degrees to `even`, and two of odd degrees to
+/// `odd`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(crate) fn pair_sums(
     table: &[f64],
@@ -131,7 +134,8 @@ fn sums<const W: usize, const C: usize, const FMA: bool, const N: usize>(
 
 macro_rules! projections_for {
     ($degrees:ident, $columns:literal) => {
-        /// Adds sums of products with `even` for even degrees and with `odd` for odd ones.
+        /// Adds to `x` the sums over rings of the table's values times `even`, for even degrees, and times `odd`, for
+        /// odd degrees.
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         #[allow(clippy::too_many_arguments, reason = "a kernel")]
         pub(crate) fn $degrees(
@@ -160,7 +164,8 @@ projections_for!(projections_2, 2);
 projections_for!(projections_4, 4);
 projections_for!(projections_6, 6);
 
-/// Adds sums of products for pairs of degrees for a channel: two columns for even and two for odd degrees.
+/// Adds to `x`, for pairs of degrees and one channel, the sums over rings of the table's values times the two columns
+/// `even` and the two columns `odd`.
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 #[allow(clippy::too_many_arguments, reason = "a kernel")]
 pub(crate) fn pair_projections(
@@ -228,7 +233,7 @@ fn projections<const C: usize, const FMA: bool, const R: usize>(
         }
         at += LANES;
     }
-    // The sums are copied here, so that the originals never have an address.
+    // The sums are copied here, so that the originals can stay in registers.
     across(&std::hint::black_box(lanes))
 }
 

@@ -1,16 +1,16 @@
 //! A table of Legendre values on a block of rings, for a chunk of degrees of one order.
 //!
 //! The values are those of the recurrence `r_l = alpha_l z r_{l-1} - r_{l-2}` (see [`legendre`](crate::legendre)), or
-//! those of [pairs of degrees](crate::degree_pairs). The table takes 16 kB, so that it stays in the L1 cache while all
-//! channels are multiplied with it. The recurrence continues from chunk to chunk: the table keeps the last two values
-//! of each ring.
+//! those of [pairs of degrees](crate::degree_pairs). The table takes 16 kB, so that it stays in the L1 cache while it
+//! is used for all channels. The recurrence continues from chunk to chunk: the table keeps the last two values of each
+//! ring.
 
 use multiversion::{multiversion, target::target_cfg_f};
 use spharm_harmonics::rings::SEED;
 
 use crate::lanes::{fused, load};
 
-/// Numbers of rings and of degrees in a table. The table and the block's sums must fit the L1 cache together. The
+/// Numbers of rings and of degrees in a table. The table and the block's sums must fit in the L1 cache together. The
 /// number of degrees is even, so that every chunk starts with an even `l - m`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tiling {
@@ -35,8 +35,7 @@ pub(crate) struct RingTable {
     /// `r_{l-2}` and `r_{l-1}` of the block's rings.
     older: Vec<f64>,
     newest: Vec<f64>,
-    /// Values of r, (rings of the block, degrees of the chunk) column-major, with `tiling.block` values from column to
-    /// column.
+    /// Values of r (rings of the block, degrees of the chunk), column-major, with columns `tiling.block` values apart.
     pub(crate) values: Vec<f64>,
 }
 
@@ -98,13 +97,13 @@ macro_rules! fill_with {
 fill_with!(fill, f64, degree);
 fill_with!(fill_pairs, [f64; 2], pair);
 
-/// Returns the factor of the newest value in the step to a degree.
+/// Returns the factor by which the step to the next degree multiplies the newest value.
 #[inline(always)]
 fn degree<const FMA: bool>(z: f64, alpha: &f64) -> f64 {
     alpha * z
 }
 
-/// Returns the factor of the newest value in the step to a pair of degrees.
+/// Returns the factor by which the step to the next pair of degrees multiplies the newest value.
 #[inline(always)]
 fn pair<const FMA: bool>(square: f64, [a, b]: &[f64; 2]) -> f64 {
     fused::<FMA>(*a, square, *b)

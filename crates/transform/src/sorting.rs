@@ -1,11 +1,12 @@
-//! Reorders samples from the order of the directions to that of the places, and back.
+//! Reorders samples from the order of the directions to the order of the places, and back.
 //!
 //! Directions come in any order, so each value is read from a different location. Speed depends on the number of these
 //! reads in flight at once, and on reading the cache lines of a row only once for all groups of channels.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Number of rows processed for one group of channels after another. The data read for them stay in the L1 cache.
+/// Number of rows that are processed for all groups of channels before the next rows. The data read for these rows stay
+/// in the L1 cache.
 const ROWS: usize = 64;
 
 /// Consecutive groups of channels.
@@ -17,8 +18,8 @@ pub(crate) struct Columns {
     pub(crate) count: usize,
 }
 
-/// Fills the rows of each group, (places, channels of a group), for a run of places: `fill` writes the values of a
-/// direction, starting from a channel.
+/// Fills the rows (places, channels of a group) of each group for a run of places. `fill` writes the values of a
+/// direction, starting from a given channel.
 pub(crate) fn sort(
     order: &[u32],
     columns: Columns,
@@ -44,7 +45,7 @@ pub(crate) fn sort(
     }
 }
 
-/// Sorts rows of a length known to the compiler: the loops are a few instructions long.
+/// Sorts rows whose length is known to the compiler, so that the loops are a few instructions long.
 #[inline(always)]
 fn sort_rows<const C: usize>(
     order: &[u32],
@@ -57,8 +58,8 @@ fn sort_rows<const C: usize>(
     }
 }
 
-/// Writes the columns of a run of directions, rows of `channels` values, from groups in sorted order, (groups, `length`
-/// / channels of a group, channels of a group).
+/// Copies values from `groups`, which are in sorted order, to `samples`, the rows of a run of directions with
+/// `channels` values each. Each group has `length` values: a row for each place, with the group's channels.
 pub(crate) fn unsort(
     ranks: &[AtomicU32],
     columns: Columns,

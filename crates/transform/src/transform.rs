@@ -35,7 +35,7 @@ const SORTED: usize = 16 << 20;
 /// A plan for transforms between coefficients to one degree and samples at one list of directions.
 ///
 /// It holds everything that depends only on degree, accuracy and directions. Methods run on the rayon pool from which
-/// they are called; results are the same bits on any number of threads. Several threads can use a plan at once.
+/// they are called; results are bit-identical for any number of threads. Several threads can use a plan at once.
 #[derive(Debug)]
 pub struct Transform {
     max_degree: usize,
@@ -54,15 +54,15 @@ pub struct Transform {
 }
 
 impl Transform {
-    /// Plans transforms for `directions`, (n, 3). At degree 100 this takes about as long as one synthesis of three
+    /// Plans transforms for `directions` (n, 3). At degree 100 this takes about as long as one synthesis of three
     /// channels.
     ///
     /// # Errors
     ///
-    /// - [`TransformError::Accuracy`]: the accuracy is out of range.
-    /// - [`TransformError::TooManyDirections`]: there are more than 2^32 - 1 directions.
-    /// - [`TransformError::Harmonics`]: the degree is above twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE). (Twice,
-    ///   because the [moments of a Gram matrix](crate::gram) go to twice its degree.)
+    /// - [`TransformError::Accuracy`] if the accuracy is out of range.
+    /// - [`TransformError::TooManyDirections`] if there are more than 2^32 - 1 directions.
+    /// - [`TransformError::Harmonics`] if the degree is above twice [`MAX_DEGREE`](spharm_harmonics::MAX_DEGREE).
+    ///   (Twice, because the [moments of a Gram matrix](crate::gram) go to twice its degree.)
     pub fn new(directions: &Directions, params: &TransformParams) -> Result<Self, TransformError> {
         let gridding = Gridding::choose(params.max_degree, directions.len(), params.accuracy)?;
         Self::on(gridding, directions.as_slice(), params)
@@ -86,7 +86,7 @@ impl Transform {
     ///
     /// # Errors
     ///
-    /// [`TransformError::Degree`]: the degree is above this plan's.
+    /// [`TransformError::Degree`] if the degree is above this plan's.
     pub fn to_degree(&self, max_degree: usize, channels: usize) -> Result<Self, TransformError> {
         if max_degree > self.max_degree {
             return Err(TransformError::Degree { found: max_degree, max: self.max_degree });
@@ -116,11 +116,12 @@ impl Transform {
         }
     }
 
-    /// Returns the total bytes of a plan for n = `directions` directions and of one call with `channels` channels.
+    /// Returns the total memory in bytes of a plan for n = `directions` directions and of one call with `channels`
+    /// channels.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Accuracy`]: the accuracy is out of range.
+    /// [`TransformError::Accuracy`] if the accuracy is out of range.
     pub fn bytes(params: &TransformParams, directions: usize, channels: usize) -> Result<usize, TransformError> {
         let gridding = Gridding::choose(params.max_degree, directions, params.accuracy)?;
         let group = channels.min(params.channels.max(1));
@@ -144,12 +145,12 @@ impl Transform {
         self.points.len()
     }
 
-    /// Computes the synthesis `A x`: evaluates c functions at the directions from their canonical `coefficients`, (K,
-    /// c), and returns the samples, (n, c).
+    /// Computes the synthesis `A x`: evaluates the c functions with the canonical `coefficients` (K, c) at the
+    /// directions, and returns the samples (n, c).
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: `coefficients` doesn't have `K = (L + 1)^2` rows.
+    /// [`TransformError::Shape`] if `coefficients` doesn't have `K = (L + 1)^2` rows.
     pub fn synthesis(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("coefficients", basis_size(self.max_degree), coefficients.nrows())?;
         let all = coefficients.ncols();
@@ -173,12 +174,12 @@ impl Transform {
         Ok(samples)
     }
 
-    /// Computes the adjoint synthesis `A^T r`: returns (K, c) for the samples `samples`, (n, c). This is the transpose
-    /// of [`synthesis`](Self::synthesis) to rounding, whatever the accuracy; it is not its inverse.
+    /// Computes the adjoint synthesis `A^T r` (K, c) of `samples` (n, c). At any accuracy, it is the transpose of
+    /// [`synthesis`](Self::synthesis) up to rounding errors, but not the inverse.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: `samples` doesn't have n rows.
+    /// [`TransformError::Shape`] if `samples` doesn't have n rows.
     pub fn adjoint_synthesis(&self, samples: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.expect("samples", self.points.len(), samples.nrows())?;
         let channels = samples.ncols();
@@ -189,14 +190,14 @@ impl Transform {
         }))
     }
 
-    /// Computes sums over weighted samples, `A^T diag(w) [1 f]`: returns (K, 1 + c), with the sums of the weights alone
-    /// in the first column, for samples f, (n, c), and weights w, (n); without weights, w = 1.
+    /// Computes the sums `A^T diag(w) [1 f]` (K, 1 + c) over samples f (n, c) with weights w (n). The first column
+    /// contains the sums of the weights alone. Without weights, w = 1.
     ///
     /// This is faster than two adjoint syntheses, since each direction's kernel is evaluated once.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: the number of samples or of weights isn't n.
+    /// [`TransformError::Shape`] if the number of samples or of weights isn't n.
     pub fn weighted_sums(
         &self,
         samples: ArrayView2<'_, f64>,
@@ -245,7 +246,7 @@ impl Transform {
     }
 
     /// Computes the adjoint synthesis of samples that `spread` adds to a grid. For a range of columns, `spread` writes
-    /// the entire grid, in the given layout and including its margins, whatever the grid held before.
+    /// the whole grid, in the given layout and including its margins, whatever the grid held before.
     pub(crate) fn adjoint_of_grid(
         &self,
         channels: usize,
@@ -260,15 +261,15 @@ impl Transform {
         coefficients
     }
 
-    /// Applies the normal operator, `A^T diag(w) A x`: returns (K, c) for the coefficients `coefficients`, (K, c).
-    /// Without weights, w = 1.
+    /// Applies the normal operator to `coefficients` (K, c), and returns `A^T diag(w) A x` (K, c). Without weights, w =
+    /// 1.
     ///
     /// This is faster than synthesis followed by adjoint synthesis, since each direction's kernel is evaluated once.
     /// Weights come from [`sorted_weights`](Self::sorted_weights) of the same plan.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: `coefficients` doesn't have `K = (L + 1)^2` rows, or the number of weights isn't n.
+    /// [`TransformError::Shape`] if `coefficients` doesn't have `K = (L + 1)^2` rows, or the number of weights isn't n.
     pub fn normal(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -293,11 +294,11 @@ impl Transform {
         Ok(result)
     }
 
-    /// Sorts the weights of the directions, (n), into the order in which [`normal`](Self::normal) uses them.
+    /// Sorts the weights (n) of the directions into the order in which [`normal`](Self::normal) uses them.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: the number of weights isn't n.
+    /// [`TransformError::Shape`] if the number of weights isn't n.
     pub fn sorted_weights(&self, weights: &[f64]) -> Result<SortedWeights, TransformError> {
         self.expect("weights", self.points.len(), weights.len())?;
         Ok(SortedWeights((0..weights.len()).map(|place| weights[self.points.direction(place)]).collect()))

@@ -1,4 +1,4 @@
-//! Working memory of a call, which the plan keeps for the next one, and of a thread.
+//! Defines the working memory of a call, which the plan keeps for the next call, and the working memory of a thread.
 
 use rayon::prelude::*;
 use rustfft::num_complex::Complex64;
@@ -8,15 +8,15 @@ use crate::legendre::Work;
 /// Working memory of a call.
 #[derive(Debug, Default)]
 pub(crate) struct Workspace {
-    /// Great circles of the grid, (order pairs, channels, M).
+    /// Values (order pairs, channels, M) on great circles of the grid.
     pub(crate) circles: Vec<Complex64>,
-    /// Spectra of the grid's rows, (rows, channels, L + 1).
+    /// Spectra (rows, channels, L + 1) of the grid's rows.
     pub(crate) spectra: Vec<Complex64>,
     /// The grid for interpolation and the grid for spreading, with margins.
     pub(crate) grids: [Vec<f64>; 2],
-    /// Samples in sorted order, (groups, n, channels of a group) row-major.
+    /// Samples (groups, n, channels of a group) in sorted order, row-major.
     pub(crate) samples: Vec<f64>,
-    /// Coefficients by order: for each m, (L + 1 - m, columns) row-major.
+    /// Coefficients sorted by order: for each m an array (L + 1 - m, columns), row-major.
     pub(crate) by_order: Vec<f64>,
 }
 
@@ -64,8 +64,8 @@ impl Workspace {
     }
 }
 
-/// Resizes an array; the caller overwrites all values. If it grows, all threads create the new one, as touching new
-/// pages takes longer than any other work on the array.
+/// Resizes an array; the caller overwrites all values. If it grows, all threads create the new one, since the first
+/// access to new pages takes longer than any other work on the array.
 fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize) {
     if length > values.capacity() {
         // The old values need not be copied.
@@ -78,9 +78,9 @@ fn lengthen<T: Clone + Default + Send + Sync>(values: &mut Vec<T>, length: usize
 
 /// Working memory of one thread for a pair of orders.
 pub(crate) struct ThreadWorkspace {
-    /// Scaled coefficients of an order, (L + 1 - m, columns) row-major.
+    /// Scaled coefficients (L + 1 - m, columns) of an order, row-major.
     pub(crate) x: Vec<f64>,
-    /// Sums over even and over odd `l - m`, (rings, columns), for the even and for the odd order of the pair.
+    /// Sums (rings, columns) over even and over odd `l - m`, for the even and for the odd order of the pair.
     pub(crate) sums: [[Vec<f64>; 2]; 2],
     pub(crate) work: Work,
 }

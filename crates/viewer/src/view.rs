@@ -35,8 +35,8 @@ pub struct View {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ViewError {
-    /// [`View::plan`] must succeed first.
-    #[error("the directions and triangles must be planned first")]
+    /// [`View::plan`] hasn't succeeded yet.
+    #[error("plan() must be called before evaluate()")]
     NoPlan,
     /// An array whose length doesn't match the other arrays.
     #[error("{what}: expected {expected} numbers, found {found}")]
@@ -77,7 +77,7 @@ impl View {
     ///
     /// # Errors
     ///
-    /// [`ViewError`]: a triangle refers to a missing vertex, or directions are invalid.
+    /// [`ViewError`] if a triangle refers to a missing vertex, or directions are invalid.
     pub fn plan(&mut self, max_degree: usize) -> Result<(), ViewError> {
         let vectors: Vec<[f64; 3]> = self.directions.chunks_exact(3).map(|v| [v[0], v[1], v[2]]).collect();
         if let Some(&vertex) = self.faces.iter().find(|vertex| **vertex as usize >= vectors.len()) {
@@ -95,7 +95,7 @@ impl View {
     ///
     /// # Errors
     ///
-    /// [`ViewError`]: there is no plan, the degree is above the plan's, or the number of coefficients doesn't match
+    /// [`ViewError`] if there is no plan, the degree is above the plan's, or the number of coefficients doesn't match
     /// the plan.
     pub fn evaluate(&mut self, degree: usize) -> Result<(), ViewError> {
         let plan = self.plan.as_ref().ok_or(ViewError::NoPlan)?;
@@ -120,7 +120,7 @@ impl View {
     ///
     /// # Errors
     ///
-    /// [`ViewError::Shape`]: the number of offsets differs from the number of positions.
+    /// [`ViewError::Shape`] if the number of offsets differs from the number of positions.
     pub fn refer(&mut self, step: f64) -> Result<(), ViewError> {
         expect("offsets", self.evaluated.len(), self.offsets.len())?;
         let offsets = self.offsets.iter().map(|offset| f64::from(*offset) * step);
@@ -134,7 +134,7 @@ impl View {
     ///
     /// # Errors
     ///
-    /// [`ViewError::Shape`]: there is no reference with as many vertices as the surface evaluated last.
+    /// [`ViewError::Shape`] if there is no reference, or it has another number of vertices than the evaluated surface.
     pub fn measure(&mut self, signed: bool) -> Result<(), ViewError> {
         expect("reference", self.evaluated.len(), self.reference.len())?;
         let pairs = self.evaluated.chunks_exact(3).zip(self.reference.chunks_exact(3));

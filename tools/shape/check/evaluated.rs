@@ -13,8 +13,8 @@ pub(super) fn extent(model: &Model, pose: &Similarity) -> Result<[[f64; 3]; 2]> 
     Ok([low, high])
 }
 
-/// Returns the surface of a model. It is evaluated on the model's own sphere if that has triangles, so that its facets
-/// are as small as those of the fitted surface, otherwise on an icosphere that suits the model's degree.
+/// Returns the surface of a model, evaluated on the model's own sphere if the sphere has triangles, otherwise on an
+/// icosphere that suits the model's degree. On its own sphere, the facets are as small as the fitted surface's.
 pub(super) fn surface_of(model: &Model) -> Result<Mesh> {
     match &model.sphere {
         Some(sphere) if !sphere.faces.is_empty() => evaluated(model, sphere),

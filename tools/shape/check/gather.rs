@@ -21,7 +21,7 @@ use super::args::Cli;
 use super::evaluated::extent;
 use crate::report::{surface_path, warnings};
 
-/// State of a subject, in the order in which subjects are listed.
+/// State of a subject. Subjects are listed in the order of the variants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum State {
     Flagged,
@@ -142,14 +142,15 @@ impl Inputs {
         Ok(Found { facts, surface_bytes, extent })
     }
 
-    /// Returns the transform from the frame of a subject's surface to the frame in which the subjects are drawn: that
-    /// of the aligned models if their transforms are known, otherwise the surface's own frame.
+    /// Returns the transform from the frame of a subject's surface to the frame in which the subject is drawn: the
+    /// aligned models' frame if their transforms are known, otherwise the surface's own frame.
     pub(super) fn pose(&self, index: usize) -> Similarity {
         self.frames.as_ref().map_or_else(Similarity::default, |frames| frames[index])
     }
 }
 
-/// Returns the warnings about each subject: the texts that begin with its name and a colon.
+/// Returns the warnings about each subject, which are the strings that begin with the subject's name and a colon. This
+/// prefix is removed.
 fn by_subject(texts: Vec<String>, places: &HashMap<&str, usize>, count: usize) -> Vec<Vec<String>> {
     let mut found = vec![Vec::new(); count];
     for text in texts {

@@ -1,4 +1,4 @@
-//! The table of the subjects: text for `quality.tsv`, and JSON for the page.
+//! Formats the table of the subjects, as text for `quality.tsv` and as JSON for the page.
 
 use serde_json::{Value, json};
 use spharm_cohort::cell;
@@ -69,7 +69,7 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// Returns the flags as one text.
+    /// Returns the flags as one string.
     pub(super) fn why(&self) -> String {
         self.flags().join("; ")
     }

@@ -32,14 +32,14 @@ const RED_BY_EXTENT: f64 = 0.02;
 const ROOM: f64 = 1.3;
 /// Maximum number of subjects named in a warning.
 const NAMED: usize = 6;
-/// Colours of the distance 0, of half the largest distance and of the largest.
+/// Colours of the distance 0, of half the distance shown in red, and of the distance shown in red.
 const COLOURS: [[f64; 3]; 3] = [[222.0, 208.0, 196.0], [240.0, 150.0, 60.0], [190.0, 20.0, 30.0]];
 
 /// Results of drawing the pictures.
 pub(super) struct Drawing {
     /// Distance at which the colours reach red, in the surfaces' unit.
     pub(super) red_at: f64,
-    /// Scale of each picture: 1, or less for a surface that is larger than the box of the others.
+    /// Scale of each picture: 1, or less for a surface that is larger than the box common to all pictures.
     pub(super) scales: Vec<f64>,
     pub(super) warnings: Vec<String>,
 }

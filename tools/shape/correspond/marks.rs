@@ -1,4 +1,4 @@
-//! Landmarks of a group: carries each member's landmarks to the others, to measure the error of the correspondence.
+//! Carries each member's landmarks to other members of a group, to measure the error of the correspondence.
 
 use std::path::{Path, PathBuf};
 
@@ -66,8 +66,8 @@ pub(super) fn read(named: &[PathBuf], surfaces: &[Surface]) -> Result<Option<Mar
     of_surfaces(named, &paths, |index| Ok(surfaces[index].read()?)).map(Some)
 }
 
-/// Returns the landmarks that guide the registration. If the template is given as a file, its landmarks are those of
-/// the surface in the same file.
+/// Returns the landmarks that guide the registration. If a template is given, it must be one of the surfaces, whose
+/// landmarks are then also the template's.
 pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[PathBuf]) -> Result<GuideLandmarks> {
     let Some(marks) = marks else {
         return Err(Usage::missing("--guide needs landmarks: give --landmarks, or a column of the table").into());

@@ -1,4 +1,4 @@
-//! The input surfaces of a group: their files, names and memory.
+//! Reads the input surfaces of a group, and plans the memory for them.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -149,7 +149,7 @@ pub(in crate::shape) fn read(path: &Path) -> Result<Mesh> {
     Ok(Surface { path: path.to_owned(), ..Surface::default() }.read()?)
 }
 
-/// Returns the surfaces named by paths and lists. Checks that all of them exist and that their names are distinct.
+/// Returns the surfaces named by paths and lists. Checks that all files exist and that all names are distinct.
 pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> Result<Vec<Surface>> {
     let mut surfaces: Vec<Surface> = Vec::new();
     for path in expand_lists(paths)? {
@@ -168,8 +168,8 @@ pub(in crate::shape) fn surfaces(paths: &[PathBuf], template: &NameTemplate) -> 
     Ok(surfaces)
 }
 
-/// Returns the surfaces of a table, named by their ids, and their landmark files; without a column of landmarks, no
-/// files.
+/// Returns the surfaces of a table, named by their ids, and the list of their landmark files. The list is empty if the
+/// table has no column of landmarks.
 pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<PathBuf>)> {
     let manifest = Manifest::read(table)?;
     let landmarks = files_of(&manifest, LANDMARKS, table)?.unwrap_or_default();

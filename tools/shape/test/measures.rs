@@ -29,7 +29,7 @@ pub(super) struct Measures {
 impl Measures {
     /// Reads the measures of the subjects of a test; for pairs, the differences, first minus second. Columns of text
     /// and columns of equal numbers are skipped unless they are named. Unnamed columns in which some numbers are
-    /// missing are skipped with a call of `warn`.
+    /// missing are skipped with a warning through `warn`.
     ///
     /// # Errors
     ///
@@ -122,8 +122,8 @@ impl Read {
     }
 }
 
-/// Returns the unit of a column of a table of `shape measure` or `shape pca --scores`: a power of the models' unit of
-/// length, which models don't record, or 1. Empty for columns of other tables, whose units aren't known.
+/// Returns the unit of a column in a table of `shape measure` or `shape pca --scores`: 1, or a power of `length`, the
+/// models' unit, which models don't record. Empty for other tables, whose units aren't known.
 fn unit(table: &Table, column: &str) -> &'static str {
     let measured = COLUMNS.iter().all(|name| table.has(name));
     let scores = table.names().skip(1).enumerate().all(|(at, name)| name == format!("mode_{}", at + 1));

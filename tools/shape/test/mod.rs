@@ -161,7 +161,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let maps = results::maps(&found, mask.as_deref());
     prepare(&table_file)?;
     let structure = structure(&sphere, &study.paths);
-    // Files of an earlier test that this test doesn't write; --force allows their removal.
+    // Collect the files of an earlier test that this test doesn't write; --force allows their removal.
     let mut stale: Vec<PathBuf> = Vec::new();
     for name in MAPS {
         let (file, others) = cli.map_files(name);
@@ -204,7 +204,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     finish("test", &report, &lines, &cli.report)
 }
 
-/// Returns the anatomical structure of the vertices, such as `CortexLeft`: that of the sampling, otherwise that of the
+/// Returns the anatomical structure of the vertices, such as `CortexLeft`, as recorded by the sampling, or else by the
 /// first model.
 fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<&'static str> {
     let of_model = || {
@@ -214,7 +214,7 @@ fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<&'static str> {
     sphere.hemisphere().or_else(of_model).map(Hemisphere::cortex)
 }
 
-/// Returns a warning's text, with the option that remedies it if such an option exists.
+/// Returns the text of a warning, with the option that remedies the problem, if there is one.
 fn advised(warning: &TestWarning, positions: bool) -> String {
     match warning {
         TestWarning::UnequalVariances { covariates: false, .. } => {

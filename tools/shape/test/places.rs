@@ -1,4 +1,4 @@
-//! Places of tested vertices: direction, position on the mean, and region of an annotation.
+//! Describes the places of tested vertices: direction, position on the mean, and region of an annotation.
 
 use serde_json::{Value, json};
 use spharm::Sphere;

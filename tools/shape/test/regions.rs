@@ -1,4 +1,4 @@
-//! Results of regions: TFCE and clusters, as maps, as the table of clusters and as summaries.
+//! Formats the results of TFCE and of clusters, as maps, as the table of clusters and as summaries.
 
 use serde_json::{Value, json};
 use spharm::shape::stats::{Cluster, Clusters, FamilyWise, Test};
@@ -49,7 +49,7 @@ pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     Some(csv(&header, rows.iter().map(Vec::as_slice)))
 }
 
-/// Returns the number of clusters, and the number of clusters significant at a level.
+/// Returns the number of clusters, and the number of clusters significant at a level; `None` without clusters.
 pub(super) fn summary(found: &FamilyWise, level: f64) -> Option<Value> {
     let clusters = found.clusters.as_ref()?;
     let significant = significant(clusters, level);

@@ -1,4 +1,4 @@
-//! Results of a test: maps, their table, and the summary as printed and as JSON.
+//! Formats the results of a test: the maps, their table, and the summary as printed and as JSON.
 
 use clap::ValueEnum;
 use serde_json::{Value, json};
@@ -72,7 +72,7 @@ fn tested_maps(found: &Test) -> Vec<(&'static str, Vec<f64>)> {
     maps
 }
 
-/// Describes the tested study, for pages. The same study always gives the same description.
+/// Returns the description of the tested study for pages. The same study always gives the same description.
 pub(super) fn about(found: &Test, study: &Study, cli: &Cli, places: &Places<'_>, warnings: &[String]) -> Value {
     let question = &study.question;
     let levels = question.levels.iter().map(|(level, count)| json!({ "level": level, "subjects": count }));
@@ -170,8 +170,8 @@ fn rows_of(matrix: ndarray::ArrayView2<'_, f64>) -> Vec<Vec<f64>> {
     matrix.rows().into_iter().map(|row| row.to_vec()).collect()
 }
 
-/// Returns the names of the statistics of one and of several contrasts. Aspin and Welch's v and G correspond to t and
-/// F, with variances by group.
+/// Returns the names of the statistics for one contrast and for several. With variances by group, these are Aspin and
+/// Welch's v and G instead of t and F.
 fn statistic_names(cli: &Cli) -> [&'static str; 2] {
     if cli.variance_groups.is_some() { ["v", "G"] } else { ["t", "F"] }
 }

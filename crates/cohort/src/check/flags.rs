@@ -1,4 +1,4 @@
-//! Defines the reasons for flagging a subject, and their texts for users.
+//! Defines the reasons for flagging a subject, and the phrases that describe them to users.
 
 use std::fmt;
 
@@ -9,9 +9,9 @@ use spharm_monitor::number;
 use super::measure::Measure;
 use crate::equal::first_of;
 
-/// Share of a label's voxels above which a repair leads to a flag.
+/// Largest fraction of a label's voxels that a repair may change without a flag.
 pub(super) const VOXELS_CHANGED: f64 = 0.02;
-/// Largest number of subjects that are named as equal to another.
+/// Largest number of equal subjects that a flag lists by name.
 const NAMED: usize = 6;
 
 /// Changes made by a repair.
@@ -89,7 +89,7 @@ pub enum Flag {
     },
     /// Other subjects have the same input file and label.
     SameInput(Others),
-    /// Other subjects have the same model, although their input files differ.
+    /// Other subjects have the same model, but different input files.
     SameModel(Others),
     /// Other subjects have the same surface, in other poses or files.
     SameSurface(Others),
@@ -114,8 +114,8 @@ pub enum Flag {
 }
 
 impl Flag {
-    /// Returns the place of the flag among those of a subject: another size of the voxels, other causes, then unusual
-    /// values, which may be their effects.
+    /// Returns the rank by which the flags of a subject are sorted: 0 for an unusual voxel size, 1 for other causes,
+    /// and 2 for unusual values, which may be effects of these causes.
     pub(super) fn rank(&self) -> u8 {
         match self {
             Self::VoxelSize { .. } => 0,
@@ -162,7 +162,7 @@ impl fmt::Display for Flag {
             Self::SameSurface(others) => write!(f, "same surface as {others}"),
             Self::AtBorder => f.write_str("touches the border of the volume, may be cut off"),
             Self::VoxelSize { found, usual } => {
-                write!(f, "voxels of {} mm, most subjects have {} mm", edges(*found), edges(*usual))
+                write!(f, "voxel size {} mm, but {} mm for most subjects", edges(*found), edges(*usual))
             }
             Self::Repaired { what, share } => write!(f, "repaired: {what} ({:.1} % of the voxels)", 100.0 * share),
             Self::Note(text) => f.write_str(text),
@@ -170,8 +170,8 @@ impl fmt::Display for Flag {
     }
 }
 
-/// Returns a phrase such as `10 times` for the ratio of two units of length, if `ratio`, the volume or area divided by
-/// the median, indicates a wrong unit.
+/// Returns the ratio of two units of length as a phrase, such as `10 times`, if `ratio` indicates a wrong unit. `ratio`
+/// is the volume or area divided by its median.
 fn unit_factor(measure: Measure, ratio: f64) -> Option<&'static str> {
     let dimension = match measure {
         Measure::Volume => 3.0,

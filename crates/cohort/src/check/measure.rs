@@ -40,7 +40,7 @@ impl Measure {
         keys.into_iter().zip(Self::ALL).find(|(known, _)| *known == key).map(|(_, measure)| measure)
     }
 
-    /// Returns whether a value with robust z `z` is flagged. Small residuals and distances aren't suspicious.
+    /// Returns whether a value with robust z `z` is flagged. Small residuals and distances aren't flagged.
     #[must_use]
     pub fn is_far(self, z: f64) -> bool {
         z > FAR || (z < -FAR && !matches!(self, Self::Rms | Self::Distance))

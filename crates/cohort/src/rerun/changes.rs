@@ -1,4 +1,4 @@
-//! Compares the changes that were made to a surface before its fit with those that are requested.
+//! Compares the changes that were made to a surface before its fit with the requested changes.
 
 use std::fmt;
 
@@ -63,7 +63,7 @@ pub(super) fn unprepared(
         differences.push(Difference { setting: "wrap", found, wanted });
         return differences;
     }
-    // The record of a wrap is no sign that the mesh was fixed.
+    // A wrap is also recorded as a repair, so the repair of a wrapped mesh doesn't mean that the mesh was fixed.
     let repaired = recorded.repair.is_some() && recorded.wrap.is_none();
     let cut = recorded.handles.is_some();
     // A label fitted without a recorded repair or cut needs neither. For a mesh, this can't be concluded.

@@ -1,4 +1,4 @@
-//! Defines the errors that end a row or an entire run.
+//! Defines the errors that end the work on a row, or the whole run.
 
 use std::fmt::Display;
 use std::io::ErrorKind;
@@ -30,13 +30,18 @@ pub enum RunError {
         path: PathBuf,
     },
     /// A label is given for a mesh, or for a surface over a sphere.
-    #[error("{}: labels are only for volumes without a sphere (.nii, .mgz, .nrrd, .tif, .npy)", .path.display())]
+    #[error(
+        "{}: a label can be given only for a volume without a sphere (.nii, .mgz, .nrrd, .tif, .npy)",
+        .path.display()
+    )]
     LabelOfMesh {
         /// Path of the surface's file.
         path: PathBuf,
     },
     /// An area distortion is given for the surface of a label. The map of such a surface always preserves areas.
-    #[error("{input}: area is only for meshes; the quadrangles around a label always get equal areas")]
+    #[error(
+        "{input}: area can be given only for meshes; the quadrangles around a label are always mapped to equal areas"
+    )]
     AreaOfLabel {
         /// Description of the volume and its label.
         input: String,
@@ -56,7 +61,7 @@ pub enum RunError {
     /// The weights given in the table aren't an existing file.
     #[error("column weights: expected uniform, area or a file, found {}: no such file", .path.display())]
     NoWeights {
-        /// Cell of the table, as a path.
+        /// The cell of the table, interpreted as a path.
         path: PathBuf,
     },
     /// A mask or missing values leave no vertex to fit.
@@ -91,7 +96,7 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// Adds the row or file in which an error occurred.
+    /// Adds the row or file in which the error occurred.
     #[must_use]
     pub fn of(self, context: impl Display) -> Self {
         Self::Of { context: context.to_string(), source: Box::new(self) }
@@ -116,8 +121,8 @@ impl RunError {
         }
     }
 
-    /// Returns whether every other row would fail for the same reason, which is too little disk space or no permission
-    /// to write.
+    /// Returns whether every other row would fail for the same reason: a full disk, an exceeded quota or file size, or
+    /// a read-only file system.
     #[must_use]
     pub fn concerns_all(&self) -> bool {
         concerns_all(self)
@@ -172,7 +177,8 @@ impl From<Interrupted> for RunError {
     }
 }
 
-/// Returns whether an error, or one of its sources, is due to a lack of disk space or of permission to write files.
+/// Returns whether an error or one of its sources is due to a full disk, an exceeded quota or file size, or a read-only
+/// file system.
 #[must_use]
 pub fn concerns_all(error: &(dyn std::error::Error + 'static)) -> bool {
     use ErrorKind::{FileTooLarge, QuotaExceeded, ReadOnlyFilesystem, StorageFull};

@@ -35,8 +35,8 @@ impl Observer for Unobserved {}
 #[derive(Debug)]
 #[non_exhaustive]
 pub enum Event<'a> {
-    /// Some surfaces are mapped to separate spheres, so their coefficients don't correspond. The number of these
-    /// surfaces is at least two.
+    /// At least two surfaces are mapped to separate spheres, so their coefficients don't correspond. The value is the
+    /// number of these surfaces.
     OwnSpheres(usize),
     /// Work on a row has begun.
     Started {
@@ -51,7 +51,7 @@ pub enum Event<'a> {
         sphere: &'a Path,
         /// Report on the mapping.
         report: &'a Report,
-        /// Whether an existing sphere of an earlier run was reused.
+        /// Whether the sphere was reused from an earlier run.
         reused: bool,
     },
     /// The fit of a row ignores some vertices, because they are outside the mask or have no value.
@@ -82,10 +82,10 @@ pub enum Event<'a> {
         entry: &'a Entry,
         /// Outcome of the row.
         outcome: Outcome<'a>,
-        /// Path of the model, which need not exist. `entry` has this path only as text.
+        /// Path of the model, whose file need not exist. `entry` has this path only as text, which may be inexact.
         model: &'a Path,
     },
-    /// Rows over one sphere have been fitted together.
+    /// Rows over one sphere have been fitted together, or a single row over its own sphere.
     Fitted(&'a ManyReport),
     /// A warning about a row. Other rows may cause the same warning.
     RowWarning(&'a str),
@@ -103,7 +103,7 @@ pub enum Event<'a> {
 pub enum Outcome<'a> {
     /// The model has been written.
     Done(Box<RowFit>),
-    /// The row was skipped, because its model exists.
+    /// The row was skipped because its model exists.
     Skipped {
         /// Label of the surface, if the input is a volume.
         label: Option<i64>,

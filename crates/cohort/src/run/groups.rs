@@ -1,4 +1,4 @@
-//! Groups rows that share a sphere and weights, so that they also share plans, transforms and factors.
+//! Groups rows with the same sphere and weights, so that these rows share plans, transforms and factors.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ pub(super) fn groups(rows: &[Row], numbers: &[usize]) -> Vec<Group> {
     groups
 }
 
-/// For spheres with equal contents, maps each path to the path of the first sphere. Unreadable files are skipped here,
+/// Maps the path of each sphere to the path of the first sphere with equal contents. Unreadable files are skipped here,
 /// because the fit refuses them.
 fn same_spheres<'a>(rows: impl Iterator<Item = &'a Row>) -> HashMap<&'a Path, &'a Path> {
     let (mut seen, mut paths) = (HashSet::new(), Vec::new());

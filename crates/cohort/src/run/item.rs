@@ -17,7 +17,7 @@ pub(super) struct Item {
     pub(super) files: ModelFiles,
     /// Record of the input's file, for the provenance of the model.
     pub(super) record: FileRecord,
-    /// Record of the region's file, if reading is limited to a region.
+    /// Record of the region's file, if a signal is read only within a region.
     pub(super) region: Option<FileRecord>,
     /// Existing outputs that the fit may replace.
     pub(super) replace: Replace,
@@ -69,8 +69,8 @@ impl Item {
             beside: &beside,
             if_exists: options.if_exists,
         };
-        // Reads the surface, to find out whether repairs and cuts would change it. It is called only if the request
-        // has repairs or cuts that the existing model was made without.
+        // Read the surface to find out whether repairs and cuts would change it. This is done only if the request has
+        // repairs or cuts that the existing model was made without.
         let read = || SurfaceReader::new(options.preparation).read(&row.surface, record.label, &Silent);
         let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {

@@ -11,7 +11,7 @@ use super::params::Cohort;
 use super::sync::lock;
 use crate::{CohortError, Entry, Row, State, StatusFile};
 
-/// Outcomes of the rows of a run, and the table to which they are written.
+/// Collects the outcomes of a run's rows, writes them to the table, and reports them to the observer.
 pub(super) struct Ledger<'a> {
     pub(super) observer: &'a dyn Observer,
     inner: Mutex<Inner>,
@@ -45,7 +45,7 @@ impl<'a> Ledger<'a> {
         self.finish(number, row, entry, &model, Outcome::Done(Box::new(fit)))
     }
 
-    /// Records that a row was skipped, because its model exists.
+    /// Records that a row was skipped because its model exists.
     pub(super) fn skipped(
         &self,
         number: usize,

@@ -23,7 +23,7 @@ pub(super) fn weighted(params: &FitParams, row: &Row) -> Result<FitParams, RunEr
     Ok(params.clone().with_weights(weights))
 }
 
-/// Returns the weights, with 0 at the vertices at which the mask is 0.
+/// Returns the weights, set to 0 at the vertices at which the mask is 0.
 pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<Weights, RunError> {
     let path = mask.display();
     let keep = read_mask(mask, sphere.directions.len())?;
@@ -34,7 +34,7 @@ pub(super) fn masked(weights: &Weights, mask: &Path, sphere: &Sphere) -> Result<
     Ok(weights.masked(&keep, name, sphere)?)
 }
 
-/// Rows whose fits ignore the same vertices.
+/// Rows of a group whose fits ignore the same vertices.
 pub(super) struct Part {
     /// Indices of the rows.
     pub(super) rows: Vec<usize>,
@@ -44,8 +44,8 @@ pub(super) struct Part {
     pub(super) left_out: usize,
 }
 
-/// Splits the rows with the given indices into parts with the same missing values. Missing values are only accepted for
-/// signals that are fitted by least squares without a store. With other methods, the fit refuses them.
+/// Splits the rows with the given indices into parts with the same missing values. Missing values are accepted only for
+/// signals that are fitted by least squares without a store. Other fits refuse signals with missing values.
 pub(super) fn parts(
     rows: &[Row],
     numbers: &[usize],
@@ -88,8 +88,8 @@ pub(super) fn parts(
     parts.into_iter().map(part).collect()
 }
 
-/// Extrapolates the values of a signal from the edge of a region to the vertices outside the region, which is a mask
-/// or label.
+/// Extrapolates the values of a signal from the edge of a region to the vertices outside it. `region` is the file of a
+/// mask or label.
 pub(super) fn continue_from(
     region: &Path,
     target: &mut Target,

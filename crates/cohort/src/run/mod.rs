@@ -2,8 +2,8 @@
 //! writes models and the table of outcomes.
 //!
 //! Rows are grouped by sphere, and each group is processed by [`fit_each`](spharm::fit_each), which reads a row's file
-//! and checks its outputs just before the row is fitted. So the memory doesn't grow with the number of rows. The model,
-//! the sphere and the outcome of a row don't depend on the other rows.
+//! and checks its outputs just before the row is fitted. Therefore the memory doesn't grow with the number of rows. The
+//! model, the sphere and the outcome of a row don't depend on the other rows.
 //!
 //! | module | contents |
 //! |---|---|
@@ -12,8 +12,8 @@
 //! | `groups` | rows that share a sphere |
 //! | `item` | decisions about existing outputs |
 //! | `work` | processing of each row: read, fit, write |
-//! | `own_sphere` | surfaces without a sphere |
-//! | `mask` | weights, and vertices that aren't read |
+//! | `own_sphere` | fits of surfaces without a sphere |
+//! | `mask` | weights, masks and missing values |
 //! | `ledger` | outcomes |
 //! | `preview` | previews of runs |
 

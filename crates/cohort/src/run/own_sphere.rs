@@ -1,4 +1,4 @@
-//! Fits surfaces that come without a sphere, each over a sphere made for it.
+//! Fits surfaces that are given without a sphere, each over a sphere computed for it.
 //!
 //! Mapping and fitting a small surface, such as one of a label, hardly gets faster with several threads. Therefore
 //! several surfaces are processed at the same time, each with an equal share of the memory budget. Surfaces that need
@@ -17,8 +17,8 @@ use super::work::Work;
 use crate::Row;
 use crate::files::{MadeOf, Mapped};
 
-/// Number of surfaces per thread that are processed at the same time. With a small number, threads wait for the last
-/// surface. With a large number, the shares of the memory are small.
+/// Number of surfaces per thread in a batch. If it is small, threads idle at the end of each batch. If it is large,
+/// each surface gets only a small share of the memory.
 const PER_THREAD: usize = 8;
 
 impl Work<'_> {
@@ -55,8 +55,8 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Processes one row, within a share of the memory if one is given. Returns whether the share sufficed. If it
-    /// didn't, the row still has to be processed.
+    /// Processes one row, within a share of the memory if one is given. Returns false if the share didn't suffice, and
+    /// the row still has to be processed.
     fn row(&self, number: usize, share: Option<usize>, monitor: &dyn Monitor) -> Result<bool, RunError> {
         self.monitor.check()?;
         let row = &self.cohort.rows[number];
@@ -75,7 +75,7 @@ impl Work<'_> {
         let Some(item) = self.decide(number, None, &params)? else { return Ok(Done::Skipped) };
         match self.on_its_own(row, &item, share, params, monitor) {
             Err(error) if share.is_some() && matches!(error.of_fit(), Some(spharm::Error::Memory { .. })) => {
-                // Keep the decision about the row for the attempt with the whole budget.
+                // Keep the decision about the row for a second attempt with the whole budget.
                 lock(&self.items).insert(number, item);
                 Ok(Done::TooLarge)
             }
@@ -92,7 +92,7 @@ impl Work<'_> {
         monitor: &dyn Monitor,
     ) -> Result<RowFit, RunError> {
         let read = self.reader.read(&row.surface, item.record.label, monitor);
-        // Errors of files name them; those of repairs and cuts don't.
+        // Errors about files contain the path. Errors about repairs and cuts don't, so add the input to them.
         let surface = read.map_err(|error| match error {
             Error::Parametrize(
                 ParametrizeError::BadSurface { .. }

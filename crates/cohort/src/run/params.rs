@@ -50,7 +50,8 @@ impl Cohort {
     }
 }
 
-/// A function of the caller that accepts, changes or refuses a surface after it was read for its sphere.
+/// A function, supplied by the caller, that accepts, changes or refuses a surface after it has been read together with
+/// its sphere.
 pub type Check = Box<dyn Fn(&Row, &Sphere, Result<Target, RunError>) -> Result<Target, RunError> + Send + Sync>;
 
 /// Settings that apply to all rows.
@@ -58,7 +59,7 @@ pub type Check = Box<dyn Fn(&Row, &Sphere, Result<Target, RunError>) -> Result<T
 pub struct RunParams {
     /// Settings of the fits.
     pub fit: FitParams,
-    /// Changes to be made to surfaces without a sphere before they are mapped; none by default.
+    /// Changes to make to surfaces without a sphere before they are mapped; none by default.
     pub preparation: Preparation,
     /// Path of a mask of the sphere's vertices. The fit ignores vertices at which the mask is 0. `None` by default.
     pub mask: Option<PathBuf>,
@@ -70,7 +71,7 @@ pub struct RunParams {
     pub keep_going: bool,
     /// Path of the table to which outcomes are appended; `None` by default.
     pub status: Option<PathBuf>,
-    /// A check of each surface together with its sphere; `None` by default.
+    /// A check of each surface that has a sphere; `None` by default.
     pub check: Option<Check>,
     /// A common sphere on which every model is evaluated; `None` by default.
     pub evaluate: Option<Evaluate>,

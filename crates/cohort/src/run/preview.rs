@@ -18,8 +18,8 @@ use crate::files::ModelFiles;
 use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
-/// Number of spheres, and number of surfaces without a sphere, that are read to check their sizes. Further files are
-/// read only if outputs exist.
+/// Largest number of spheres, and of surfaces without a sphere, that are read to check the memory they need. Further
+/// files are read only if outputs exist.
 const READ: usize = 3;
 
 /// Result of a preview.
@@ -61,7 +61,7 @@ pub struct PreviewedSphere {
 ///
 /// # Errors
 ///
-/// Only an interruption (see [`RunError::is_interrupted`]).
+/// [`RunError`] only if `monitor` cancels the preview (see [`RunError::is_interrupted`]).
 pub fn preview(
     cohort: &Cohort,
     params: &RunParams,
@@ -92,7 +92,7 @@ pub fn preview(
     })
 }
 
-/// State of a preview: results for the rows and spheres that have been checked.
+/// State of a preview: the results for the rows and spheres checked so far.
 struct Look<'a> {
     work: &'a Work<'a>,
     spheres: Vec<PreviewedSphere>,
@@ -103,8 +103,8 @@ struct Look<'a> {
 }
 
 impl Look<'_> {
-    /// Checks the rows over one sphere. Returns an error only for an interruption. Other errors are recorded for the
-    /// rows.
+    /// Checks the rows over one sphere. Returns an error only if the preview is cancelled; other errors are recorded
+    /// for the rows.
     fn at_group(&mut self, group: &Group) -> Result<(), RunError> {
         let before = self.failed.len();
         let Err(error) = self.at_sphere(group) else { return Ok(()) };
@@ -169,7 +169,7 @@ impl Look<'_> {
         Ok(())
     }
 
-    /// Compares the numbers of vertices of a surface and its sphere, if the headers of both files state them.
+    /// Checks that a surface and its sphere have the same number of vertices, if the headers of both files state it.
     fn check_vertices(&self, row: &Row, sphere: Option<&Sphere>) -> Result<(), RunError> {
         let Some(found) = declared_vertices(&row.surface)? else { return Ok(()) };
         let of_sphere = match (sphere, &row.sphere) {

@@ -29,9 +29,9 @@ pub(super) struct Work<'a> {
     pub(super) monitor: &'a dyn Monitor,
     pub(super) ledger: &'a Ledger<'a>,
     pub(super) reader: &'a SurfaceReader,
-    /// Files, record and decision of each row that has been checked but isn't finished.
+    /// Each row that is to be fitted and isn't finished, with its files and its record.
     pub(super) items: Mutex<HashMap<usize, Item>>,
-    /// Names of labels whose models reproduce the voxels' steps, with a description of the steps.
+    /// Names of the labels whose models reproduce the staircase of voxels, each with a description of the steps.
     pub(super) steps: Mutex<Vec<(String, VoxelSteps)>>,
     /// The inputs checked so far, to find equal inputs.
     pub(super) inputs: Mutex<Inputs>,
@@ -42,7 +42,7 @@ pub(super) struct Work<'a> {
 
 /// The reason why a target of a group isn't fitted.
 enum NoFit {
-    /// The row is skipped, because its model exists.
+    /// The row is skipped because its model exists.
     Skip,
     /// The row can't be fitted.
     Row(RunError),
@@ -191,7 +191,7 @@ impl<'a> Work<'a> {
             .map_err(|error| if self.params.keep_going { error } else { error.of(&row.id) })
     }
 
-    /// Returns the settings of the fit, with the weights set to 0 outside the mask.
+    /// Returns `params` with the weights set to 0 outside the mask of the run, if there is one.
     pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
         match (&self.params.mask, sphere) {
             (Some(path), Some(sphere)) => {
@@ -301,7 +301,7 @@ impl<'a> Work<'a> {
         let row = &self.cohort.rows[number];
         let outcome = match fit {
             Ok(mut fit) => {
-                // Record the requested weights, without the zeros at missing values, because missing values of a row
+                // Record the requested weights, without the zeros at missing values: those depend on the row's data and
                 // aren't a setting.
                 fit.report.settings.weights = params.weights.name().to_owned();
                 fit.report.settings.weights_hash = params.weights.hash();
@@ -364,8 +364,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// If the sphere of another row with the same contents was read, returns that sphere with the path of this row's
-/// sphere. Otherwise returns `None`.
+/// Returns `sphere` with the path of this row's sphere, if `sphere` was read from another row's file with the same
+/// contents. Otherwise returns `None`.
 fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
     let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
     own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })

@@ -8,7 +8,7 @@
 //!
 //! A file consists of a header of 128 bytes and elements. An element consists of its type, its size in bytes, and its
 //! contents, padded to a multiple of eight bytes. A matrix is an element whose contents are elements: flags,
-//! dimensions, name, real parts, imaginary parts, column by column.
+//! dimensions, name, real parts, and imaginary parts. The parts are stored column by column.
 //!
 //! Source: "MAT-File Format", MathWorks.
 
@@ -25,7 +25,7 @@ use read::Matrix;
 pub(crate) use read::is_mat;
 pub(crate) use write::{Surface, write};
 
-/// Reads the coefficients in `fvec`, and the sphere if the file has one.
+/// Reads the coefficients from `fvec`, and the sphere if the file has one.
 pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw> {
     let [fvec, sph_verts, faces] = read::matrices(bytes, ["fvec", "sph_verts", "faces"])?;
     let fvec = fvec.ok_or_else(|| Flaw::new("a matrix `fvec`", "none"))?;

@@ -14,8 +14,8 @@ use crate::flaw::Flaw;
 const COMPRESSED: u32 = 15;
 const MATRIX: u32 = 14;
 const COMPLEX: u32 = 1 << 11;
-/// Maximum size in bytes of an inflated matrix. It is nearly three times the size of the coordinates of 4 million
-/// vertices, or of 3 channels of complex coefficients of degree 1,400.
+/// Maximum size in bytes of an inflated matrix. This is nearly three times the size of the coordinates of 4 million
+/// vertices, or of complex coefficients up to degree 1,400 with 3 channels.
 const LARGEST: u64 = 256 << 20;
 /// Number of bytes at the beginning of a matrix that contain its flags, dimensions and name.
 const HEAD: u64 = 512;
@@ -25,7 +25,7 @@ pub(crate) fn is_mat(bytes: &[u8]) -> bool {
     bytes.starts_with(b"MATLAB ")
 }
 
-/// A matrix, stored by columns.
+/// A matrix, stored column by column.
 pub(super) struct Matrix {
     pub(super) rows: usize,
     pub(super) columns: usize,
@@ -145,7 +145,7 @@ fn inflate(order: Order, contents: &[u8], names: &[&str]) -> Result<Vec<u8>, Fla
     Ok(matrix)
 }
 
-/// Returns the name of a matrix, which is the third of the elements that the matrix consists of.
+/// Returns the name of a matrix, which is its third element. Returns `None` if the matrix is malformed.
 fn name(order: Order, mut matrix: &[u8]) -> Option<&[u8]> {
     for _ in 0..2 {
         order.element(&mut matrix).ok()?;
@@ -156,7 +156,8 @@ fn name(order: Order, mut matrix: &[u8]) -> Option<&[u8]> {
 fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     let (_, flags) = order.element(&mut matrix)?;
     let flags = order.number(flags).ok_or_else(|| Flaw::new("flags", "none"))?;
-    // Classes 6 to 15 are full numeric matrices; sparse matrices, cells, structures and text have lower numbers.
+    // Classes 6 to 15 are full matrices of numbers; sparse matrices, cells, structures and text have lower class
+    // numbers.
     if !(6..=15).contains(&(flags & 0xff)) {
         return Err(Flaw::new(format!("{name}: a full matrix of numbers"), format!("class {}", flags & 0xff)));
     }
@@ -169,7 +170,7 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     order.element(&mut matrix)?;
     let mut part = || -> Result<Vec<f64>, Flaw> {
         let (kind, bytes) = order.element(&mut matrix)?;
-        // A value may be stored in one byte, and takes 8 bytes in memory.
+        // A value may take only one byte in the file, but takes 8 bytes in memory.
         check_room(8 * bytes.len() as u64).map_err(|room| Flaw::new("a matrix that fits in memory", room))?;
         let values = numbers(order, kind, bytes)
             .ok_or_else(|| Flaw::new(format!("{name}: numbers"), format!("data of type {kind}")))?;

@@ -12,8 +12,9 @@ const I32: u32 = 5;
 const U32: u32 = 6;
 const F64: u32 = 9;
 const MATRIX: u32 = 14;
-/// Class of f64 matrices, and flag of complex matrices.
+/// Class of f64 matrices.
 const DOUBLE: u32 = 6;
+/// Flag of complex matrices.
 const COMPLEX: u32 = 1 << 11;
 
 /// Geometry of a surface model with a sphere: positions, triangles with vertices numbered from 0, and directions.
@@ -44,8 +45,8 @@ fn columns(rows: &[[f64; 3]]) -> Vec<f64> {
     array.into_iter().collect()
 }
 
-/// Writes a matrix whose values are given column by column. `parts` has the real parts and, for a complex matrix, the
-/// imaginary parts.
+/// Writes a matrix whose values are given column by column. `parts` consists of the real parts and, for a complex
+/// matrix, the imaginary parts.
 fn matrix(out: &mut dyn Write, name: &str, (rows, columns): (usize, usize), parts: &[Vec<f64>]) -> io::Result<()> {
     let mut body = Vec::new();
     let flags = DOUBLE | if parts.len() > 1 { COMPLEX } else { 0 };

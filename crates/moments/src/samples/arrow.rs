@@ -20,7 +20,7 @@ use super::ipc;
 use crate::MomentsError;
 use crate::moments::Shard;
 
-/// Opens an Arrow IPC file. Returns the shard's rows as a table, and their number.
+/// Opens an Arrow IPC file. Returns the shard's rows as a table, and the number of rows.
 pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Batches, u64), MomentsError> {
     let format = "Arrow";
     let bytes = file.metadata().map_err(MomentsError::io(path, "read"))?.len();

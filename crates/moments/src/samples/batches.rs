@@ -17,13 +17,13 @@ pub(super) trait Batch {
     ///
     /// # Errors
     ///
-    /// Returns a description of the column if it isn't numeric.
+    /// A description of the column, if it isn't numeric.
     fn copy(&self, column: usize, rows: Range<usize>, out: StepBy<IterMut<'_, f64>>) -> Result<(), String>;
 }
 
-/// Batches in the order of the file, or a description of what is wrong with the file.
+/// Iterator over the batches in the order of the file. An error is a description of what is wrong with the file.
 pub(super) type Rows = Box<dyn Iterator<Item = Result<Box<dyn Batch>, String>> + Send>;
-/// Function that starts reading the columns with the given indices, in ascending order.
+/// Function that starts reading the columns with the given indices, which must be in ascending order.
 pub(super) type Start = Box<dyn FnOnce(Vec<usize>) -> Result<Rows, String> + Send>;
 
 /// A shard of a table that is read in batches.
@@ -35,7 +35,7 @@ pub(super) struct Batches {
     rows: Option<Result<Rows, String>>,
     /// For each value of an output row, the index of the batch's column from which it is read.
     places: Vec<usize>,
-    /// Number of rows to skip, because the batches contain rows before the shard.
+    /// Number of rows still to skip, because the batches begin before the shard.
     skip: u64,
     before: u64,
     left: u64,
@@ -44,8 +44,8 @@ pub(super) struct Batches {
 }
 
 impl Batches {
-    /// Creates the table of the given rows of a file, and returns it with their number. The first `skip` rows of the
-    /// batches lie before these rows.
+    /// Creates a table of the rows `rows` of a file, and returns it with the number of these rows. The batches begin
+    /// `skip` rows before them.
     pub(super) fn new(
         path: &Path,
         format: &'static str,
@@ -122,7 +122,7 @@ impl Table for Batches {
     }
 }
 
-/// Returns the error of a file that isn't a table of numbers.
+/// Returns the error for a file that isn't a table of numbers.
 pub(super) fn malformed(path: &Path, format: &'static str, found: &str) -> MomentsError {
     let (expected, found) = ("a table of numbers".to_owned(), found.to_owned());
     MomentsError::Malformed { path: path.to_owned(), format, expected, found }

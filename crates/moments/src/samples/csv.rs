@@ -14,7 +14,7 @@ use crate::MomentsError;
 use crate::moments::Shard;
 
 const FORMAT: &str = "table";
-/// Number of bytes per read. All threads then parse them in parallel.
+/// Number of bytes per read, which all threads then parse in parallel.
 const BLOCK: usize = 1 << 22;
 /// Smallest number of bytes that one thread parses at a time.
 const PIECE: usize = 1 << 16;
@@ -54,7 +54,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     shard_of(path, input, header..bytes, Lines { names, separator, selected: Vec::new() }, shard)
 }
 
-/// Opens a shard of the rows in a byte range of a file. The fields are separated by blanks.
+/// Opens a shard of the rows in a byte range of a file. The fields must be separated by blanks.
 pub(super) fn of_rows(
     path: &Path,
     file: File,
@@ -162,7 +162,7 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
 
 fn too_long(path: &Path) -> MomentsError {
     let expected = format!("lines of at most {LONGEST_LINE} bytes");
-    MomentsError::Malformed { path: path.to_owned(), format: FORMAT, expected, found: "a longer one".to_owned() }
+    MomentsError::Malformed { path: path.to_owned(), format: FORMAT, expected, found: "a longer line".to_owned() }
 }
 
 fn fields(line: &[u8], separator: Option<u8>) -> impl Iterator<Item = &[u8]> {
@@ -278,8 +278,8 @@ impl Table for Text {
         Ok(count / width)
     }
 
-    /// Returns the row's number within the entire table, from 1. The rows before the shard are counted only here,
-    /// because only errors need their number.
+    /// Returns the row's number within the whole table, from 1. The rows before the shard are counted only here,
+    /// because their number is needed only for errors.
     fn number_of(&self, row: u64) -> u64 {
         let before = || -> io::Result<u64> {
             if self.before.is_empty() {

@@ -14,16 +14,16 @@ use arrow_ipc::{Block, MetadataVersion, root_as_footer, root_as_message};
 use arrow_schema::SchemaRef;
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Size in bytes of the end of the file: the footer's length and the magic number.
+/// Number of bytes at the end of the file, which contain the footer's length and the magic number.
 const TAIL: usize = 10;
-/// Marker before the length of a message's metadata; files in the format's older version lack it.
+/// Marker before the length of a message's metadata; files in an older version of the format lack it.
 const MARK: [u8; 4] = [0xff; 4];
 /// Bytes that a buffer may have in addition to one number of 64 bits per row, because Arrow pads buffers.
 const PADDING: u64 = 64;
 /// Upper bound on the bytes to which one compressed byte can expand. zstd encodes a run of 128 KiB in four bytes, LZ4 a
 /// run of 255 bytes in one byte.
 const MOST_PER_BYTE: u64 = 1 << 15;
-/// Declared uncompressed size of a buffer that isn't compressed although its block is.
+/// Value of the uncompressed size that marks a buffer as uncompressed, even though its block is compressed.
 const PLAIN: i64 = -1;
 
 /// The columns of an Arrow file, and its blocks of rows.
@@ -88,7 +88,7 @@ fn place(block: &Block, bytes: u64) -> Option<Place> {
     (end <= bytes).then_some(Place { start, metadata: metadata as usize, body, end })
 }
 
-/// Checks a block of rows, and returns their number.
+/// Checks a block of rows, and returns the number of rows.
 fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<u64, String> {
     let metadata = read(input, place.start, place.metadata)?;
     let message = metadata.strip_prefix(&MARK).unwrap_or(&metadata).get(4..).ok_or("a block without metadata")?;

@@ -1,5 +1,5 @@
 //! Reads point clouds from laser scanners (LAS): x, y, z and intensity of each point. The crate `las` reads the header.
-//! This module reads the points itself, because the point reader of `las` can't be sent between threads.
+//! This module reads the points itself, because the crate's point reader can't be sent between threads.
 //!
 //! Source: ASPRS, "LAS specification 1.4 R15": in all point formats, a record begins with X, Y and Z as scaled 32-bit
 //! integers, followed by the intensity as a 16-bit integer.
@@ -32,7 +32,7 @@ pub(super) struct Points {
     selected: Vec<usize>,
 }
 
-/// Opens a LAS file. Returns the shard's points as a table, and their number.
+/// Opens a LAS file. Returns the shard's points as a table, and the number of points.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<(Points, u64), MomentsError> {
     let malformed = |expected: String, found: String| MomentsError::Malformed {
         path: path.to_owned(),

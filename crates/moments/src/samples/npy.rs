@@ -1,5 +1,5 @@
-//! Reads NumPy arrays (`.npy`) with one row per sample. Columns of a plain array are named by their indices from 0,
-//! columns of a structured array by the names of its fields.
+//! Reads NumPy arrays (`.npy`) with one row per sample. The columns of a plain array are named by their indices from 0;
+//! the columns of a structured array have the names of its fields.
 
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
@@ -27,7 +27,7 @@ pub(super) struct Header {
     pub(super) rows: u64,
     /// Names of the columns; `None` for the columns of a plain array.
     pub(super) names: Vec<Option<String>>,
-    /// Fields of a row, with their offsets in a row in C order.
+    /// The fields of a row, with their offsets in a row stored in C order.
     pub(super) fields: Vec<Field>,
     pub(super) row: usize,
     pub(super) fortran: bool,
@@ -44,7 +44,7 @@ impl Header {
     }
 }
 
-/// Opens a `.npy` file. Returns the shard's rows as a table, and their number.
+/// Opens a `.npy` file. Returns the shard's rows as a table, and the number of rows.
 pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<(Records, u64), MomentsError> {
     let mut input = BufReader::new(file);
     let header = read_header(path, &mut input)?;
@@ -99,10 +99,8 @@ fn malformed(path: &Path, expected: String, found: String) -> MomentsError {
 /// Reads the header of an array.
 pub(super) fn read_header(path: &Path, input: &mut dyn Read) -> Result<Header, MomentsError> {
     let found = npy::Header::read(input).map_err(|error| match error.kind() {
-        io::ErrorKind::UnexpectedEof => {
-            malformed(path, "a header of NumPy".to_owned(), "the end of the file".to_owned())
-        }
-        _ => malformed(path, "an array of NumPy".to_owned(), error.to_string()),
+        io::ErrorKind::UnexpectedEof => malformed(path, "a NumPy header".to_owned(), "the end of the file".to_owned()),
+        _ => malformed(path, "a NumPy array".to_owned(), error.to_string()),
     })?;
     of_samples(&found).ok_or_else(|| {
         let expected = "numbers of 8 to 64 bits with one row per sample, or records of such numbers".to_owned();

@@ -17,7 +17,7 @@ use crate::moments::Shard;
 const FORMAT: &str = "NumPy archive";
 const BUFFER: usize = 1 << 18;
 
-/// Position of an array in the archive.
+/// Name and position of an array in the archive.
 struct Entry {
     name: String,
     start: u64,
@@ -25,7 +25,7 @@ struct Entry {
     deflated: bool,
 }
 
-/// Opens a `.npz` archive. Returns the shard's rows as a table, and their number.
+/// Opens a `.npz` archive. Returns the shard's rows as a table, and the number of rows.
 pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u64), MomentsError> {
     let malformed = |expected: &str, found: String| MomentsError::Malformed {
         path: path.to_owned(),
@@ -50,7 +50,7 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
             return Err(malformed("arrays with the same number of rows", found));
         }
         names.extend(named(&entry.name, &header));
-        // An archive's data can't be skipped by seeking: decompress the rows before the shard and discard them.
+        // The data may be compressed, so seeking isn't possible: read the rows before the shard and discard them.
         let before = shard.range(header.rows).start * header.row as u64;
         let skipped = io::copy(&mut input.by_ref().take(before), &mut io::sink());
         if skipped.map_err(MomentsError::io(path, "read"))? != before {

@@ -20,19 +20,19 @@ pub(crate) const STDIN: &str = "-";
 pub const ENDINGS: [&str; 10] =
     [".npy", ".npz", ".csv", ".tsv", ".txt", ".parquet", ".arrow", ".feather", ".ply", ".las"];
 
-/// File-name extensions of values on vertices, which can only be read over a sampling scheme. FreeSurfer's other files
-/// of this kind have no fixed extension.
+/// File-name extensions of per-vertex files, which can only be read over a sampling scheme. Other per-vertex files of
+/// FreeSurfer have no fixed extension.
 const SIGNALS: [&str; 3] = [".gii", ".mgh", ".mgz"];
 
-/// An opened table, and its properties that are known before it is read.
+/// An opened table, with the properties that are known before its rows are read.
 pub(crate) struct Opened {
     pub(crate) table: Box<dyn Table>,
     /// Size of the file in bytes; `None` for standard input.
     pub(crate) bytes: Option<u64>,
     /// Number of rows in the shard, if known.
     pub(crate) rows: Option<u64>,
-    /// Running hash of the bytes read from standard input; `None` for files. It is complete after the last byte has
-    /// been read.
+    /// Running hash of the bytes read from standard input, which is complete after the last byte has been read; `None`
+    /// for files.
     pub(crate) hash: Option<Arc<Mutex<blake3::Hasher>>>,
 }
 
@@ -65,9 +65,8 @@ pub(crate) fn open(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     Ok(Opened { table, bytes: Some(bytes), rows, hash: None })
 }
 
-/// Opens a table over a sampling scheme. The entire table is opened, even if only a shard is used: shards of text
-/// tables are byte ranges, but matching rows to directions requires row numbers. Files of values on vertices are also
-/// accepted.
+/// Opens a table over a sampling scheme. The whole table is opened, even if only a shard is used: shards of text tables
+/// are byte ranges, but matching rows to directions requires row numbers. Per-vertex files are also accepted.
 pub(crate) fn open_over_scheme(path: &Path, shard: Shard) -> Result<Opened, MomentsError> {
     if path.as_os_str() == STDIN {
         return standard_input(path, shard);

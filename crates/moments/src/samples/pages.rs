@@ -12,8 +12,8 @@ use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use ::parquet::file::metadata::{ColumnChunkMetaData, ParquetMetaData};
 use spharm_surface::io::{check_room, most_expanded};
 
-/// Bytes that a page may have beyond 9 bytes per row. The 9 bytes are a number of at most 64 bits, and its repetition
-/// and definition levels.
+/// Bytes that a page may have in addition to 9 bytes per row. The 9 bytes are a number of at most 64 bits, and its
+/// repetition and definition levels.
 const PADDING: u64 = 1 << 10;
 /// Largest accepted nesting depth of structures in a header; the format itself uses three levels.
 const DEPTH: usize = 8;
@@ -22,7 +22,7 @@ const DEPTH: usize = 8;
 const HEADER: u64 = 16 << 20;
 
 /// Checks that the pages of the given columns lie within the file, in all row groups, and that the free memory suffices
-/// for the uncompressed pages. Memory for one page per column is required: the pages of a column are read one after
+/// for the uncompressed pages. The memory has to hold one page per column: the pages of a column are read one after
 /// another, but all columns at the same time.
 ///
 /// # Errors
@@ -69,7 +69,7 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         }
         let both = compressed + expanded;
         if page.kind == DICTIONARY {
-            // `pages` reads columns of text as well as of numbers, each value of which has at least one byte.
+            // The dictionary may contain text or numbers. Each value takes at least one byte.
             let values = u64::try_from(page.values).ok().filter(|&values| values <= expanded);
             let values = values.ok_or_else(|| format!("a dictionary of {} values in {expanded} bytes", page.values))?;
             dictionary = Some(both.saturating_add(8 * values));
@@ -95,8 +95,9 @@ struct Page {
     kind: i64,
     expanded: i64,
     compressed: i64,
-    /// Number of values, and code of their encoding.
+    /// Number of values.
     values: i64,
+    /// Code of the encoding of the values.
     encoding: i64,
 }
 
@@ -108,7 +109,7 @@ struct Compact<R> {
 }
 
 impl<R: Read> Compact<R> {
-    /// Reads a page header to its end.
+    /// Reads a whole page header.
     fn page(&mut self) -> io::Result<Page> {
         let (mut page, mut field) = (Page::default(), 0);
         let mut found = [false; 3];
@@ -139,7 +140,8 @@ impl<R: Read> Compact<R> {
         if found == [true; 3] { Ok(page) } else { Err(invalid("its type or a size is missing")) }
     }
 
-    /// Reads the header of a kind of pages. Returns the number of values and the encoding, the field `encoding`.
+    /// Reads the part of a page header that depends on the type of page. Returns the number of values and the code of
+    /// their encoding. `encoding` is the number of the field that holds this code.
     fn values(&mut self, encoding: i64) -> io::Result<(i64, i64)> {
         let (mut found, mut last) = ((0, 0), 0);
         while let Some((field, kind)) = self.field(last)? {

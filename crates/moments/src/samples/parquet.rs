@@ -1,5 +1,5 @@
-//! Reads Parquet files, through the typed column readers of the crate `parquet`. Its reader of Arrow batches isn't
-//! used: with the decoders of all Arrow types it would make the program a megabyte larger.
+//! Reads Parquet files with the typed column readers of the crate `parquet`. The crate's reader of Arrow batches isn't
+//! used, because it contains the decoders of all Arrow types and would make the program a megabyte larger.
 
 use std::fs::File;
 use std::iter::StepBy;
@@ -22,7 +22,7 @@ use crate::moments::Shard;
 /// Largest number of rows per batch.
 const BATCH: usize = 1 << 16;
 
-/// Opens a Parquet file. Returns the shard's rows as a table, and their number.
+/// Opens a Parquet file. Returns the shard's rows as a table, and the number of rows.
 pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Batches, u64), MomentsError> {
     let format = "Parquet";
     let again = file.try_clone().map_err(MomentsError::io(path, "open"))?;
@@ -39,10 +39,10 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Batches, u6
     Ok(Batches::new(path, format, names, Box::new(start), 0, rows))
 }
 
-/// Batches of some columns, through all groups of rows.
+/// An iterator over the batches of the selected columns, through all groups of rows.
 struct Groups {
     reader: SerializedFileReader<File>,
-    /// The file's index of each column, among those that store values.
+    /// For each selected column, its index among the file's columns that store values (leaves).
     leaves: Vec<usize>,
     columns: Vec<Column>,
     /// Index of the next group.
@@ -97,7 +97,7 @@ impl Iterator for Groups {
     }
 }
 
-/// Rows of a batch, by columns.
+/// The values of a batch, one vector per column.
 struct Values {
     rows: usize,
     columns: Vec<Vec<f64>>,
@@ -116,17 +116,18 @@ impl Batch for Values {
     }
 }
 
-/// Returns the index of a column among those that store values.
+/// Returns the index of a column among the file's columns that store values (leaves).
 fn leaf(schema: &SchemaDescriptor, column: usize) -> Result<usize, String> {
     let found = (0..schema.num_columns()).find(|&leaf| schema.get_column_root_idx(leaf) == column);
     let leaf = found.ok_or("a column without values")?;
     let descriptor = schema.column(leaf);
-    // A list or a structure lies deeper, and has more than one value or kind of value per row.
+    // Lists and structures are nested, and have several values, or several kinds of values, per row.
     let flat = schema.get_column_root(leaf).is_primitive() && descriptor.max_rep_level() == 0;
     if flat && is_number(&descriptor) { Ok(leaf) } else { Err(format!("a column of type {}", kind(schema, leaf))) }
 }
 
-/// Returns whether a column stores numbers. Dates, times and decimals aren't numbers, although integers store them.
+/// Returns whether a column stores numbers. Dates, times and decimals don't count as numbers, even if they are stored
+/// as integers.
 fn is_number(column: &ColumnDescriptor) -> bool {
     match column.physical_type() {
         Type::FLOAT | Type::DOUBLE => true,
@@ -141,8 +142,8 @@ enum Sign {
     Unsigned,
 }
 
-/// Returns the sign of the integers in a column; `None` if the integers stand for something else. The type is stated as
-/// a logical type or, in older files, as a converted type.
+/// Returns whether the integers in a column are signed; `None` if they stand for something other than numbers. The type
+/// is stated as a logical type or, in older files, as a converted type.
 fn sign(column: &ColumnDescriptor) -> Option<Sign> {
     use ConvertedType::{INT_8, INT_16, INT_32, INT_64, NONE, UINT_8, UINT_16, UINT_32, UINT_64};
     match (column.logical_type_ref(), column.converted_type()) {
@@ -183,7 +184,7 @@ struct Column {
 }
 
 impl Column {
-    /// Opens a column behind the first `skip` rows of its group.
+    /// Opens a column, and skips the first `skip` rows of its group.
     fn open(group: &dyn RowGroupReader, leaf: usize, skip: usize) -> Result<Self, ParquetError> {
         let descriptor = group.metadata().schema_descr().column(leaf);
         let mut reader = group.get_column_reader(leaf)?;
@@ -229,7 +230,7 @@ fn values<T: DataType>(
         return Err(format!("the end of a column, {} rows early", count - rows));
     }
     let mut found = found.into_iter().map(of);
-    // The level of a value is 1; that of a missing value, which isn't stored, is 0.
+    // The definition level is 1 for a stored value, and 0 for a missing value, which isn't stored.
     let next = |level| if level == 0 { Some(f64::NAN) } else { found.next() };
     let all: Vec<f64> = if optional { levels.into_iter().map_while(next).collect() } else { found.collect() };
     if all.len() == count { Ok(all) } else { Err(format!("{} values in {count} rows of a column", all.len())) }

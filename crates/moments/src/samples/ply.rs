@@ -35,7 +35,7 @@ enum Encoding {
     Binary { little: bool },
 }
 
-/// Opens a PLY file. Returns the shard's rows as a table, and their number if known.
+/// Opens a PLY file. Returns the shard's rows as a table, and the number of rows if it is known.
 pub(super) fn open(
     path: &Path,
     file: File,

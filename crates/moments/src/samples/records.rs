@@ -9,13 +9,13 @@ use spharm_surface::io::Scalar;
 use super::table::Table;
 use crate::MomentsError;
 
-/// Number of bytes decoded at a time. They fit into a core's L2 cache.
+/// Number of bytes decoded at a time, which fit in a core's L2 cache.
 const CACHED: usize = 1 << 18;
 
 /// A field of a row.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Field {
-    /// Offset in bytes of the field's first byte in the row.
+    /// Offset of the field in the row, in bytes.
     pub(super) at: usize,
     pub(super) kind: Scalar,
     pub(super) little: bool,
@@ -30,7 +30,8 @@ pub(super) struct Stream {
     pub(super) fields: Vec<Field>,
 }
 
-/// A table of rows. Its columns may be split among several streams, which are read in parallel.
+/// A table whose columns may be split among several streams. Each read takes the same rows from every stream with
+/// selected columns.
 pub(super) struct Records {
     pub(super) path: PathBuf,
     pub(super) format: &'static str,
@@ -88,8 +89,8 @@ impl Table for Records {
             if fields.is_empty() {
                 continue;
             }
-            // Decode one field at a time, for groups of rows that fit the cache, so that the bytes stay in the cache
-            // from one field to the next.
+            // Decode one field at a time, for a group of rows that fits in the cache, so that the bytes stay in the
+            // cache from one field to the next.
             let together = (CACHED / stream.row).max(1);
             for out in out[start..].chunks_mut(together * self.width) {
                 self.buffer.resize(out.len() / self.width * stream.row, 0);

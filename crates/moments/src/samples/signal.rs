@@ -1,5 +1,5 @@
-//! Reads values on vertices from GIfTI, FreeSurfer and similar files, with one row per vertex and columns named by
-//! their indices from 0.
+//! Reads per-vertex files in GIfTI, FreeSurfer and similar formats, with one row per vertex and columns named by their
+//! indices from 0.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use spharm_surface::{Signal, SurfaceError};
 
 use super::table::Table;
 
-/// The values of a file, held in memory.
+/// The values of a per-vertex file, held in memory.
 pub(super) struct Values {
     signal: Signal,
     names: Vec<String>,
@@ -17,8 +17,8 @@ pub(super) struct Values {
     done: usize,
 }
 
-/// Reads a file of values on vertices. The value of a vertex without data is NaN; it causes an error only if the
-/// vertex's row is used.
+/// Reads a per-vertex file. The value of a vertex without data is NaN, which causes an error only if the vertex's row
+/// is used.
 pub(super) fn open(path: &Path) -> Result<Values, SurfaceError> {
     let signal = read_signal_with_gaps(path)?;
     let names = (0..signal.channels).map(|channel| channel.to_string()).collect();

@@ -10,11 +10,11 @@ pub(crate) trait Table: Send {
     /// Selects the columns to read, by their indices from 0.
     fn select(&mut self, columns: Vec<usize>);
 
-    /// Appends at most `most` rows to `out`, (rows, selected columns) row-major. Returns the number of rows appended; 0
-    /// at the end.
+    /// Appends the selected columns of at most `most` rows to `out`, row by row. Returns the number of rows appended,
+    /// which is 0 at the end.
     fn read(&mut self, most: usize, out: &mut Vec<f64>) -> Result<usize, MomentsError>;
 
-    /// Returns the number of a row within the entire table, counted from 1. `row` is its index within the shard,
-    /// counted from 0.
+    /// Returns the number of a row within the whole table, counted from 1. `row` is its index within the shard, counted
+    /// from 0.
     fn number_of(&self, row: u64) -> u64;
 }

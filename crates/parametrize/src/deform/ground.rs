@@ -39,7 +39,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Returns the points of the surface that the map sends to the given directions.
+    /// Returns, for each of the given directions, the point of the surface that the map sends there.
     pub(super) fn points(&self, directions: &[Vec3], monitor: &dyn Monitor) -> Result<Vec<Vec3>, ParametrizeError> {
         let mut points = Vec::with_capacity(directions.len());
         for chunk in directions.chunks(CHUNK) {
@@ -58,7 +58,8 @@ impl<'a> Ground<'a> {
     }
 
     /// Measures the path on the surface whose image is the arc between two directions, in `pieces` pieces. Returns the
-    /// path's length times its initial direction. `from` and `to` are the positions of its ends.
+    /// path's length times its initial direction. `ends` are the two directions, and `from` and `to` are the
+    /// corresponding points of the surface.
     pub(super) fn path(&self, ends: [Vec3; 2], [from, to]: [Vec3; 2], pieces: u32) -> Vec3 {
         let (mut last, mut length, mut first) = (from, 0.0, None);
         for k in 1..=pieces {
@@ -76,7 +77,7 @@ impl<'a> Ground<'a> {
         scale(first.unwrap_or([0.0; 3]), length)
     }
 
-    /// Returns the surface's nearest point to `point`, and the direction to which the map sends it.
+    /// Returns the point of the surface nearest to `point`, and the direction to which the map sends this point.
     pub(super) fn nearest(&self, point: Vec3) -> Option<(Vec3, Vec3)> {
         let found = self.tree.nearest(point)?;
         let corners = self.surface.faces[found.triangle as usize];

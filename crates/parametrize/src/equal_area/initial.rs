@@ -55,7 +55,7 @@ impl Rings {
             loop {
                 let (quad, k) = (quads.quads[corner as usize / 4], corner as usize % 4);
                 neighbours.push(quad[(k + 1) % 4]);
-                // Continues across the edge that ends at the vertex. It lies to the left of the edge that starts at
+                // Continues across the edge that ends at the vertex, which lies to the left of the edge that starts at
                 // the vertex.
                 corner = quads.twins[corner as usize / 4 * 4 + (k + 3) % 4];
                 if corner == start {
@@ -144,8 +144,8 @@ fn azimuth(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Result<V
 }
 
 /// Returns a path from the north pole to the south pole that always continues to the neighbour of largest theta. It
-/// reaches the south pole, since a harmonic theta has no other maximum. A vertex of the path is adjacent to no vertex
-/// of the path but the next and the previous one.
+/// reaches the south pole, since a harmonic theta has no other maximum. Each vertex of the path is adjacent to no other
+/// vertices of the path than the previous and the next one.
 fn date_line(rings: &Rings, theta: &[f64], north: usize, south: usize) -> Vec<usize> {
     let mut line = vec![north];
     let mut at = north;
@@ -174,7 +174,8 @@ fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
     }
 }
 
-/// Solves a symmetric system given by entries `([row, column], value)`, of which those at the same place are summed.
+/// Solves a symmetric linear system. The matrix is a list of entries `([row, column], value)`; entries at the same
+/// place are summed.
 fn solve(matrix: &[([usize; 2], f64)], mut right: Vec<f64>) -> Result<Vec<f64>, ParametrizeError> {
     // These systems are always solvable, so an error here is a defect of this program.
     let failed = |found: &str| ParametrizeError::Argument {

@@ -9,9 +9,10 @@
 //!   and angles (section 3.2 of the paper).
 //!
 //! This goes beyond the paper if voxels aren't cubes: each quadrangle's share of the sphere is then its share of the
-//! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). On a smooth surface of a label
-//! these are the shares and sides of the smooth quadrangles. Where a label is one voxel thin, some of them are so
-//! narrow that the optimisation finds no map that is one to one; then the voxels' faces determine the shares.
+//! surface in mm^2, and the ratio of its side lengths is taken into account (`targets`). If the label's surface is
+//! smooth, these are the shares and sides of the smooth quadrangles. Where a label is only one voxel thick, some smooth
+//! quadrangles are so narrow that the optimisation finds no one-to-one map; then the shares and sides of the voxels'
+//! faces are used.
 //!
 //! In the result each quadrangle is cut along one diagonal into two triangles, which are positively oriented on the
 //! sphere. Surface and sphere have the same triangles.
@@ -40,7 +41,7 @@ use targets::Targets;
 ///
 /// # Errors
 ///
-/// [`InvalidMesh`](ParametrizeError::InvalidMesh) for a surface that isn't a single closed surface of genus 0;
+/// [`InvalidMesh`](ParametrizeError::InvalidMesh) if the surface isn't a single closed surface of genus 0;
 /// [`NotBijective`](ParametrizeError::NotBijective) if folds remain; [`Argument`](ParametrizeError::Argument) if memory
 /// doesn't suffice for the linear systems; [`Interrupted`](ParametrizeError::Interrupted).
 pub fn equal_area(
@@ -95,8 +96,8 @@ fn mapped(
 }
 
 /// Returns the largest relative deviation of a quadrangle's area on the sphere from its share of the surface's area.
-/// For a smooth surface, shares are those of the smooth quadrangles or of the voxels' faces, whichever give the
-/// smaller deviation, since the map was optimised for one of them.
+/// For a smooth surface, the deviations from the shares of the smooth quadrangles and from the shares of the voxels'
+/// faces are computed, and the smaller one is returned, since the map was optimised for one of the two.
 ///
 /// # Panics
 ///

@@ -6,7 +6,7 @@
 //!
 //! where A_q is a quadrangle's solid angle, a_q its target area and w_ij the weights (`targets.rs`). For cubic voxels
 //! a_q = 4 pi / Q and w_ij = 1. s belongs to a corner of a quadrangle: it is the determinant of the corner and its two
-//! neighbours in the quadrangle, divided by a_q. It is 1 in a rectangle, and 0 if the angle at the corner is pi. Among
+//! neighbours in the quadrangle, divided by a_q. s is 1 in a rectangle, and 0 if the angle at the corner is pi. Among
 //! quadrangles of equal area the square has the shortest edges, so short edges mean little distortion of lengths and
 //! angles. (Brechbuehler et al. maximise the sum of the cosines of the edges, which is equivalent.)
 //!
@@ -35,7 +35,7 @@ use crate::background::abandonable;
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, add, cross, dot, norm, orientation, scale, solid_angle, sub, unit};
 
-/// The smallest s that isn't penalised.
+/// Smallest value of s, the scaled determinant at a corner, that isn't penalised.
 const S0: f64 = 0.2;
 /// The weight kappa of the penalty on angles: the initial value, and the maximum, reached only if folds persist.
 const KAPPA: (f64, f64) = (20.0, 1e4);
@@ -51,7 +51,8 @@ const LONG: usize = 20_000;
 pub struct EqualAreaParams {
     /// Largest relative deviation of a quadrangle's area from its target that is accepted as converged. Default 1e-3.
     pub tolerance: f64,
-    /// Relative change of the sum of squared edge lengths over a round that is accepted as converged. Default 1e-3.
+    /// Largest relative change of the sum of squared edge lengths in a round that is accepted as converged. Default
+    /// 1e-3.
     pub change: f64,
     /// Largest number of rounds, of up to five steps each. Default 100.
     pub rounds: usize,
@@ -150,7 +151,7 @@ struct Lagrangian<'a> {
     multipliers: Vec<f64>,
     rho: f64,
     kappa: f64,
-    /// The mean area, a.
+    /// The mean target area of a quadrangle, a.
     area: f64,
 }
 
@@ -194,7 +195,7 @@ impl<'a> Lagrangian<'a> {
         (0..self.quads.len()).into_par_iter().with_min_len(512).map(of).collect::<Vec<f64>>().iter().sum()
     }
 
-    /// Returns s at corner k of quadrangle q.
+    /// Returns s, the scaled determinant at corner k of quadrangle q (see the module's documentation).
     fn sine(&self, q: usize, p: &[Vec3; 4], k: usize) -> f64 {
         let (before, at, after) = (p[(k + 3) % 4], p[k], p[(k + 1) % 4]);
         dot(at, cross(sub(after, at), sub(before, at))) / self.targets.areas[q]
@@ -230,8 +231,8 @@ impl<'a> Lagrangian<'a> {
         let tangent = |g: [Vec3; 4]| -> [f64; 8] { std::array::from_fn(|i| dot(bases[i / 2][i % 2], g[i / 2])) };
         let mut part = Part { gradient: [0.0; 8], matrix: [0.0; 36] };
 
-        // Edges: this quadrangle's half of each edge's term; gradient ((w_k + w_{k-1}) p_k - w_k p_{k+1} - w_{k-1}
-        // p_{k-1}) / 2a.
+        // Adds this quadrangle's half of each edge's term. The gradient at corner k is ((w_k + w_{k-1}) p_k - w_k
+        // p_{k+1} - w_{k-1} p_{k-1}) / 2a.
         let weight = 1.0 / (2.0 * self.area);
         let sides = self.targets.weights[q];
         let both = |k: usize| sides[k] + sides[(k + 3) % 4];
@@ -294,7 +295,7 @@ impl Part {
     }
 }
 
-/// Returns the index of entry (i, j) of a symmetric 8 x 8 matrix among the 36 of its lower half.
+/// Returns the index of entry (i, j) among the 36 entries in the lower half of a symmetric 8 x 8 matrix.
 fn lower(i: usize, j: usize) -> usize {
     let (row, column) = (i.max(j), i.min(j));
     row * (row + 1) / 2 + column

@@ -15,16 +15,19 @@ use crate::volume::QuadMesh;
 /// numbers.
 const EQUAL: f64 = 1e-5;
 
-/// Bounds of a target area, relative to the mean area; `WEIGHT` has the bounds of a weight. Faces of voxels are never
-/// outside of these bounds; quadrangles of other surfaces can be.
+/// Smallest and largest target area, relative to the mean area. Faces of voxels are always within these bounds;
+/// quadrangles of other surfaces can be outside.
 const AREA: (f64, f64) = (1e-6, f64::INFINITY);
+/// Smallest and largest weight of an edge. Faces of voxels are always within these bounds; quadrangles of other
+/// surfaces can be outside.
 const WEIGHT: (f64, f64) = (1e-2, 1e2);
 
 /// Target areas and weights of a surface's quadrangles.
 pub(super) struct Targets {
     /// Target solid angle of each quadrangle (Q); the sum is 4 pi.
     pub(super) areas: Vec<f64>,
-    /// Weights of the squared lengths of each quadrangle's sides (Q); side k goes from corner k to the next corner.
+    /// Weights of the squared lengths of each quadrangle's four sides (Q, 4); side k goes from corner k to the next
+    /// corner.
     pub(super) weights: Vec<[f64; 4]>,
 }
 

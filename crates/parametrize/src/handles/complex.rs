@@ -1,8 +1,8 @@
 //! Represents a closed surface of polygons by half-edges, and cuts it along loops.
 //!
 //! Half-edge 3 f + k runs from corner k of triangle f to corner k + 1, with triangle f on its left. A cut along a loop
-//! of edges gives the corners on the loop's left new vertices. Each of the two resulting rims is closed by a *cap*: a
-//! polygon with the same number of half-edges as the loop. The complex therefore stays closed, and a cut along a loop
+//! of edges gives new vertices to the corners on the loop's left. Each of the two resulting rims is closed by a *cap*:
+//! a polygon with the same number of half-edges as the loop. The complex therefore stays closed, and a cut along a loop
 //! that doesn't separate it lowers its genus by one. Later loops run along edges only, so they never cross a cap.
 //! Triangles and original vertices keep their indices.
 //!

@@ -12,8 +12,8 @@ use std::f64::consts::{PI, TAU};
 pub(super) struct Disc {
     /// Number of vertices on the rim. They are the first ones of `points`.
     pub(super) rim: usize,
-    /// Number of vertices of the ring next to the rim, which follow those of the rim in `points`; 1, the centre, if
-    /// there is no ring.
+    /// Number of vertices of the ring next to the rim; 1 if there is only the centre. These vertices follow the rim's
+    /// vertices in `points`.
     pub(super) ring: usize,
     /// Distance between consecutive rings; the rim has radius 1.
     pub(super) spacing: f64,

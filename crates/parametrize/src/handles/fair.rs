@@ -14,10 +14,10 @@
 //! since the error at a kink decreases only as 1/L. The dome of each side of the cut lies inside the tube of the other
 //! side, and the two domes meet only at the seam.
 //!
-//! The discretisation uses the cotangents of the disc's own triangles, since these are well shaped, unlike those of the
-//! surface (L. Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998; M. Botsch
-//! and L. Kobbelt, "An intuitive framework for real-time freeform modeling", SIGGRAPH 2004). The linear systems are
-//! solved by sparse Cholesky, O(n^1.5).
+//! The discretisation uses the cotangents of the disc's own triangles, since the disc's triangles are well shaped,
+//! unlike the surface's (L. Kobbelt et al., "Interactive multi-resolution modeling on arbitrary meshes", SIGGRAPH 1998;
+//! M. Botsch and L. Kobbelt, "An intuitive framework for real-time freeform modeling", SIGGRAPH 2004). The linear
+//! systems are solved by sparse Cholesky, O(n^1.5).
 
 use spharm_monitor::{Interrupted, Monitor};
 
@@ -25,11 +25,11 @@ use super::disc::Disc;
 use crate::geometry::{Vec3, add, norm, scale, sub};
 use crate::sparse_cholesky::{Factor, Symbolic};
 
-/// The matrices of a disc; both sides of a cut use the same ones.
+/// The matrices for fillings over a disc, which both sides of a cut share.
 pub(super) struct Fairing<'a> {
     disc: &'a Disc,
-    /// Cotangent weights of the edges at each vertex: first the disc's vertices, then those of the two rings outside
-    /// the rim.
+    /// For each vertex, its neighbours and the cotangent weights of the edges to them. The vertices of the disc come
+    /// first, then the vertices of the two rings outside the rim.
     weights: Vec<Vec<(u32, f64)>>,
     areas: Vec<f64>,
     film: Option<Factor>,
@@ -59,7 +59,7 @@ impl<'a> Fairing<'a> {
         Ok(Self { disc, weights, areas, film, plate })
     }
 
-    /// Returns the positions of all vertices of the flat filling of a rim.
+    /// Returns the positions of all of the disc's vertices on the flat filling of a rim.
     pub(super) fn flat(&self, rim: &[Vec3]) -> Vec<Vec3> {
         let middle = scale(rim.iter().fold([0.0; 3], |sum, &p| add(sum, p)), 1.0 / rim.len() as f64);
         let all = self.disc.points.len();
@@ -73,8 +73,9 @@ impl<'a> Fairing<'a> {
         rim.iter().copied().chain(inner).collect()
     }
 
-    /// Returns the positions of all vertices of the smooth filling. `outside` are two rings of points that the filling
-    /// continues, the ring nearer to the rim first, at the distances given by [`steps`](Self::steps).
+    /// Returns the positions of all of the disc's vertices on the smooth filling. `outside` has the two rings of
+    /// surface points that the filling continues, at the distances given by [`steps`](Self::steps), the ring nearer to
+    /// the rim first.
     pub(super) fn smooth(&self, flat: &[Vec3], outside: &[Vec3]) -> Vec<Vec3> {
         let (rim, all) = (self.disc.rim, self.disc.points.len());
         let known = |v: u32| {
@@ -103,7 +104,7 @@ impl<'a> Fairing<'a> {
 }
 
 /// For each edge among the first `count` vertices, returns the edge's weight and the difference of the Laplacians at
-/// its ends, as (vertex, coefficient).
+/// its ends, as a list of (vertex, coefficient).
 fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl Iterator<Item = (f64, Vec<(u32, f64)>)> {
     let edges = (0..count).flat_map(move |v| {
         let others = weights[v].iter().copied();
@@ -121,7 +122,7 @@ fn gradients(weights: &[Vec<(u32, f64)>], areas: &[f64], count: usize) -> impl I
     })
 }
 
-/// Returns the coefficients of the Laplacian at a vertex: those of its neighbours, then its own.
+/// Returns the coefficients of the Laplacian at a vertex: the neighbours' coefficients, then the vertex's own.
 fn stencil(weights: &[Vec<(u32, f64)>], v: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
     let own: f64 = weights[v].iter().map(|(_, w)| w).sum();
     weights[v].iter().copied().chain(std::iter::once((v as u32, -own)))
@@ -165,8 +166,8 @@ fn weights(disc: &Disc) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     (weights, areas)
 }
 
-/// Factors a symmetric matrix given as (row, column, value); repeated entries are summed. `None` if the matrix can't be
-/// factored.
+/// Factors a symmetric matrix given as a list of (row, column, value), in which repeated entries are summed. Returns
+/// `None` if the matrix can't be factored.
 fn factor(n: usize, mut entries: Vec<(u32, u32, f64)>, monitor: &dyn Monitor) -> Result<Option<Factor>, Interrupted> {
     entries.sort_by_key(|&(row, column, _)| (row, column));
     let (mut starts, mut columns, mut values) = (vec![0; n + 1], Vec::new(), Vec::new());

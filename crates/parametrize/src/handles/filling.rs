@@ -12,12 +12,12 @@ use crate::geometry::{Vec3, add, area, cross, dot, norm, scale, sub};
 /// of edges zigzag.
 const SWEEPS: usize = 2;
 
-/// The rim of a cut: one loop, with separate vertices for its two sides.
+/// The rim of a cut or a hole: one loop. A cut has separate vertices for the two sides of the loop.
 pub(super) struct Rim<'a> {
     /// Vertices on the right of the loop, in the loop's order.
     pub(super) right: &'a [u32],
-    /// Vertices on the left of the loop, at the same positions as those on the right; none for the rim of a hole on
-    /// the left.
+    /// Vertices on the left of the loop, at the same positions as those on the right; empty for a hole, which has only
+    /// one side.
     pub(super) left: &'a [u32],
     /// Positions of the rim's vertices.
     pub(super) places: &'a [Vec3],
@@ -53,8 +53,7 @@ impl Rim<'_> {
         let beyond = self.beyond(&inwards);
         let (kind, steps) = (self.kind(&lengths, &inwards), fairing.steps(&flat));
         let mut filling = Filling { vertices: Vec::new(), faces: Vec::new(), kind, area: 0.0 };
-        // The two sides face each other, so the filling of the left side continues in the direction opposite to that of
-        // the right side.
+        // The two sides face each other, so their fillings continue the surface in opposite directions.
         for (rim, sign) in [(self.right, 1.0), (self.left, -1.0)].into_iter().filter(|(rim, _)| !rim.is_empty()) {
             let positions = fairing.smooth(&flat, &self.outside(&beyond, &steps, sign));
             let new = first + filling.vertices.len() as u32;

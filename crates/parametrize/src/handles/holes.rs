@@ -1,4 +1,4 @@
-//! Fills holes of a mesh by surfaces that bend least, as cuts are filled.
+//! Fills holes of a mesh with surfaces of least bending, in the same way as the cuts of handles.
 
 use std::collections::{HashMap, HashSet};
 
@@ -12,15 +12,16 @@ use super::filling::Rim;
 use super::strip::triangulated;
 use crate::geometry::{Vec3, area};
 
-/// Largest number of edges of a hole that is filled. Its filling has 22,500 vertices.
+/// Largest number of edges of a hole that [`fill_holes`] fills. The filling of such a hole has 22,500 vertices.
 pub const LARGEST_HOLE: usize = 500;
 
-/// Largest area of a smooth filling, as a multiple of that of the triangulated rim. Domes over round holes have at most
-/// twice its area, while smooth fillings of slits fold or bridge them.
+/// Largest area of a smooth filling, as a multiple of the area of the triangulated rim. A dome over a round hole has at
+/// most twice the rim's area. The smooth filling of a slit can be much larger, because it folds over the surface beside
+/// the slit or bridges the slit's bends.
 const LARGEST_DOME: f64 = 3.0;
 
-/// Fills the holes that a repair has left, up to [`LARGEST_HOLE`] edges, and counts them in its report. Each vertex of
-/// the mesh must have one fan of triangles.
+/// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left, and adds them to the repair's report,
+/// `found`. The triangles around each vertex of the mesh must form a single fan.
 ///
 /// # Errors
 ///
@@ -56,8 +57,9 @@ pub fn fill_holes(mesh: &mut Mesh, found: &mut MeshRepair, monitor: &dyn Monitor
     Ok(())
 }
 
-/// Returns triangles over a rim's vertices that form a strip if the hole is a slit. They have no edge of the mesh
-/// inside the rim, at which three triangles would meet.
+/// Triangulates a rim without new vertices; if the hole is a slit, the triangles form a strip. Edges of the mesh aren't
+/// used inside the rim, since more than two triangles would meet there. Returns `None` if there is no such
+/// triangulation.
 fn strip(rim: &[u32], places: &[Vec3], faces: &[[u32; 3]]) -> Option<Vec<[u32; 3]>> {
     let number: HashMap<u32, usize> = rim.iter().zip(0..).map(|(&v, i)| (v, i)).collect();
     let on_rim = |v: u32| number.get(&v).copied();

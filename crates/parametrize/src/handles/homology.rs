@@ -1,6 +1,6 @@
 //! Computes the greedy system of loops, and the homology class of every half-edge.
 //!
-//! The algorithm is that of J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA
+//! The algorithm is by J. Erickson and K. Whittlesey, "Greedy optimal homotopy and homology generators", SODA
 //! 2005. T is the tree of shortest paths from a base point. The weight of an edge e = ab outside T is the length of the
 //! shortest loop through the base point and e, d(a) + |e| + d(b). C is the maximum spanning tree of the dual graph
 //! among the edges outside T. On a surface of genus g, 2 g edges belong to neither T nor C. Their loops generate the
@@ -22,20 +22,22 @@ use spharm_surface::topology::UnionFind;
 
 use super::complex::{Complex, NONE};
 
-/// Classes of half-edges, and the generators.
+/// The numbers from which homology classes are computed, and the generators of the homology.
 pub(super) struct Homology {
-    /// The number assigned to each half-edge, which is summed along paths to get their class; twins have opposite
-    /// numbers.
+    /// The number assigned to each half-edge; the sum along a path is the path's class. Twins have opposite numbers.
     class: Vec<u64>,
-    /// The generators: the 2 g edges in neither tree, each as one of its half-edges.
+    /// The generators: the 2 g edges in neither tree, each given by one of its half-edges.
     pub(super) generators: Vec<u32>,
 }
 
-/// The set that an edge belongs to: T, C or the generators.
+/// The set that an edge belongs to.
 #[derive(Clone, Copy, PartialEq)]
 enum Place {
+    /// The tree of shortest paths, T.
     Path,
+    /// The spanning tree of the dual graph, C.
     Dual,
+    /// The generators, which belong to neither tree.
     Generator,
 }
 
@@ -75,7 +77,7 @@ impl Homology {
         Self { class, generators }
     }
 
-    /// Returns the number assigned to a half-edge, which is summed along paths to get their class.
+    /// Returns the number assigned to a half-edge; the sum along a path is the path's class.
     pub(super) fn class(&self, h: u32) -> u64 {
         self.class[h as usize]
     }
@@ -113,7 +115,7 @@ fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
         class[h as usize] = mix(i);
         class[complex.twin(h) as usize] = mix(i).wrapping_neg();
     }
-    // Each face with its half-edge towards the root of the dual tree, parents before children.
+    // Lists each face with its half-edge towards the root of the dual tree, parents before children.
     let mut order = vec![(0, NONE)];
     let mut reached = vec![false; complex.faces()];
     reached[0] = true;
@@ -137,7 +139,7 @@ fn classes(complex: &Complex, place: &[Place], generators: &[u32]) -> Vec<u64> {
     class
 }
 
-/// The finaliser of SplitMix64, which gives the same numbers on every machine.
+/// Applies the finaliser of SplitMix64, which gives the same pseudorandom numbers on every machine.
 fn mix(i: u64) -> u64 {
     let mut x = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,9 +1,9 @@
 //! Cuts surfaces with handles along short loops and fills the cuts, so that the surfaces have genus zero.
 //!
-//! A surface of genus g > 0 has no one-to-one map to the sphere. Cut along g loops that together don't separate it, it
-//! becomes a sphere with 2 g holes. Filling the holes gives a closed surface of genus zero. The given vertices and
-//! triangles are kept, in their order. The given surface can therefore be recovered from a model of the cut surface: by
-//! dropping the fillings and welding the copies of vertices along the seam ([`Seam`]).
+//! A surface of genus g > 0 has no one-to-one map to the sphere. If it is cut along g loops that together don't
+//! separate it, it becomes a sphere with 2 g holes. Filling the holes gives a closed surface of genus zero. The given
+//! vertices and triangles are kept, in their order. The given surface can therefore be recovered from a model of the
+//! cut surface: by dropping the fillings and welding the copies of vertices along the seam ([`Seam`]).
 //!
 //! - `rounds`, using `homology` and `search`: chooses the loops to cut. Each handle has loops around it and loops
 //!   through it; the shortest is cut.
@@ -49,8 +49,9 @@ use crate::geometry::{Vec3, add, area, scale};
 ///
 /// # Errors
 ///
-/// [`BadSurface`](ParametrizeError::BadSurface) for a mesh that isn't a single closed surface without defects;
-/// [`Interrupted`](ParametrizeError::Interrupted).
+/// [`InvalidMesh`](ParametrizeError::InvalidMesh) if coordinates aren't finite or indices are out of range;
+/// [`BadSurface`](ParametrizeError::BadSurface) if the mesh isn't a single closed surface without defects, or if
+/// handles remain; [`Interrupted`](ParametrizeError::Interrupted).
 pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, ParametrizeError> {
     let flaws = Flaws::of(surface)?;
     let genus = flaws.handles();
@@ -94,7 +95,7 @@ pub fn cut_handles(surface: &Mesh, monitor: &dyn Monitor) -> Result<CutSurface, 
         cut.faces.extend(filling.faces.iter().map(|face| face.map(renumber)));
         cut.vertices.extend(filling.vertices);
     }
-    // The topology is checked, because a wrong one would make a model silently wrong.
+    // The topology is checked, because a model of a surface with a wrong topology would be wrong without any error.
     let topology = Topology::of(&cut);
     if !topology.is_sphere() {
         return Err(left_over(topology.problems().join("; ")));

@@ -7,9 +7,10 @@ use spharm_surface::{Mesh, Seam};
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct CutSurface {
-    /// The cut surface. Vertices: those of the given surface in their order, then the copies along the seams, then
-    /// those of the fillings. Triangles: those of the given surface in their order, on one side of each seam with
-    /// copied vertices, then those of the fillings.
+    /// The cut surface. Its vertices are the vertices of the given surface in their order, then the copies along the
+    /// seams, then the vertices of the fillings. Its triangles are the triangles of the given surface in their order,
+    /// then the triangles of the fillings; on one side of each seam, the triangles of the given surface have copies as
+    /// corners.
     pub surface: Mesh,
     /// The relation to the given surface; `None` if the given surface had no handle.
     pub seam: Option<Seam>,
@@ -62,12 +63,11 @@ pub struct CutLoop {
     pub centre: [f64; 3],
 }
 
-/// The side of the surface on which the film over a loop lies (after T. K. Dey, F. Fan and Y. Wang, "An efficient
-/// computation of handle and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
+/// The kind of a cut: whether a film spanned across the loop lies inside or outside the surface (after T. K. Dey, F.
+/// Fan and Y. Wang, "An efficient computation of handle and tunnel loops via Reeb graphs", ACM Trans. Graph. 32, 2013).
 ///
 /// In the paper the kind is a property of the loop's homology class, computed from a graph. Here it is the side towards
-/// which a film over the loop leaves the surface, on average. The two agree if the film stays on one side of the
-/// surface.
+/// which the film leaves the surface, on average. The two agree if the film stays on one side of the surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -114,7 +114,7 @@ impl std::fmt::Display for HandlesReport {
         } else {
             write!(f, " along loops of length {short:.4} to {long:.4}")?;
         }
-        write!(f, ", filling the cuts adds {:.3} % of the area", 100.0 * self.area_added / self.area)
+        write!(f, "; filling the cuts adds {:.3} % to the area", 100.0 * self.area_added / self.area)
     }
 }
 

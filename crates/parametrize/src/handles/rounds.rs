@@ -30,7 +30,8 @@ pub(super) struct Cut {
     pub(super) rims: Rims,
 }
 
-/// Returns disjoint loops, shortest first, that together don't separate the complex; at least one if it has a handle.
+/// Returns disjoint loops, shortest first, that together don't separate the complex; at least one if the complex has a
+/// handle.
 pub(super) fn round(complex: &Complex, monitor: &dyn Monitor) -> Result<Vec<Loop>, Interrupted> {
     let base = (0..complex.vertices() as u32).find(|&v| complex.around(v).next().is_some()).unwrap_or(0);
     let homology = Homology::of(complex, base);
@@ -51,18 +52,18 @@ fn candidates(complex: &Complex, homology: &Homology, monitor: &dyn Monitor) -> 
     Ok(loops.into_iter().map(|(_, _, found)| found).collect())
 }
 
-/// Returns a loop with its sort key: its length, then its edges. The key doesn't depend on direction and starting
-/// point.
+/// Returns a loop with its sort key: its length, then its edges. The key doesn't depend on the loop's direction or
+/// starting point.
 fn key(complex: &Complex, found: Loop) -> (u64, Vec<u32>, Loop) {
     let mut edges: Vec<u32> = found.edges.iter().map(|&h| h.min(complex.twin(h))).collect();
     edges.sort_unstable();
-    // The length is summed in the order of the edges' indices, so that it doesn't depend on direction and starting
-    // point.
+    // The length is summed in the order of the edges' indices, so that it doesn't depend on the loop's direction or
+    // starting point.
     let length: f64 = edges.iter().map(|&h| complex.length(h)).sum();
     (length.to_bits(), edges, Loop { length, ..found })
 }
 
-/// Cuts handles until the genus is zero; it is `genus` at the beginning. `None` if no loop was found.
+/// Cuts all handles of a complex of the given genus. Returns `None` if a round finds no loop.
 pub(super) fn cut_all(
     complex: &mut Complex,
     genus: usize,
@@ -84,7 +85,7 @@ pub(super) fn cut_all(
     Ok(Some(cuts))
 }
 
-/// Returns the loops that share no vertex with an earlier loop of the list.
+/// Returns the loops without those that share a vertex with an earlier loop that is kept.
 fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     let mut met = vec![false; complex.vertices()];
     loops.retain(|found| {
@@ -98,8 +99,8 @@ fn disjoint(complex: &Complex, mut loops: Vec<Loop>) -> Vec<Loop> {
     loops
 }
 
-/// Returns the disjoint loops, in their order, that can be cut without separating the surface. Loops at the end of the
-/// list are dropped first.
+/// Returns a subset of the disjoint loops, in the same order, that can all be cut without separating the surface. Loops
+/// at the end of the list are dropped first.
 fn without_separating(complex: &Complex, loops: Vec<Loop>) -> Vec<Loop> {
     let mut cut = vec![false; complex.half_edges() as usize];
     for &h in loops.iter().flat_map(|found| &found.edges) {

@@ -1,4 +1,4 @@
-//! Searches for the shortest loop through a vertex that doesn't separate the surface.
+//! Searches for the shortest loop that passes through a given vertex and doesn't separate the surface.
 //!
 //! The search runs Dijkstra's algorithm from the vertex v. A shortest loop through v in its homology class consists of
 //! two shortest paths and an edge ab between their ends. Its length d(a) + |ab| + d(b) is at least twice the larger of
@@ -11,7 +11,7 @@ use std::collections::BinaryHeap;
 use super::complex::{Complex, Loop, NONE};
 use super::homology::Homology;
 
-/// Number of evenly spread points of a loop that are tested for a shorter loop through them.
+/// Number of vertices, spread evenly along a loop, through which shorter loops are searched for.
 const POINTS: usize = 8;
 
 /// Working memory, 21 bytes per vertex. Only the entries touched by the last search are cleared.
@@ -37,7 +37,8 @@ impl Search {
         }
     }
 
-    /// Returns a loop near a vertex. No shorter loop passes through any of [`POINTS`] evenly spread vertices of it.
+    /// Returns a loop near a vertex that doesn't separate the surface; `None` if no such loop passes through the
+    /// vertex. No shorter such loop passes through any of [`POINTS`] vertices spread evenly along the returned loop.
     pub(super) fn near(&mut self, complex: &Complex, homology: &Homology, vertex: u32) -> Option<Loop> {
         let mut found = self.through(complex, homology, vertex, f64::INFINITY)?;
         loop {
@@ -58,7 +59,7 @@ impl Search {
     fn through(&mut self, complex: &Complex, homology: &Homology, base: u32, limit: f64) -> Option<Loop> {
         self.clear();
         self.reach(base, 0.0, 0, NONE);
-        // The tolerance prevents finding the same loop again with a shorter length that only differs by rounding.
+        // The tolerance prevents the same loop from being found again because rounding makes its length smaller.
         let mut best = limit * (1.0 - 1e-12);
         let mut closing = NONE;
         while let Some(Reverse((bits, vertex))) = self.queue.pop() {

@@ -1,20 +1,21 @@
-//! Triangulates a rim without new vertices, so that the interior edges are short: a strip along a slit.
+//! Triangulates a rim without new vertices, with short interior edges. Along a slit, this gives a strip of triangles.
 
 use crate::geometry::{Vec3, area, norm, sub};
 
-/// Least area of a triangle, as a fraction of its longest edge squared. Triangles with less have no normal.
+/// Least area of a triangle, as a fraction of its longest edge squared. Thinner triangles have no accurate normal.
 const LEAST_AREA: f64 = 1e-9;
 
 /// Returns the triangulation of a closed polygon of n vertices with the least total length of its interior edges (G.
-/// Klincsek, Ann. Discrete Math. 9, 1980): n - 2 triangles, each over three vertices in the polygon's order. Edges that
-/// are `taken` are avoided. Returns `None` if every triangulation has such an edge or a triangle without area.
+/// Klincsek, Ann. Discrete Math. 9, 1980): n - 2 triangles, each over three vertices in the polygon's order. Interior
+/// edges (i, j) for which `taken` returns true aren't used. Returns `None` if every triangulation has such an edge or a
+/// triangle without area.
 ///
-/// Time grows as n^3 / 6, memory as 10 n^2 bytes.
+/// Cost: about n^3 / 6 steps, and 10 n^2 bytes of memory.
 pub(super) fn triangulated(places: &[Vec3], taken: impl Fn(usize, usize) -> bool) -> Option<Vec<[usize; 3]>> {
     let count = places.len();
     let length = |i: usize, j: usize| norm(sub(places[i], places[j]));
-    // Of the part of the polygon from vertex i to vertex j, closed by the edge between them: the total length, which
-    // includes that edge, and the third vertex of the triangle at the edge.
+    // For the part of the polygon from vertex i to vertex j, closed by edge ij: the least total length of interior
+    // edges, including edge ij, and the third vertex of the triangle at edge ij.
     let mut least = vec![0.0; count * count];
     let mut third = vec![0_u16; count * count];
     for span in 2..count {

@@ -19,7 +19,7 @@ pub struct QuadMesh {
     pub vertices: Vec<[f64; 3]>,
     /// The four vertices of each quadrangle, counter-clockwise seen from outside.
     pub quads: Vec<[u32; 4]>,
-    /// Positions of the vertices on the smooth surface, which [`triangles`](Self::triangles) uses, if there is one.
+    /// Positions of the vertices on the smooth surface, if there is one; [`triangles`](Self::triangles) uses them.
     pub(crate) smooth: Option<Vec<[f64; 3]>>,
     /// The twin of each edge. Edge 4 q + k runs from corner k of quadrangle q to the next corner; its twin 4 q' + k' is
     /// the same edge as part of the neighbouring quadrangle q'.
@@ -30,8 +30,9 @@ pub struct QuadMesh {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Face {
     pub(super) centre: Vec3,
-    /// The axis to which the quadrangle is perpendicular, and the sign of its outward normal along it.
+    /// The axis along which the quadrangle's normal points.
     pub(super) axis: usize,
+    /// The sign of the outward normal along the axis: 1 or -1.
     pub(super) sign: f64,
 }
 
@@ -160,8 +161,8 @@ impl QuadMesh {
     }
 }
 
-/// Returns the lattice corners of a voxel's face, counter-clockwise seen from outside. The lattice corner of a voxel
-/// with the smallest coordinates has the coordinates of the voxel.
+/// Returns the lattice corners of a voxel's face, counter-clockwise seen from outside. Of a voxel's lattice corners,
+/// the one with the smallest coordinates has the voxel's own coordinates.
 fn face_corners(voxel: [i32; 3], face: usize) -> [[i32; 3]; 4] {
     let (axis, high) = (face / 2, face.is_multiple_of(2));
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);

@@ -1,9 +1,9 @@
 //! Represents bodies in volumes of grey values or probabilities: the voxels whose values reach a level.
 //!
-//! The values around the body's surface locate it within the voxels:
+//! The values on both sides of the body's surface locate the surface within the voxels:
 //!
-//! - Between the centre of a voxel inside and that of a neighbour outside, the surface crosses the level at the
-//!   position that linear interpolation of both values gives.
+//! - Between the centres of a voxel inside and a neighbour outside, the surface is where linear interpolation of the
+//!   two values gives the level.
 //! - The body's volume is the number of its voxels, corrected by these crossings: the total length inside the body of
 //!   all lines through voxel centres along an axis, averaged over the three axes (Cavalieri's principle). For
 //!   probabilities it is the sum of the probabilities near the surface plus the number of voxels farther inside. If a
@@ -41,7 +41,8 @@ impl VoxelValues {
         }
     }
 
-    /// Returns the smallest value of a voxel inside the body; `None` for labels.
+    /// Returns the threshold: voxels with this value or more are inside the body. `None` for labels, which have no
+    /// threshold.
     #[must_use]
     pub fn level(self) -> Option<f64> {
         match self {
@@ -77,8 +78,9 @@ impl fmt::Display for VoxelValues {
 #[derive(Clone, Debug)]
 pub(super) struct Grey {
     values: Vec<f32>,
-    /// First voxel of the box of values; `size` has the box's number of voxels along each axis.
+    /// First voxel of the box of values.
     low: [usize; 3],
+    /// Number of voxels of the box along each axis.
     size: [usize; 3],
     meaning: VoxelValues,
 }

@@ -28,7 +28,7 @@ pub struct LabelVolume {
     pub(super) grey: Option<Grey>,
 }
 
-/// The path of a volume made in memory.
+/// The path that a volume made in memory has in error messages.
 const IN_MEMORY: &str = "the volume";
 
 /// Settings for reading a volume from a file.
@@ -44,16 +44,18 @@ pub struct VolumeReading {
 }
 
 impl LabelVolume {
-    /// Reads a volume from a file: NIfTI-1 or -2, FreeSurfer, NRRD, a TIFF stack or a NumPy array, gzipped or not. The
-    /// labels must fit into 32 bits.
+    /// Reads a volume from a file: NIfTI-1 or -2, FreeSurfer or NumPy, each gzipped or not, NRRD, or a TIFF stack. The
+    /// labels must be 32-bit integers.
     ///
     /// # Errors
     ///
-    /// [`Io`](ParametrizeError::Io); [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on
-    /// vertices; [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its
-    /// voxels; [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its
-    /// header says, a file with more than three dimensions, or a NIfTI file in an invalid unit of length;
-    /// [`NotLabels`](ParametrizeError::NotLabels) for values that aren't integers;
+    /// [`Io`](ParametrizeError::Io) if the operating system can't read the file;
+    /// [`VertexMap`](ParametrizeError::VertexMap) for a FreeSurfer file of values on vertices;
+    /// [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its voxels;
+    /// [`SeveralImages`](ParametrizeError::SeveralImages) for a file of several channels or times;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its header says,
+    /// a file with more than three dimensions, or a NIfTI file in an invalid unit of length;
+    /// [`NotLabels`](ParametrizeError::NotLabels) for values that aren't 32-bit integers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         Self::read_with(path, VolumeReading::default(), monitor)
@@ -63,9 +65,9 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// The errors of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) for sizes that aren't positive
-    /// and a level that isn't finite; [`NotProbability`](ParametrizeError::NotProbability) for probabilities beyond 0
-    /// to 1; [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level.
+    /// The errors of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) if a size isn't positive or the
+    /// level isn't finite; [`NotProbability`](ParametrizeError::NotProbability) for probabilities outside of 0 to 1;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level.
     pub fn read_with(
         path: impl AsRef<Path>,
         VolumeReading { voxel_size, values, image }: VolumeReading,
@@ -100,9 +102,9 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`NotProbability`](ParametrizeError::NotProbability) for probabilities beyond 0 to 1;
+    /// [`NotProbability`](ParametrizeError::NotProbability) for probabilities outside of 0 to 1;
     /// [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level;
-    /// [`Argument`](ParametrizeError::Argument) for a level that isn't finite.
+    /// [`Argument`](ParametrizeError::Argument) if the level isn't finite.
     ///
     /// # Panics
     ///

@@ -6,15 +6,15 @@
 pub struct Mask {
     /// Number of voxels along x, y, z, including the rim.
     pub size: [usize; 3],
-    /// Coordinates in the volume of voxel (0, 0, 0) of the box.
+    /// Position of the box in the volume: the volume's coordinates of the box's voxel (0, 0, 0).
     pub origin: [i64; 3],
     /// Whether each voxel of the box is inside, with x varying fastest.
     pub inside: Vec<bool>,
 }
 
 impl Mask {
-    /// Returns the smallest box, with its rim, around the voxels of a volume of `size` voxels for which `inside` is
-    /// true. If such voxels touch the volume's border, the rim extends beyond the volume.
+    /// Returns the smallest box, plus its rim, around the voxels for which `inside` is true, in a volume of `size`
+    /// voxels. If such voxels touch the volume's border, the rim extends beyond the volume.
     pub fn new(size: [usize; 3], inside: impl Fn([usize; 3]) -> bool) -> Self {
         let mut low = [usize::MAX; 3];
         let mut high = [0; 3];
@@ -71,7 +71,8 @@ impl Mask {
         (0..3).any(|k| at[k] == 0 || at[k] + 1 == self.size[k])
     }
 
-    /// Returns the difference between the indices of a voxel and of its neighbour at (dx, dy, dz), each of -1, 0, 1.
+    /// Returns the index of a voxel's neighbour at offset (dx, dy, dz) minus the voxel's own index. Each offset is -1,
+    /// 0 or 1.
     pub(super) fn step(&self, [dx, dy, dz]: [isize; 3]) -> isize {
         dx + self.size[0] as isize * (dy + self.size[1] as isize * dz)
     }
@@ -88,7 +89,7 @@ fn for_each(size: [usize; 3], mut f: impl FnMut([usize; 3])) {
 }
 
 /// Returns the offsets of a voxel's 26 neighbours and of the voxel itself, with x varying fastest; number 13 is the
-/// voxel.
+/// voxel itself.
 pub(super) fn around() -> impl Iterator<Item = [isize; 3]> {
     (0..27).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1])
 }

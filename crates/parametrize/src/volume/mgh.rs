@@ -38,8 +38,9 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         return Err(not_mgh(format!("version {}", int(0))));
     }
     let dims = [4, 8, 12].map(int);
-    // If two sizes are 1, the file has values on the vertices of a surface. Its third size can exceed what is valid for
-    // a volume, and it often has several frames, so it is recognised before these are checked.
+    // If two sizes are 1, the file has values on the vertices of a surface. In such a file, the third size can exceed
+    // what is valid for a volume, and there are often several frames, so it is recognised before sizes and frames are
+    // checked.
     if let (Ok(vertices @ 2..), 2) = (usize::try_from(dims[0].max(dims[1]).max(dims[2])), ones(dims)) {
         return Err(ParametrizeError::VertexMap { path: path.to_owned(), vertices });
     }
@@ -61,7 +62,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let skipped = layout.bytes().saturating_mul(frame as u64);
     if layout.bytes().saturating_add(skipped) > most {
         let bits = 8 * scalar.size();
-        let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
+        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits that its header gives");
         return Err(not_mgh(found));
     }
     skip(source, &mut stream, skipped)?;

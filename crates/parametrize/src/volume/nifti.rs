@@ -49,7 +49,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     if layout.bytes() > most || offset > most {
         let [x, y, z] = size;
         let bits = 8 * scalar.size();
-        let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
+        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits that its header gives");
         return Err(not_nifti(&found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());
@@ -66,8 +66,8 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     Ok(Volume { size, affine, voxels })
 }
 
-/// Returns the number of images before the one to read, from the numbers of values along all axes: x, y, z, then times,
-/// then channels.
+/// Returns the number of images stored before the one to read. `dimensions` has the number of values along each axis:
+/// x, y, z, time, channel.
 pub(super) fn image(source: &Source<'_>, dimensions: &[i64]) -> Result<u64, ParametrizeError> {
     let count =
         |axis: usize| usize::try_from(dimensions.get(axis).copied().unwrap_or(1)).ok().filter(|count| *count > 0);

@@ -99,7 +99,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let offset = start.saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
         let bits = 8 * scalar.size();
-        let found = format!("a header for {x} x {y} x {z} voxels of {bits} bits, which don't fit in the file");
+        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits that its header gives");
         return Err(not_nifti(found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());

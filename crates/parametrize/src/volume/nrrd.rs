@@ -48,8 +48,8 @@ impl<'a> Header<'a> {
 
 /// Parses a file.
 pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, ParametrizeError> {
-    let (header, start) =
-        Header::read(bytes).ok_or_else(|| source.wrong("an NRRD header of text", "something else".to_owned()))?;
+    let unreadable = || source.wrong("a text header (NRRD)", "a header that isn't text or is too long".to_owned());
+    let (header, start) = Header::read(bytes).ok_or_else(unreadable)?;
     let scalar = scalar(header.get("type").unwrap_or_default())
         .ok_or_else(|| source.wrong("numbers", format!("type {:?}", header.get("type").unwrap_or("none"))))?;
     let sizes: Option<Vec<u16>> = header.get("sizes").and_then(|sizes| words(sizes).map(|n| n.parse().ok()).collect());
@@ -76,7 +76,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let too_many = |most: u64| {
         let bits = 8 * scalar.size();
         let found = format!("at most {most} bytes of values for {x} x {y} x {z} voxels of {bits} bits");
-        Err(source.wrong("a value for each voxel of the header", found))
+        Err(source.wrong("enough values for all voxels given in the header", found))
     };
     let voxels = match header.get("encoding").map(str::to_ascii_lowercase).as_deref() {
         Some("raw") if layout.bytes() > values.len() as u64 => return too_many(values.len() as u64),
@@ -98,12 +98,13 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     Ok(Volume { size, affine, voxels })
 }
 
-/// Reads the file of values that a header names; it must be in the header's folder or below.
+/// Reads the data file named in a header. The file must be in the header's folder or below.
 fn beside(source: &Source<'_>, name: &str) -> Result<Vec<u8>, ParametrizeError> {
     let path = Path::new(name);
     let plain = path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     if !plain || name.starts_with("LIST") || name.contains('%') {
-        return Err(source.wrong("one file of values, in the header's folder", format!("data file {name:?}")));
+        let expected = "a single data file, in the header's folder or a subfolder";
+        return Err(source.wrong(expected, format!("data file {name:?}")));
     }
     load(&source.path.parent().unwrap_or(Path::new("")).join(path))
 }

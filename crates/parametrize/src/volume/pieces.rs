@@ -4,7 +4,7 @@ use spharm_monitor::{Interrupted, Monitor};
 
 use super::mask::{FACES, Mask, around};
 
-/// Pieces, numbered from 1 in order of decreasing size; pieces of equal size in the volume's order.
+/// Pieces, numbered from 1 in order of decreasing size; pieces of equal size in the order of their first voxels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pieces {
     /// Number of voxels of each piece.
@@ -64,7 +64,7 @@ fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]], monitor: &dyn Monito
             }
             let at = mask.place(voxel);
             for d in neighbours {
-                // Neighbours beyond the box's border are skipped; only background voxels have them.
+                // Neighbours beyond the box's border are skipped; only background voxels have such neighbours.
                 let within = (0..3).all(|k| at[k].checked_add_signed(d[k]).is_some_and(|x| x < mask.size[k]));
                 if !within {
                     continue;
@@ -78,7 +78,7 @@ fn fill(mask: &Mask, side: bool, neighbours: &[[isize; 3]], monitor: &dyn Monito
         }
         sizes.push(size);
     }
-    // A stable sort keeps pieces of equal size in the volume's order.
+    // A stable sort keeps pieces of equal size in the order of their first voxels.
     let mut order: Vec<usize> = (0..sizes.len()).collect();
     order.sort_by_key(|&i| std::cmp::Reverse(sizes[i]));
     let mut rank = vec![0_u32; sizes.len() + 1];

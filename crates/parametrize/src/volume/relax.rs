@@ -1,4 +1,5 @@
-//! Computes a label's surface without voxel steps: the surface of least bending within a box around each vertex.
+//! Computes a label's surface without voxel steps: the surface of least bending whose vertices stay within boxes around
+//! their original positions.
 //!
 //! ```text
 //! min |L x|^2   with   |x_v - c_v| <= r along each axis,   (L x)_v = x_v - mean of its neighbours
@@ -6,12 +7,12 @@
 //!
 //! in voxels, where c_v is the lattice corner of vertex v, and r is half a voxel unless the caller smooths more.
 //! Minimising |L x|^2 (the bilaplacian) shrinks the surface less than the Laplacian does (S. Gibson, "Constrained
-//! elastic surface nets", MICCAI 1998, has the boxes and the Laplacian). The problem is solved by projected gradients
-//! with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of their volume. It is
-//! restored: all vertices move along their normals, within the boxes, until the volume equals that of the voxels.
+//! elastic surface nets", MICCAI 1998, uses the same boxes, but the Laplacian). The problem is solved by projected
+//! gradients with Nesterov's momentum, 60 flops per vertex and step. Small bodies still lose up to 8 % of their volume.
+//! It is restored: all vertices move along their normals, within the boxes, until the volume equals that of the voxels.
 //!
-//! If grey values locate the surface ([`grey`](super::grey)), the volume is that of the grey values, and the sum
-//! gains the term
+//! If grey values locate the surface ([`grey`](super::grey)), the volume is the one given by the grey values, and the
+//! minimised function gains the term
 //!
 //! ```text
 //! w |C x - b|^2   with   (C x)_q = mean of the four vertices of quadrangle q, along its normal axis
@@ -42,10 +43,11 @@ const STEP: f64 = 0.22;
 const MOVES: usize = 8;
 /// The default radius of smooth surfaces, in voxels.
 pub(super) const HALF_A_VOXEL: f64 = 0.5;
-/// Weight of the positions at which grey values cross the level.
+/// Weight w of the term that pulls quadrangles to the positions at which grey values cross the level.
 const WEIGHT: f64 = 0.1;
 
-/// Largest relative difference of a smooth surface's volume from that of the voxels.
+/// Largest relative difference between a smooth surface's volume and the required volume at which the smooth surface is
+/// kept.
 const VOLUME: f64 = 0.01;
 
 /// Constraints on a surface of least bending.
@@ -65,8 +67,8 @@ impl Bounds {
 }
 
 impl QuadMesh {
-    /// Returns this surface with smooth positions, those of [`relaxed`](Self::relaxed). If the label has too few
-    /// voxels for the smooth surface to have their volume, the voxels' faces are kept.
+    /// Returns this surface with smooth positions, those of [`relaxed`](Self::relaxed). If the label has too few voxels
+    /// for a smooth surface of the required volume, the voxels' faces are kept.
     ///
     /// # Errors
     ///
@@ -78,8 +80,8 @@ impl QuadMesh {
     }
 
     /// Returns the positions of the vertices on the surface of least bending. Each vertex stays within the box around
-    /// its position on this surface, and the volume is that of this surface, or of the grey values if there are any.
-    /// This surface must be in voxel coordinates, as returned by [`around`](Self::around).
+    /// its position on this surface, and the volume is this surface's volume, or the volume given by the grey values if
+    /// there are any. This surface must be in voxel coordinates, as returned by [`around`](Self::around).
     ///
     /// # Errors
     ///
@@ -122,7 +124,7 @@ impl QuadMesh {
         bounds.located.as_ref().map_or_else(|| self.volume(&self.vertices), |located| located.volume)
     }
 
-    /// Adds the gradient of the squared distances to the crossings, times their weight, at positions `x`.
+    /// Adds the gradient of the weighted squared distances from the crossings, with vertices at `x`.
     fn add_pull(&self, crossings: &[(usize, f64)], x: &[[f64; 3]], gradient: &mut [[f64; 3]]) {
         for (quad, &(axis, position)) in self.quads.iter().zip(crossings) {
             let mean = 0.25 * quad.iter().map(|&v| x[v as usize][axis]).sum::<f64>();
@@ -147,9 +149,9 @@ impl QuadMesh {
         }
     }
 
-    /// Returns a mesh of triangles, with vertices at `x`, whose volume is the mean of both ways to cut the
-    /// quadrangles. If all cuts were convex, they would add up to 0.7 % to the volume of a small body, so vertices
-    /// move along their normals by less than a hundredth of a voxel.
+    /// Returns a mesh of triangles, with vertices at `x`, whose volume is the mean of both ways to cut the quadrangles.
+    /// The vertices move along their normals by less than a hundredth of a voxel to reach this volume; otherwise,
+    /// convex cuts would add up to 0.7 % to the volume of a small body.
     pub(super) fn cut_evenly(&self, x: &[Vec3], from_second: impl Fn(usize) -> bool) -> Mesh {
         let mut mesh = self.cut(x, from_second);
         let (whole, (normals, area)) = (self.volume(x), self.normals(x));

@@ -62,8 +62,8 @@ impl Repair {
         self.voxels_dropped + self.voxels_filled + self.voxels_changed
     }
 
-    /// Returns the message for a repair that has removed the handles which the caller wanted to cut; `None` if there
-    /// were none.
+    /// Returns a message that the repair has removed the handles that the caller wanted to cut; `None` if there were no
+    /// handles.
     #[must_use]
     pub fn no_handle_left(&self) -> Option<String> {
         let (number, kept) = match self.handles_removed {
@@ -96,7 +96,7 @@ impl std::fmt::Display for Repair {
         }
         if self.voxels_changed > 0 {
             let changed = voxels(self.voxels_changed);
-            let contacts = "contacts of voxels at an edge or corner only";
+            let contacts = "places where voxels touch only at an edge or a corner";
             changes.push(match self.handles_removed {
                 0 => format!("{changed} {done} to remove {contacts}"),
                 handles => format!("{changed} {done} to remove {} and {contacts}", count(handles, "handle", "handles")),
@@ -156,7 +156,7 @@ fn cut(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     Ok(ball)
 }
 
-/// Returns the box around the label, shrunk onto the label.
+/// Returns a ball made by shrinking the box around the label onto the label.
 fn fill(label: &Mask, monitor: &dyn Monitor) -> Result<Mask, Interrupted> {
     let depth = distance(label, false, monitor)?;
     let mut ball = Mask { inside: (0..label.inside.len()).map(|i| !label.is_rim(i)).collect(), ..label.clone() };

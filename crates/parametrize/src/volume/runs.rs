@@ -16,7 +16,7 @@ struct Run {
     label: i32,
 }
 
-/// A label's number of voxels, and the inclusive corners of their bounding box.
+/// A label's number of voxels, and the first and last voxel of its bounding box.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Extent {
     pub(super) voxels: usize,
@@ -57,8 +57,8 @@ impl Runs {
         extents
     }
 
-    /// Calls `f` for each run, restricted to the box from `low` to `high`, inclusive, with the run's first voxel, the x
-    /// of its last voxel, and its label.
+    /// Calls `f` for the part of each run that lies in the box from `low` to `high`, inclusive. The arguments of `f`
+    /// are the first voxel of this part, the x of its last voxel, and the label.
     pub(super) fn within(&self, low: [usize; 3], high: [usize; 3], mut f: impl FnMut([usize; 3], usize, i32)) {
         let [nx, ny, _] = self.size;
         for z in low[2]..=high[2] {
@@ -115,8 +115,9 @@ pub(super) struct Builder {
     at: usize,
     /// Number of voxels until the end of the current row.
     left: usize,
-    /// The label of the current run, which began at voxel `began`.
+    /// The label of the current run.
     label: i32,
+    /// Index of the first voxel of the current run.
     began: usize,
 }
 

@@ -55,7 +55,7 @@ const EIGHTEEN: Around = {
 
 const ALL: Around = ((1 << 27) - 1) & !(1 << CENTRE);
 
-/// Returns the voxels of `set` that are connected to `seed`, and `seed`.
+/// Returns `seed` and the voxels of `set` that are connected to it.
 fn reach(seed: Around, set: Around, neighbours: &[Around; 27]) -> Around {
     let (mut reached, mut front) = (seed, seed);
     while front != 0 {

@@ -1,4 +1,4 @@
-//! A volume's file, with settings that its format may lack.
+//! Represents a volume's file, with settings that its format may lack.
 
 use std::io::Read;
 use std::path::Path;
@@ -12,7 +12,7 @@ use super::grey::VoxelValues;
 use super::image::ImageChoice;
 use crate::error::ParametrizeError;
 
-/// A volume's file.
+/// A volume's file, and the settings for reading it.
 #[derive(Clone, Copy)]
 pub(super) struct Source<'a> {
     pub(super) path: &'a Path,
@@ -50,7 +50,8 @@ impl Source<'_> {
     }
 }
 
-/// Reads an entire regular file. Other kinds are rejected; opening a pipe, for instance, would wait for its writer.
+/// Reads a whole regular file. Files of other kinds are rejected; opening a pipe, for instance, would wait for its
+/// writer.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, ParametrizeError> {
     let io = |cause| ParametrizeError::Io { path: path.to_owned(), cause };
     if let Some(found) = spharm_files::other_kind(std::fs::metadata(path).map_err(io)?.file_type()) {

@@ -64,8 +64,8 @@ impl fmt::Display for VoxelSteps {
         let Self { max_degree, resolved, voxel, suitable_degree } = self;
         write!(
             f,
-            "degree {max_degree} resolves the voxels: its resolution is {resolved:.3}, less than {VOXELS} voxels \
-             of {voxel:.3}, which biases area and sphericity; use degrees up to {suitable_degree}"
+            "a model of degree {max_degree} follows the voxels' steps: it resolves lengths of {resolved:.3}, less than \
+             {VOXELS} voxels of {voxel:.3}, which biases area and sphericity; use degrees up to {suitable_degree}"
         )
     }
 }
@@ -82,8 +82,8 @@ pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     let more = if found.len() > NAMED { ", ..." } else { "" };
     let lowest = found.iter().map(|(_, steps)| steps.suitable_degree).min().unwrap_or(0);
     Some(format!(
-        "degree {} resolves the voxels of {} labels ({}{more}): its resolution is less than {VOXELS} voxels, \
-         which biases area and sphericity; use degrees up to {lowest}",
+        "models of degree {} follow the voxels' steps of {} labels ({}{more}): they resolve lengths of less than \
+         {VOXELS} voxels, which biases area and sphericity; use degrees up to {lowest}",
         first.max_degree,
         found.len(),
         names.join(", ")

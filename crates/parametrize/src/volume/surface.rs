@@ -11,15 +11,15 @@ use super::relax::{Bounds, HALF_A_VOXEL};
 use super::repair::{Repair, largest_piece, repair};
 use crate::error::ParametrizeError;
 
-/// Smallest and largest radius of smooth surfaces, in voxels. Narrower boxes keep the steps; wider ones contain most of
-/// a small body.
+/// Smallest and largest radius of smooth surfaces, in voxels. With a smaller radius the steps would remain; with a
+/// larger one, the boxes would contain most of a small body.
 const RADII: std::ops::RangeInclusive<f64> = 0.25..=4.0;
 
 /// The kind of surface that represents a label.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LabelSurface {
-    /// The surface of least bending near the voxels' faces, with the voxels' volume, or that of the grey values.
-    /// Labels with too few voxels for such a surface have the voxels' faces.
+    /// The surface of least bending near the voxels' faces, with the voxels' volume, or the volume given by grey
+    /// values. Labels with too few voxels for such a surface have the voxels' faces.
     Smooth {
         /// Largest distance along each axis between a vertex and its position on the voxels' faces, in voxels.
         /// Default 0.5, the uncertainty of a label with exact edges; larger values suit labels with inexact edges.
@@ -36,13 +36,13 @@ impl Default for LabelSurface {
 }
 
 impl LabelSurface {
-    /// Returns the kind of surface for a name, as used in arguments and reports, and for a radius, which only smooth
+    /// Returns the kind of surface for a name, as used in arguments and reports, and a radius, which only smooth
     /// surfaces have.
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::Argument`] for other names, for a radius that isn't from 0.25 to 4, and for voxels with a
-    /// radius.
+    /// [`ParametrizeError::Argument`] if the name is neither `smooth` nor `voxels`, if the radius isn't from 0.25 to 4,
+    /// or if `voxels` is given with a radius.
     pub fn named(name: &str, radius: Option<f64>) -> Result<Self, ParametrizeError> {
         let refused = |what, expected, found| Err(ParametrizeError::Argument { what, expected, found });
         match (name, radius) {
@@ -96,7 +96,7 @@ pub struct VolumeParams {
 #[non_exhaustive]
 pub struct VolumeSurface {
     /// Closed surface, wound outwards, with vertices in mm; of genus 0 unless handles were allowed. The quadrangles are
-    /// the voxels' faces; as [`triangles`](QuadMesh::triangles), the surface is smooth if requested.
+    /// the voxels' faces; [`triangles`](QuadMesh::triangles) returns the smooth surface if there is one.
     pub quads: QuadMesh,
     /// Value of the label.
     pub label: i64,
@@ -114,13 +114,14 @@ pub struct VolumeSurface {
 
 impl LabelVolume {
     /// Returns the surface around a label in mm, without voxel steps: the surface of least bending within `radius`
-    /// voxels of the steps, with the label's volume. It can have any topology; it is for uses that need no sphere,
-    /// such as registration. For grey values and probabilities, the surface is that of the largest piece, with its
-    /// cavities filled.
+    /// voxels of the steps, with the label's volume. It can have any topology; it is for uses that need no sphere, such
+    /// as registration. For grey values and probabilities, this is the surface of the largest piece, with its cavities
+    /// filled.
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel), [`Interrupted`](ParametrizeError::Interrupted).
+    /// [`NoLabel`](ParametrizeError::NoLabel) if the volume lacks the label, or has several labels and none is chosen;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if it has no label; [`Interrupted`](ParametrizeError::Interrupted).
     pub fn smooth_surface(
         &self,
         label: Option<i64>,
@@ -144,9 +145,10 @@ impl LabelVolume {
     ///
     /// # Errors
     ///
-    /// [`NoLabel`](ParametrizeError::NoLabel); [`BadVolume`](ParametrizeError::BadVolume), with the numbers of pieces,
-    /// cavities, handles and pinched edges, if the label isn't a single ball and `fix` isn't set;
-    /// [`Interrupted`](ParametrizeError::Interrupted).
+    /// [`NoLabel`](ParametrizeError::NoLabel) if the volume lacks the label, or has several labels and none is chosen;
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if it has no label; [`BadVolume`](ParametrizeError::BadVolume),
+    /// with the numbers of pieces, cavities, handles and pinched edges, if the label isn't a single ball and `fix`
+    /// isn't set; [`Interrupted`](ParametrizeError::Interrupted).
     pub fn surface(&self, params: &VolumeParams, monitor: &dyn Monitor) -> Result<VolumeSurface, ParametrizeError> {
         let label = self.choose(params.label)?;
         let mask = self.mask(label)?;
@@ -186,9 +188,9 @@ impl LabelVolume {
 
 /// The reasons why a set of voxels isn't a single ball.
 struct Problems {
-    /// One phrase per reason.
+    /// Phrases that describe the reasons, one each.
     phrases: Vec<String>,
-    /// Number of handles, which are one of the reasons if there are any.
+    /// Number of handles. If there are any, one of the phrases describes them.
     handles: usize,
 }
 

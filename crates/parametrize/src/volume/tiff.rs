@@ -38,7 +38,7 @@ struct Description {
     times: usize,
     /// Order of the pages: the axes Z, C and T, the one that varies fastest first.
     order: [u8; 3],
-    /// Whether the description has pages in another order, or in other files.
+    /// Whether the description places pages in another order than `order`, or in other files.
     elsewhere: bool,
 }
 
@@ -75,7 +75,8 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let description = description(&mut decoder);
     let image = source.image(description.channels, description.times)?;
     let several = description.channels.saturating_mul(description.times) > 1;
-    // Files of one image may have any number of pages; in others, a missing number of slices is one.
+    // A file of one image may have any number of pages. For a file of several images, one slice is assumed if the
+    // number of slices is missing.
     let slices = description.slices.or(several.then_some(1));
     if several && description.elsewhere {
         let found = "a description with pages in another order or in other files".to_owned();
@@ -137,7 +138,8 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
 
 fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) -> Result<(), ParametrizeError> {
     let mut all = |mut values: &mut dyn Iterator<Item = f64>| {
-        // The iterator behind the reference has no fixed size; the reference itself is an iterator that has one.
+        // `try_for_each` needs an iterator of known size. A reference to a `dyn Iterator` is one; the `dyn Iterator`
+        // isn't.
         Iterator::try_for_each(&mut values, |value| found.push(value))
     };
     match page {
@@ -155,7 +157,7 @@ fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) 
     }
 }
 
-/// Returns the data in the description of the first page; empty if the page has no description.
+/// Returns the data in the description of the first page; the data of a file of one image if there is no description.
 fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
     let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     if text.contains("<OME") {
@@ -214,8 +216,9 @@ fn of_ome(text: &str) -> Option<Description> {
     Some(Description { elsewhere, ..description })
 }
 
-/// Returns whether an element `TiffData` places a page at another slice, channel or time than its number says. If the
-/// pages of an image are in several files, their numbers in these files repeat, so this is the case, too.
+/// Returns whether an element `TiffData` places a page at another slice, channel or time than the page's number
+/// implies. This is also true if the pages of an image are in several files, since the numbers then start again in each
+/// file.
 fn places_differ(reader: &mut Reader<&[u8]>, description: &Description) -> bool {
     let slices = description.slices.unwrap_or(1);
     loop {

@@ -20,7 +20,7 @@ pub(super) struct Volume {
     pub(super) voxels: Voxels,
 }
 
-/// The labels of all voxels, and if the values aren't labels, the difference of each voxel's value from the level.
+/// The labels of all voxels and, for grey values or probabilities, each voxel's value minus the level.
 pub(super) struct Voxels {
     pub(super) labels: Runs,
     pub(super) values: Vec<f32>,
@@ -41,7 +41,7 @@ impl Voxels {
     }
 }
 
-/// Converts voxels to labels, one after another, and keeps their values if those aren't labels.
+/// Converts the values of voxels to labels, one after another, and keeps the values if they aren't labels.
 pub(super) struct Collector<'a> {
     path: &'a Path,
     meaning: VoxelValues,
@@ -49,7 +49,7 @@ pub(super) struct Collector<'a> {
     values: Vec<f32>,
     /// Smallest and largest value.
     range: (f64, f64),
-    /// Numbers of voxels outside and inside, unless the values are labels.
+    /// Numbers of voxels outside and inside; not counted if the values are labels.
     sides: [usize; 2],
 }
 
@@ -125,9 +125,9 @@ impl<'a> Collector<'a> {
             let side = if self.sides[1] == 0 { "below" } else { "at or above" };
             let found = match low > high {
                 true => "no values".to_owned(),
-                false => format!("values from {} to {}, all {side} the level {level}", number(low), number(high)),
+                false => format!("values from {} to {}, all {side} the threshold {level}", number(low), number(high)),
             };
-            return Err(self.wrong("values on both sides of the level", found));
+            return Err(self.wrong("values both below and above the threshold", found));
         }
         Ok(Voxels { labels: self.labels.finish().map_err(|room| no_room(path, room))?, values: self.values })
     }
@@ -234,7 +234,7 @@ impl Layout {
     }
 }
 
-/// Converts a value to a label; an error if the value isn't an integer of 32 bits.
+/// Converts a value to a label. Returns an error if the value isn't a 32-bit integer.
 fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError> {
     if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
         return Ok(value as i32);

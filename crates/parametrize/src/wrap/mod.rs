@@ -1,12 +1,12 @@
-//! Replaces a mesh of any kind by one closed surface around it: parts that overlap or stand inside each other, double
-//! walls, holes and self-intersections don't matter.
+//! Replaces a mesh of any kind by one closed surface around it. The mesh may have overlapping or nested parts, double
+//! walls, holes and self-intersections.
 //!
-//! 1. A grid of voxels is laid around the mesh. Voxels are inside where the generalized winding number at their centre
-//!    is above 0.5 (`winding`).
+//! 1. A grid of voxels is laid around the mesh. A voxel is inside if the generalized winding number at its centre is
+//!    above 0.5 (`winding`).
 //! 2. The largest piece of these voxels is kept, its cavities are filled and its handles removed, as in a label that is
 //!    repaired ([`volume`](crate::volume)).
-//! 3. The surface of the voxels is smoothed to bend least within half a voxel of the mesh, and its vertices are moved
-//!    onto the mesh where it is at most a voxel away (`snap`).
+//! 3. The surface of the voxels is smoothed: it is replaced by the surface of least bending within half a voxel of the
+//!    voxels' faces. Then the vertices that are at most a voxel away from the mesh are moved onto the mesh (`snap`).
 //!
 //! Walls and gaps thinner than a voxel are lost. Time and memory grow with the cube of the number of voxels: 128 voxels
 //! along the longest side take about 100 MB.
@@ -30,24 +30,25 @@ use crate::flaws::Flaws;
 use crate::geometry::{Vec3, add, scale, sub};
 use crate::volume::{Affine, HandleRepair, LabelSurface, LabelVolume, VolumeParams, VoxelValues};
 
-/// Numbers of voxels along the longest side of a mesh that [`wrap`] accepts.
+/// Numbers of voxels that [`wrap`] accepts, along the longest side of a mesh.
 pub const VOXELS: std::ops::RangeInclusive<usize> = 16..=512;
-/// Number of voxels that suits most meshes.
+/// Number of voxels along the longest side of a mesh that suits most meshes.
 pub const USUAL_VOXELS: usize = 128;
-/// Voxels of background around the mesh.
+/// Number of layers of background voxels around the mesh.
 const MARGIN: usize = 2;
-/// Bytes per voxel: 1 for its side, 8 for its distance, 17 in the volume, and 37 while the volume is repaired.
+/// Number of bytes per voxel: 1 for whether it is inside, 8 for its distance from the mesh, 17 in the volume, and 37
+/// while the volume is repaired.
 const BYTES_PER_VOXEL: u64 = 63;
 
-/// Returns a closed surface of genus zero around a mesh, and a report with the mesh's changes. `voxels` is the number
-/// of voxels along the longest side of the mesh's bounding box, one of [`VOXELS`].
+/// Returns a closed surface of genus zero around a mesh, and a report on the changes. `voxels` is the number of voxels
+/// along the longest side of the mesh's bounding box, one of [`VOXELS`].
 ///
 /// # Errors
 ///
-/// [`Argument`](ParametrizeError::Argument) for another number of voxels;
+/// [`Argument`](ParametrizeError::Argument) if the number of voxels is outside of [`VOXELS`];
 /// [`NoRoomToWrap`](ParametrizeError::NoRoomToWrap) if memory doesn't suffice;
-/// [`NothingToWrap`](ParametrizeError::NothingToWrap) for a mesh that encloses no voxel;
-/// [`InvalidMesh`](ParametrizeError::InvalidMesh) for coordinates that aren't finite and indices out of range;
+/// [`NothingToWrap`](ParametrizeError::NothingToWrap) if the mesh encloses no voxel;
+/// [`InvalidMesh`](ParametrizeError::InvalidMesh) if coordinates aren't finite or indices are out of range;
 /// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mesh, MeshRepair), ParametrizeError> {
     if !VOXELS.contains(&voxels) {
@@ -95,7 +96,7 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
     Ok((mesh, found))
 }
 
-/// Position of the grid of voxels.
+/// The grid of voxels around a mesh: its position and size.
 struct Frame {
     /// Position of the centre of voxel (0, 0, 0).
     origin: Vec3,
@@ -106,7 +107,7 @@ struct Frame {
 
 impl Frame {
     fn around(surface: &Mesh, voxels: usize) -> Self {
-        // Halves, since the difference of two large numbers may overflow.
+        // Coordinates are halved, since the difference of two large numbers may overflow.
         let (low, high) = bounds(surface.vertices.iter().map(|&v| scale(v, 0.5)));
         let longest = sub(high, low).into_iter().fold(0.0, f64::max);
         let voxel = if longest > 0.0 { longest / voxels as f64 * 2.0 } else { 1.0 };
@@ -126,8 +127,9 @@ impl Frame {
     }
 }
 
-/// Returns the distance of each voxel from the mesh in voxels, at most 1, negative outside; exact where the sign
-/// changes between neighbours.
+/// Returns each voxel's signed distance from the mesh in voxels, negative outside. The distance is computed, and
+/// limited to the range from 0.001 to 1, only at voxels with a neighbour on the other side; at all other voxels it is
+/// set to 1.
 fn signed_distances(
     mesh: &Mesh,
     tree: &TriangleTree,

@@ -7,17 +7,17 @@ use spharm_surface::nearest::TriangleTree;
 
 use crate::geometry::{Vec3, dot};
 
-/// Smallest cosine of the angle between a vertex's normal and that of the triangle to which the vertex moves. A wall
-/// that faces the other way is the back of the body, or lies inside.
+/// Smallest cosine of the angle between the normals of a vertex and of the triangle onto which it moves. A triangle
+/// that faces the other way belongs to the back of the body or to an inner wall.
 const ALIKE: f64 = 0.2;
-/// Smallest cosine of the angle by which a triangle may turn.
+/// Smallest accepted cosine of the angle by which a move turns a triangle.
 const STEADY: f64 = 0.3;
-/// Smallest ratio by which the area of a triangle may shrink.
+/// Smallest accepted ratio of a triangle's area after a move to its area before.
 const SMALLEST: f64 = 0.05;
 
 /// Moves each vertex to the nearest point of the given surface, if this point is at most `reach` away and faces the
-/// same way. Vertices at which a triangle would turn by more than about 70 degrees or shrink to nothing stay where they
-/// are, so that no fold arises.
+/// same way. Vertices at which a triangle would turn by more than about 70 degrees or shrink to less than a twentieth
+/// of its area stay where they are, so that no fold arises.
 pub(super) fn snap(wrap: &mut Mesh, given: &Mesh, tree: &TriangleTree, reach: f64) {
     let normals = vertex_normals(&wrap.vertices, &wrap.faces);
     let corners = |mesh: &Mesh, face: &[u32; 3]| face.map(|v| mesh.vertices[v as usize]);

@@ -1,10 +1,10 @@
-//! Computes generalized winding numbers: how many times a surface encloses a point, also for surfaces with holes,
-//! overlapping pieces or self-intersections.
+//! Computes generalized winding numbers: the number of times that a surface encloses a point. It is defined even for
+//! surfaces with holes, overlapping pieces or self-intersections.
 //!
-//! The winding number of a closed surface is 1 inside and 0 outside. That of an open surface is the solid angle which
-//! the surface covers as seen from the point, divided by 4 pi. It changes gradually near holes, where its level 0.5
-//! continues the surface. Source: Jacobson, Kavan and Sorkine-Hornung, "Robust inside-outside segmentation using
-//! generalized winding numbers", ACM Trans. Graphics 32 (2013), equation 5.
+//! The winding number of a closed surface is 1 inside and 0 outside. The winding number of an open surface is the solid
+//! angle that the surface covers as seen from the point, divided by 4 pi. It changes gradually near a hole, where the
+//! points of winding number 0.5 continue the surface. Source: Jacobson, Kavan and Sorkine-Hornung, "Robust
+//! inside-outside segmentation using generalized winding numbers", ACM Trans. Graphics 32 (2013), equation 5.
 //!
 //! Triangles far from a point are summed up as one dipole: Barill, Dickson, Schmidt, Levin and Jacobson, "Fast winding
 //! numbers for soups and clouds", ACM Trans. Graphics 37 (2018), equation 13. A point near the surface takes O(log n)
@@ -20,8 +20,8 @@ use crate::geometry::{Vec3, add, cross, dot, scale, sub};
 /// Largest number of triangles in a leaf of the tree.
 const LEAF: usize = 8;
 /// A group of triangles counts as a dipole for points farther from its centre than this multiple of its radius. The
-/// error is then below 0.02 for each of the few groups nearest to the point, where the numbers 0, 0.5 and 1 have to be
-/// told apart.
+/// error of the winding number is then below 0.02 for each of the few groups nearest to the point, which is small
+/// enough to tell 0, 0.5 and 1 apart.
 const FAR: f64 = 2.5;
 
 /// A group of triangles.
@@ -32,9 +32,10 @@ struct Node {
     far: f64,
     /// Sum of the triangles' normals, whose lengths are the triangles' areas.
     dipole: Vec3,
-    /// Number of nodes in this group, itself included: the node after the group is that many places on.
+    /// Number of nodes of this group and all its subgroups. The next node outside of the group is this many places
+    /// later in the list.
     nodes: usize,
-    /// The triangles of a leaf.
+    /// Indices of the group's triangles if the node is a leaf; empty otherwise.
     triangles: std::ops::Range<usize>,
 }
 
@@ -53,7 +54,8 @@ impl WindingNumbers {
         tree
     }
 
-    /// Adds a group of triangles, after sorting them into subgroups.
+    /// Adds a node for a group of triangles. A group larger than a leaf is halved along its longest side, and nodes for
+    /// both halves are added, too.
     fn add(&mut self, range: std::ops::Range<usize>) {
         let own = &mut self.triangles[range.clone()];
         let mut node = Node { centre: [0.0; 3], far: 0.0, dipole: [0.0; 3], nodes: 1, triangles: range.clone() };

@@ -125,10 +125,11 @@ fn unusable_values_are_refused() {
     assert!(refused(&grey, VoxelValues::Probability).contains("probabilities from 0 to 1, found -"), "range");
     let high = refused(&grey, VoxelValues::Level(9.0));
     assert!(
-        high.contains("values on both sides of the level, found values from -") && high.ends_with("level 9"),
+        high.contains("values both below and above the threshold, found values from -")
+            && high.ends_with("threshold 9"),
         "{high}"
     );
-    assert!(refused(&grey, VoxelValues::Level(-99.0)).ends_with("all at or above the level -99"), "low");
+    assert!(refused(&grey, VoxelValues::Level(-99.0)).ends_with("all at or above the threshold -99"), "low");
     assert!(refused(&vec![f64::NAN; grey.len()], VoxelValues::Level(0.0)).contains("found no values"), "NaN");
     assert!(refused(&grey, VoxelValues::Level(f64::NAN)).contains("threshold: expected a number"), "level");
     for (name, radius) in [("round", None), ("voxels", Some(1.0)), ("smooth", Some(0.2)), ("smooth", Some(4.5))] {

@@ -91,7 +91,7 @@ fn nifti_2() {
     }
     let mut huge = plain.clone();
     huge[24..32].copy_from_slice(&60_000_i64.to_le_bytes());
-    folder.refused("huge.nii", &huge, "which don't fit in the file");
+    folder.refused("huge.nii", &huge, "a file too short for the");
     huge[24..32].copy_from_slice(&i64::MAX.to_le_bytes());
     folder.refused("huge.nii", &huge, "voxels");
     for at in 0..544 {
@@ -131,16 +131,16 @@ fn nrrd_attached_and_detached() {
         ("encoding: raw\nspacings: 1 nan 1\n", "voxels of finite, nonzero volume"),
         ("encoding: raw\nspacings: 1 1 1\nline skip: 3\n", "directly after the header"),
         ("encoding: raw\nspacings: 1 1 1\ndata file: ../values.raw\n", "in the header's folder"),
-        ("encoding: raw\nspacings: 1 1 1\ndata file: LIST\n", "one file of values"),
+        ("encoding: raw\nspacings: 1 1 1\ndata file: LIST\n", "a single data file"),
         ("encoding: raw\nspace: 4D\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n", "RAS, LPS or LAS"),
         ("encoding: raw\nspacings: 1 1 1\nsizes: 3 2 2 2\n", "three dimensions"),
         (
             "encoding: raw\nspacings: 1 1 1\nsizes: 60000 60000 60000\n",
-            "a value for each voxel of the header, found at most",
+            "enough values for all voxels given in the header, found at most",
         ),
         (
             "encoding: gzip\nspacings: 1 1 1\nsizes: 60000 60000 60000\n",
-            "a value for each voxel of the header, found at most",
+            "enough values for all voxels given in the header, found at most",
         ),
         ("encoding: raw\nspacings: 1 1 1\ntype: short\n", "endian"),
         ("encoding: raw\nspacings: 1 1 1\ntype: block\n", "numbers"),
@@ -186,7 +186,7 @@ fn tiff_stacks() {
     check(&LabelVolume::read_with(&path, of_size(SIZE), &Silent).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     assert!(LabelVolume::read_with(&path, of_size([1.0, 0.0, 1.0]), &Silent).is_err());
     folder.refused("d.tif", &tiff(ome, 3), "one page per slice");
-    folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time");
+    folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time point");
     let whole = tiff(imagej, 2);
     for length in (0..whole.len()).step_by(3) {
         let _ = folder.read("t.tif", &whole[..length]);
@@ -238,7 +238,7 @@ fn one_of_several_channels_and_times() {
     check_images(&folder, "zct.ome.tif", &tiff_of(&ome("XYZCT"), pages), [0.4, 0.3, 0.6]);
     let pages = (0..12).map(|at| page(at / 6, at / 3 % 2, at % 3));
     check_images(&folder, "tcz.ome.tif", &tiff_of(&ome("XYTCZ"), pages.clone()), [0.4, 0.3, 0.6]);
-    folder.refused("t.ome.tif", &tiff_of(&ome("XYTCZ"), pages.take(9)), "one channel and one time");
+    folder.refused("t.ome.tif", &tiff_of(&ome("XYTCZ"), pages.take(9)), "one channel and one time point");
     // Elements TiffData may say the same as the order; another order, and other files, are refused.
     let with = |data: &str| ome("XYZCT").replace("/></Image>", &format!(">{data}</Pixels></Image>"));
     let pages = || (0..12).map(|at| page(at % 2, at / 2 % 2, at / 4));
@@ -298,7 +298,7 @@ fn arrays_of_numpy() {
     for (bytes, why) in [
         (npy("|u1", "True", "(12,)", &VALUES), "three dimensions"),
         (npy("<c8", "True", "(3, 2, 2)", &VALUES), "numbers"),
-        (npy("|u1", "True", "(3, 2, 99999999999)", &VALUES), "which don't fit in the file"),
+        (npy("|u1", "True", "(3, 2, 99999999999)", &VALUES), "a file too short for the"),
         (npy("|u1", "True", "(3, 2, 1)", &VALUES), "more bytes than the shape allows"),
         (npy("|u1", "True", "(-3, 2, 2)", &VALUES), "not understood"),
     ] {

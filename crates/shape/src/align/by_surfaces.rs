@@ -16,20 +16,21 @@ use crate::transform::{SQRT_4_PI, Transform, rmsd};
 /// Result of an alignment by the surfaces.
 pub(super) struct BySurfaces {
     pub(super) transform: Transform,
-    /// Root mean square distance at equal directions reached from each start of the refinement, without row 0.
+    /// Root mean square distance at equal directions reached from each start of the refinement, excluding row 0 (the
+    /// position).
     pub(super) ends: Vec<f64>,
     pub(super) distance: f64,
-    /// Distance between the surfaces in the pose found, but at least the rounding error of the evaluated surfaces.
-    /// The distance at equal directions is never smaller than the distance between the surfaces, so another pose
-    /// whose distance at equal directions is at most `bound` is at least as good.
+    /// Distance between the surfaces in the pose found, but at least the sampling error of the evaluated surfaces. The
+    /// distance at equal directions is never smaller than the distance between the surfaces, so another pose whose
+    /// distance at equal directions is at most `bound` is at least as good.
     pub(super) bound: f64,
     /// Root mean square distance at equal directions, in the pose found.
     pub(super) rmsd: f64,
     pub(super) warnings: Vec<AlignWarning>,
 }
 
-/// Finds the pose of a surface on another, and then the rotation of the parameters that minimises the distance at equal
-/// directions. Returns `None` if one of the surfaces is a point or a line.
+/// Finds the pose of the moving surface on the target, and then the rotation of the parameters that minimises the
+/// distance at equal directions. Returns `None` if one of the surfaces is a point or a line.
 pub(super) fn by_surfaces(
     moving: &Coefficients,
     target: &Coefficients,
@@ -58,7 +59,7 @@ pub(super) fn by_surfaces(
     let apart = rmsd(&up_to(&transform.apply(moving, &OnlyCancel(monitor))?)?, &up_to(target)?)?;
     let left = |end: &f64| (f.norm - g.norm).hypot((f.norm * g.norm).sqrt() * end) / SQRT_4_PI;
     let mut warnings = Vec::new();
-    // Distances below this are rounding errors of the evaluated surfaces.
+    // Distances below this are within the sampling error of the evaluated surfaces.
     let least = 1e-3 * b.size();
     if found.second < DOUBTFUL * found.distance.max(least) {
         warnings.push(AlignWarning::PoseInDoubt { distance: found.distance, second: found.second });

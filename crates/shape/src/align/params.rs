@@ -9,20 +9,20 @@ use crate::pair::Plan;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Method {
-    /// The rotations of space and of the parameters are searched together.
+    /// Searches the rotations of space and of the parameters together.
     #[default]
     Joint,
-    /// Both surfaces are rotated into the frames of their first-order ellipsoids, and the best of the 16 pairs of half
-    /// turns is taken; for comparison with other programs.
+    /// Rotates both surfaces into the frames of their first-order ellipsoids, and takes the best of the 16 pairs of
+    /// half turns. Intended for comparison with other programs.
     FirstOrderEllipsoid,
-    /// The parameters are unchanged because they already correspond: only space is rotated.
+    /// Rotates only in space, and keeps the parameters because they already correspond.
     FixedParameters,
-    /// The pose in space is found from the [surfaces alone](mod@spharm_surface::pose), independently of their maps to
-    /// the sphere; then the rotation of the parameters is searched in that pose. Intended for surfaces that were mapped
-    /// to the sphere separately: their distance at equal directions may be smallest in a wrong pose. The distance at
-    /// equal directions is an upper bound of the distance between the surfaces. If a joint search of both rotations
-    /// brings it below the distance between the surfaces, the rotations of the joint search are used, so that copies of
-    /// one surface coincide to rounding. Surfaces without area are aligned by [`Method::Joint`].
+    /// Finds the pose in space from the [surfaces alone](mod@spharm_surface::pose), independently of their maps to the
+    /// sphere, and then searches the rotation of the parameters in that pose. Intended for surfaces that were mapped to
+    /// the sphere separately: their distance at equal directions may be smallest in a wrong pose. The distance at equal
+    /// directions is an upper bound of the distance between the surfaces. If a joint search of both rotations brings it
+    /// below the distance between the surfaces in the pose found, the result of the joint search is used, so that
+    /// copies of one surface coincide to rounding error. Surfaces without area are aligned by [`Method::Joint`].
     Surfaces,
 }
 
@@ -34,12 +34,12 @@ pub struct AlignParams {
     /// Highest degree compared; by default the lower of the two surfaces' degrees. All degrees of the moving surface
     /// are transformed.
     pub max_degree: Option<usize>,
-    /// Whether the moving surface may be scaled; by default no.
+    /// Whether the moving surface may be scaled; `false` by default.
     pub scale: bool,
-    /// Whether mirror images may be matched; by default no.
+    /// Whether mirror images may be matched; `false` by default.
     pub mirror: bool,
-    /// Bandwidth B of the grid of rotations, 2 to 64: the grid has 2B x B x 2B rotations. The default is 8, or L + 1 if
-    /// L < 7.
+    /// Bandwidth B of the grid of rotations, 2 to 64: the grid has 2B x B x 2B rotations. By default the smaller of 8
+    /// and L + 1, but at least 2.
     pub bandwidth: Option<usize>,
     /// Number of local maxima of the grid that are refined, at least 1; by default 6.
     pub starts: usize,
@@ -55,7 +55,7 @@ impl Default for AlignParams {
 const BANDWIDTH: usize = 8;
 
 impl AlignParams {
-    /// Returns the plan of the search for surfaces of a degree.
+    /// Checks the settings of the search, and returns the plan for surfaces of the degree `degree`.
     pub(crate) fn plan(&self, degree: usize) -> Result<Plan, ShapeError> {
         let refuse =
             |name, found: usize, expected| Err(ShapeError::Setting { name, found: found.to_string(), expected });
@@ -111,7 +111,7 @@ pub enum AlignWarning {
         /// Distance between the surfaces in the pose found.
         distance: f64,
     },
-    /// The first-order ellipsoid is nearly round, and its frame has little meaning.
+    /// The first-order ellipsoid is nearly round, so its frame has little meaning.
     NearlyRound {
         /// The smallest ratio of neighbouring axes.
         ratio: f64,
@@ -130,8 +130,8 @@ impl fmt::Display for AlignWarning {
                  uncorrelated",
             ),
             Self::BothUndetermined => f.write_str(
-                "the rotations in space and of the parameters are undetermined: turning both together changes nothing, \
-                 as for a surface of revolution",
+                "the rotations in space and of the parameters are undetermined: rotating both together doesn't change \
+                 the distance, as for a surface of revolution",
             ),
             Self::ParametersUndetermined => f.write_str(
                 "the rotation of the parameters is undetermined: turning the parameters in the given pose changes \

@@ -13,7 +13,7 @@
 /// Denominator of probabilities, whose numerators are from 1 to `ONE - 1`.
 pub(super) const ONE: u32 = 1 << 16;
 
-/// Writer or reader of decisions: the interface of a probability model, so that one model serves both.
+/// Writer or reader of decisions. A probability model uses this interface, so that the same model serves for both.
 pub(super) trait Decisions {
     /// Codes a decision that is 1 with probability `one` / 65,536. A writer writes `bit`; a reader ignores it and
     /// returns the decision read.
@@ -29,12 +29,12 @@ pub(super) trait Decisions {
     }
 }
 
-/// The stream ended before the decision that was requested.
+/// Error of a stream that ended before the requested decision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Ended;
 
 fn split(low: u32, high: u32, one: u32) -> u32 {
-    // The middle is below `high`, because `one` is below 65,536.
+    // The result is below `high`, because `one` is below 65,536.
     low + ((u64::from(high - low) * u64::from(one)) >> 16) as u32
 }
 

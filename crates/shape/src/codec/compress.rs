@@ -83,9 +83,13 @@ pub struct Compressed {
 ///
 /// # Errors
 ///
-/// [`Parameter`](CodecError::Parameter), [`Shape`](CodecError::Shape), [`Flat`](CodecError::Flat),
-/// [`TooLarge`](CodecError::TooLarge), [`TooFine`](CodecError::TooFine), [`TooFewBytes`](CodecError::TooFewBytes),
-/// [`Interrupted`](CodecError::Interrupted).
+/// - [`Parameter`](CodecError::Parameter) if a parameter is out of its range, or no step reaches the tolerance.
+/// - [`Shape`](CodecError::Shape) if a coefficient isn't finite, or the surface is a point or a line.
+/// - [`Flat`](CodecError::Flat) if the surface lies in a plane.
+/// - [`TooLarge`](CodecError::TooLarge) if the model exceeds a limit of the format.
+/// - [`TooFine`](CodecError::TooFine) if a coefficient exceeds the largest number of steps.
+/// - [`TooFewBytes`](CodecError::TooFewBytes) if the smallest file is larger than [`Target::Bytes`].
+/// - [`Interrupted`](CodecError::Interrupted) if the monitor cancels the compression.
 pub fn compress(model: &Model, params: &CompressParams, monitor: &dyn Monitor) -> Result<Compressed, CodecError> {
     check(model, params)?;
     let surface = model.kind() == Kind::Surface;
@@ -168,7 +172,7 @@ impl Trials<'_> {
         })
     }
 
-    /// Returns the coarsest step with a distance of at most `tolerance`.
+    /// Returns the coarsest step found whose distance is at most `tolerance`.
     fn within(&self, tolerance: f64) -> Result<f64, CodecError> {
         /// Maximum number of corrections of the estimate; two are enough for most models.
         const ROUNDS: usize = 8;
@@ -196,7 +200,7 @@ impl Trials<'_> {
         })
     }
 
-    /// Returns the finest step with a file of at most `bytes` bytes.
+    /// Returns the finest step found whose file has at most `bytes` bytes.
     fn of_size(&self, bytes: usize) -> Result<f64, CodecError> {
         let excess = |step: f64| match self.writer.quantise(step) {
             Ok(quantised) => Ok((self.writer.write(&quantised)?.bytes.len() as f64 / bytes as f64).ln()),
@@ -216,7 +220,7 @@ impl Trials<'_> {
 fn metadata(model: &Model) -> Result<String, CodecError> {
     let parameter = |error: serde_json::Error| CodecError::Parameter {
         what: "provenance of the model",
-        expected: "what JSON can say".to_owned(),
+        expected: "values that JSON can represent".to_owned(),
         found: error.to_string(),
     };
     let tool = Some("shape compress".to_owned());
@@ -230,7 +234,7 @@ fn metadata(model: &Model) -> Result<String, CodecError> {
     Ok(Value::Object(object).to_string())
 }
 
-/// Writes a model with different steps, each into a file.
+/// Writer of a model's file for any given step.
 struct Writer<'a> {
     model: &'a Model,
     surface: bool,
@@ -257,7 +261,7 @@ impl Writer<'_> {
         let mut values = quantised.values.clone();
         let mut ends = Vec::new();
         for degree in 1..=top {
-            // The encoder never returns an error; only a decoder can run out of data.
+            // An encoder never returns an error; only a decoder can run out of data.
             let _ = stream.degree(&mut values, &mut encoder);
             let last = ends.last().map_or(0, |&(_, end)| end);
             let wanted = match self.levels {

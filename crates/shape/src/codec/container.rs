@@ -13,7 +13,7 @@ use super::error::CodecError;
 /// Version of the file format: the only one that is written or read.
 pub const VERSION: u8 = 1;
 
-/// First bytes of a compressed model. The first byte isn't a letter, so that no text is mistaken for a model.
+/// First bytes of a compressed model. The first byte isn't a letter, so that no text file is mistaken for a model.
 const MAGIC: [u8; 4] = *b"\x89SPZ";
 const VERSION_AT: usize = MAGIC.len();
 const FLAGS_AT: usize = VERSION_AT + 1;
@@ -30,8 +30,8 @@ pub(super) const MOST_CHANNELS: usize = 1 << 16;
 const MOST_METADATA: usize = 1 << 24;
 /// Maximum number of coefficients; as f64 they occupy 2 GiB.
 pub(super) const MOST_VALUES: usize = 1 << 28;
-/// Numbers of zero coefficients that a file may declare above the stream's highest degree: for any file, and in
-/// addition per byte of its size.
+/// Limits on the number of zero coefficients that a file may declare above the stream's highest degree: the number that
+/// any file may declare, and the further number that it may declare per byte of its size.
 const MOST_ZEROS: [usize; 2] = [1 << 20, 1 << 10];
 /// Maximum of [`Head::guess`], the log2 of the mean magnitude at degree 1.
 pub(super) const MOST_GUESS: u32 = 20;
@@ -54,7 +54,7 @@ pub(super) struct Head {
     pub(super) segments: Vec<Segment>,
 }
 
-/// Run of bytes of the stream that completes a level.
+/// Part of the stream that completes a level, with its length in bytes and its checksum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Segment {
     /// Highest degree of the model that ends with this segment.
@@ -111,7 +111,7 @@ impl Head {
             out.extend(deflate(text));
         }
         let length = u32::try_from(out.len() + CRC).map_err(|_| CodecError::TooLarge {
-            what: "bytes of the head",
+            what: "bytes of the header",
             most: u32::MAX as usize,
             found: out.len(),
         })?;
@@ -135,13 +135,17 @@ impl Head {
         }
         let length = u32_at(fixed, HEAD_LEN_AT) as usize;
         if length < FIELDS_AT + CRC {
-            return Err(CodecError::damaged("length of the head", format!("at least {}", FIELDS_AT + CRC), length));
+            return Err(CodecError::damaged("length of the header", format!("at least {}", FIELDS_AT + CRC), length));
         }
         let Some(head) = bytes.get(..length) else { return Err(cut_off(length)) };
         let (head, crc) = head.split_at(length - CRC);
         let (expected, found) = (u32_at(crc, 0), crc32c::crc32c(head));
         if expected != found {
-            return Err(CodecError::damaged("checksum of the head", format!("{expected:08x}"), format!("{found:08x}")));
+            return Err(CodecError::damaged(
+                "checksum of the header",
+                format!("{expected:08x}"),
+                format!("{found:08x}"),
+            ));
         }
         let mut fields = Fields { rest: &head[FIELDS_AT..], flags: fixed[FLAGS_AT] };
         let head = fields.head(length)?;
@@ -149,7 +153,7 @@ impl Head {
     }
 }
 
-/// Reader of the header's fields of variable length, which follow the fields of fixed length.
+/// Reader of the header's fields that follow those at fixed positions.
 struct Fields<'a> {
     rest: &'a [u8],
     flags: u8,
@@ -167,7 +171,7 @@ impl Fields<'_> {
             return Err(CodecError::damaged("channels of a surface", 3, channels));
         }
         let top = self.number("highest degree of the stream", 0, max_degree)?;
-        let guess = self.number("guess for degree 1", 0, MOST_GUESS as usize)? as u32;
+        let guess = self.number("approximate log2 of the mean magnitude at degree 1", 0, MOST_GUESS as usize)? as u32;
         let shifts = self.take::<2>("shifts")?.map(|byte| i8::from_le_bytes([byte]));
         let mut steps = Vec::new();
         for _ in 0..if surface { 1 } else { channels } {
@@ -193,7 +197,7 @@ impl Fields<'_> {
         }
         let metadata = (self.flags & METADATA != 0).then(|| self.metadata()).transpose()?;
         if !self.rest.is_empty() {
-            return Err(CodecError::damaged("head", "no more bytes", self.rest.len()));
+            return Err(CodecError::damaged("header", "no more bytes", self.rest.len()));
         }
         Ok(Head { surface, max_degree, channels, top, guess, shifts, steps, first, metadata, segments })
     }

@@ -11,13 +11,13 @@ use spharm_harmonics::index::column;
 
 use super::mixing::ESTIMATES;
 
-/// Fixed-point unit of the expected magnitudes.
+/// Number of units of an expected magnitude per quantisation step.
 pub(super) const UNIT: u64 = 256;
 
 /// Number of classes of expected magnitudes: four per octave.
 pub(super) const CLASSES: usize = 48;
 
-/// Maximum magnitude in the predictions, to which larger magnitudes are clamped.
+/// Largest magnitude used in predictions; larger magnitudes are clamped to this value.
 const LARGEST: u32 = 1 << 20;
 
 /// Returns the class of an expected magnitude.
@@ -61,7 +61,7 @@ impl Sum {
 pub(super) struct Contexts {
     channels: usize,
     degree: usize,
-    /// Mean magnitudes of the last two degrees; the header's guess for a missing degree.
+    /// Mean magnitudes of the last two degrees. For a degree that doesn't exist, it is the header's guess.
     means: [u64; 2],
     /// Mean magnitudes of each channel at the previous degree.
     channel_means: Vec<u64>,
@@ -109,7 +109,7 @@ impl Contexts {
     }
 
     /// Returns the six expected magnitudes of the coefficient of order `m` in `channel`, in units of 1/256 of a step.
-    /// `values` holds all coefficients, (K, c), of which only those before this coefficient have been coded.
+    /// `values` holds all coefficients (K, c), of which only those before this coefficient have been coded.
     pub(super) fn expected(&self, values: &[i32], m: isize, channel: usize) -> [u64; ESTIMATES] {
         let (l, k) = (self.degree, m.unsigned_abs());
         let at = |degree: usize, order: isize, channel: usize| {

@@ -1,19 +1,20 @@
 //! Measures the distance between a compressed model and the original.
 //!
-//! For surfaces the distance is the larger of two root mean squares, divided by the scale that makes the bounding box's
-//! volume 1:
+//! For surfaces the distance is the larger of two lengths, divided by the cube root of the bounding box's volume:
 //!
-//! - of the distances from points all over each surface to the nearest point of the other surface, in both directions
-//!   ([`surface_distance`]), regardless of which points correspond;
-//! - of the displacement along the normal over the surface's area, which equals these distances to first order.
+//! - the root mean square distance from points all over each surface to the nearest point of the other surface, in both
+//!   directions ([`surface_distance`]), regardless of which points correspond;
+//! - the root mean square displacement along the normal over the surface's area, which equals these distances to first
+//!   order.
 //!
 //! Both are measured on one icosphere of at least 8 vertices per basis function. Its flat triangles smooth out some of
 //! the error at its vertices: the distances are up to 7 % below the displacements (8 % with 4 vertices per function at
 //! degree 100). If a surface folds, the displacements may be smaller than the distances.
 //!
-//! At degree 100 distances take seconds, and displacements only one synthesis. Therefore the step is searched by
-//! displacements and verified by both. For signals the distance is the root mean square error over the sphere, exact by
-//! Parseval's identity, each channel divided by its standard deviation over the sphere.
+//! At degree 100, computing the distances takes seconds, but computing the displacements takes only one synthesis.
+//! Therefore the step is searched by displacements and verified by both. For signals the distance is the root mean
+//! square error over the sphere, exact by Parseval's identity, each channel divided by its standard deviation over the
+//! sphere.
 
 use std::f64::consts::PI;
 
@@ -28,7 +29,8 @@ use spharm_transform::{Transform, TransformParams};
 
 use super::error::CodecError;
 
-/// Numbers of vertices of the icosphere, and of points on each surface, per basis function.
+/// Number of vertices of the icosphere per basis function. `POINTS_PER_FUNCTION` is the number of points on each
+/// surface per basis function.
 const VERTICES_PER_FUNCTION: usize = 8;
 const POINTS_PER_FUNCTION: usize = 24;
 
@@ -40,7 +42,9 @@ const ACCURACY: f64 = 1e-11;
 
 /// The original model, against which compressed models are measured.
 pub(super) enum Reference<'a> {
+    /// A surface, evaluated on an icosphere.
     Surface(Box<Surface>),
+    /// The coefficients (K, c) of a signal.
     Signal(ArrayView2<'a, f64>),
 }
 
@@ -48,14 +52,14 @@ pub(super) enum Reference<'a> {
 pub(super) struct Surface {
     transform: Transform,
     mesh: Mesh,
-    /// Normal at each vertex, whose length is six times the area that belongs to the vertex.
+    /// Normal at each vertex. The length of the normal is six times the area that belongs to the vertex.
     normals: Vec<[f64; 3]>,
     scale: f64,
     points: usize,
 }
 
 impl<'a> Reference<'a> {
-    /// Prepares the original model, given its coefficients, (K, c).
+    /// Prepares the original model, given its coefficients (K, c).
     pub(super) fn new(coefficients: &'a Coefficients, surface: bool) -> Result<Self, CodecError> {
         if !surface {
             return Ok(Self::Signal(coefficients.values().view()));
@@ -91,8 +95,8 @@ impl<'a> Reference<'a> {
         }
     }
 
-    /// Returns the relative distance between the original and the model with these coefficients, (K, c); infinity for
-    /// a point.
+    /// Returns the relative distance between the original and the model with these coefficients (K, c); infinity if
+    /// this model's surface is a point.
     pub(super) fn distance(&self, coefficients: &Array2<f64>, monitor: &dyn Monitor) -> Result<f64, CodecError> {
         match self {
             Self::Surface(surface) => surface.distance(coefficients, monitor),
@@ -107,12 +111,12 @@ impl<'a> Reference<'a> {
     }
 }
 
-/// Returns the standard deviation of a function over the sphere; the magnitude of a constant function, and 1 for the
-/// zero function.
+/// Returns the standard deviation over the sphere of the function with these coefficients. For a constant function,
+/// returns its magnitude; for the zero function, returns 1.
 fn deviation(column: ArrayView1<'_, f64>) -> f64 {
     let norm = |skip: usize| {
         let values = || column.iter().skip(skip);
-        // Values are scaled to avoid overflow, because their unit is arbitrary.
+        // Values are scaled to avoid overflow, because the model's unit is arbitrary.
         let largest = values().fold(0.0, |largest: f64, value| largest.max(value.abs()));
         let scaled: f64 = values().map(|value| (value / largest).powi(2)).sum();
         if largest > 0.0 { largest * (scaled / (4.0 * PI)).sqrt() } else { 0.0 }

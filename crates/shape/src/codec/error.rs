@@ -6,7 +6,7 @@ use spharm_transform::TransformError;
 
 use crate::error::ShapeError;
 
-/// Errors of compressing and expanding.
+/// Errors of compressing and expanding models.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CodecError {
@@ -114,8 +114,10 @@ pub enum CodecError {
 
 fn beginning(level: &Option<usize>) -> String {
     match level {
-        Some(degree) => format!("the bytes present hold a model of degree {degree}, which is read only on request"),
-        None => "the bytes present hold no model".to_owned(),
+        Some(degree) => {
+            format!("the bytes present contain a complete model of degree {degree}; allow a prefix to read it")
+        }
+        None => "the bytes present don't contain a complete model".to_owned(),
     }
 }
 

@@ -52,9 +52,9 @@ impl Level {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Expanded {
-    /// The model, without a sphere. It has the provenance of the compressed model, if the file contains it, without
-    /// the settings and distances of the fit. The provenance's `transform` ends with an entry `compressed`: the
-    /// version of the format, the number of bytes, and the steps in the model's unit.
+    /// The model, without a sphere. If the file contains the original model's provenance, the model has this
+    /// provenance, without the settings and distances of the fit. The provenance's `transform` ends with an entry
+    /// `compressed`: the version of the format, the number of bytes, and the steps in the model's unit.
     pub model: Model,
     /// Points at which the file may be truncated.
     pub levels: Vec<Level>,
@@ -69,8 +69,10 @@ pub struct Expanded {
 ///
 /// # Errors
 ///
-/// [`Magic`](CodecError::Magic), [`Version`](CodecError::Version), [`Damaged`](CodecError::Damaged),
-/// [`CutOff`](CodecError::CutOff).
+/// - [`Magic`](CodecError::Magic) if the bytes aren't a compressed model.
+/// - [`Version`](CodecError::Version) if the version of the format isn't supported.
+/// - [`Damaged`](CodecError::Damaged) if the bytes violate the format, or a checksum differs.
+/// - [`CutOff`](CodecError::CutOff) if the file is truncated, unless a prefix is allowed and contains a complete level.
 pub fn expand(bytes: &[u8], params: &ExpandParams) -> Result<Expanded, CodecError> {
     let Parsed { head, length } = Head::read(bytes)?;
     let levels = Level::all(&head, length);
@@ -95,7 +97,7 @@ pub fn expand(bytes: &[u8], params: &ExpandParams) -> Result<Expanded, CodecErro
     Ok(Expanded { model, levels, bytes: level.bytes })
 }
 
-/// Verifies the segments of the stream against their checksums.
+/// Verifies the checksums of the complete segments, and returns the stream.
 fn checked<'a>(head: &Head, stream: &'a [u8]) -> Result<&'a [u8], CodecError> {
     let mut rest = stream;
     for segment in &head.segments {

@@ -32,8 +32,8 @@ fn squash(logarithm: i64) -> i64 {
     (LOGISTIC[knot] * (128 - part) + LOGISTIC[knot + 1] * part) >> 7
 }
 
-/// Returns the inverse of `squash`: for each value of a probability's upper 12 bits, the smallest logarithm whose
-/// probability is at least the midpoint of the interval with these upper bits.
+/// Returns a table of the inverse of `squash`. For each value of a probability's upper 12 bits, it has the smallest
+/// logarithm whose probability is at least the midpoint of the probabilities with these upper bits.
 fn stretches() -> Vec<i16> {
     let mut logarithm = -FARTHEST;
     let entry = |i: i64| {
@@ -85,7 +85,7 @@ impl Weights {
     }
 }
 
-/// Mixer of a decision's estimates, which keeps their logarithms for the update of the weights.
+/// Mixer of the estimates of a decision, which keeps the estimates' logarithms for the update of the weights.
 pub(super) struct Mixer {
     stretches: Vec<i16>,
     logarithms: [i64; ESTIMATES],

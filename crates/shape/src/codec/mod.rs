@@ -6,7 +6,7 @@
 //!
 //! *Loss*: the step limits the precision. The sphere is lost, and with it the number, the triangles and the order of
 //! the vertices that the model was fitted to. An expanded model can be evaluated on any sphere. The error is measured
-//! by the distance between the surfaces; a point may move along the surface about as far as away from it.
+//! by the distance between the surfaces; a point may also move along the surface, by about the same length.
 //!
 //! *Cost*: coding or decoding a coefficient takes about 200 ns on one core, and 4 bytes of memory in addition to the
 //! model. Finding the step for a tolerance takes 4 to 8 evaluations of the distance between two surfaces of `4 (L+1)^2`
@@ -19,7 +19,7 @@
 //! | [`compress`], [`expand`] | conversion of models to bytes and back |
 //! | [`CodecError`] | the error type |
 //! | `quantizer` | quantisation: integer multiples of the step |
-//! | `distance`, `search` | error of a compressed model, and search of the step for a target |
+//! | `distance`, `search` | error of a compressed model, and search for the step that meets a target |
 //! | `contexts`, `mixing`, `arithmetic`, `stream` | expected magnitudes, probabilities, coder, coded stream |
 //! | `container` | the file format |
 //!

@@ -18,7 +18,7 @@ use super::stream::LARGEST;
 /// Offset added to a magnitude before it is rounded down.
 const ROUNDING: f64 = 0.38;
 
-/// Largest multiple at degree 0; f64 doesn't represent all integers above it.
+/// Largest multiple at degree 0; f64 can't represent all integers above this value.
 const MOST_AT_DEGREE_0: f64 = (1u64 << 53) as f64;
 
 /// Quantised coefficients.
@@ -30,12 +30,12 @@ pub(super) struct Quantised {
     pub(super) first: Vec<i64>,
     /// Reductions of the reconstructed values, in 256ths of a step: for magnitude 1, and for magnitudes of 2 and more.
     pub(super) shifts: [i8; 2],
-    /// Multiples of the step in all rows, (K, c); zeros in the row of degree 0.
+    /// Multiples of the step for all coefficients (K, c); the row of degree 0 is zero.
     pub(super) values: Vec<i32>,
 }
 
 impl Quantised {
-    /// Quantises finite coefficients, (K, c), with one step per channel or a single step for all.
+    /// Quantises finite coefficients (K, c) with one step per channel, or a single step for all channels.
     pub(super) fn new(coefficients: ArrayView2<'_, f64>, steps: Vec<f64>) -> Result<Self, CodecError> {
         let channels = coefficients.ncols();
         let step = |channel: usize| steps[channel % steps.len()];
@@ -73,7 +73,7 @@ impl Quantised {
         last.map_or(0, |last| (last / self.first.len()).isqrt())
     }
 
-    /// Returns the reconstructed coefficients, (K, c).
+    /// Returns the reconstructed coefficients (K, c).
     pub(super) fn coefficients(&self) -> Array2<f64> {
         let channels = self.first.len();
         let step = |channel: usize| self.steps[channel % self.steps.len()];

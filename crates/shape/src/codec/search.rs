@@ -13,9 +13,9 @@ pub(super) struct Trial<T> {
     pub(super) result: T,
 }
 
-/// Returns the best acceptable one of the steps tried: the coarsest if the excess grows with the step (`rising`),
-/// otherwise the finest. Returns `None` if no acceptable step is found within the allowed range of steps and number
-/// of trials.
+/// Returns the result of the best acceptable step among those tried: the coarsest one if the excess grows with the step
+/// (`rising`), otherwise the finest one. Returns `None` if no acceptable step is found within the allowed range of
+/// steps and number of trials.
 ///
 /// The excess is a function of ln(step). Its zero between an acceptable step and an unacceptable one is found by regula
 /// falsi with the Illinois rule. The search stops once the excess is at most `near` below the limit, or the two steps
@@ -39,8 +39,8 @@ pub(super) fn search<T>(
         }
         let Trial { excess, result } = trial(at.exp())?;
         if excess <= 0.0 {
-            // Of two acceptable steps the one closer to the unacceptable steps is better. The steps are compared
-            // instead of the excess, because the excess may fluctuate slightly.
+            // Of two acceptable steps, the one closer to the unacceptable steps is better. Steps are compared, not
+            // excesses, because the excess may fluctuate slightly.
             if best.as_ref().is_none_or(|(other, _)| (at - other) * downhill < 0.0) {
                 best = Some((at, result));
             }

@@ -1,8 +1,9 @@
 //! Codes coefficients as a stream of decisions; the same code writes and reads.
 //!
-//! Degrees are in order, from 1 on; within a degree the orders 0, 1, -1, 2, -2, ...; within an order the channels. A
-//! magnitude is divided by 2^s, with s chosen so that the expected quotient is at most 6. The quotient is coded in
-//! unary, each decision with the mixed probability of its contexts; the remainder and the sign are coded as raw bits.
+//! Degrees are coded in ascending order from 1, the orders of a degree as 0, 1, -1, 2, -2, ..., and the channels of an
+//! order one after another. A magnitude is divided by 2^s, with s chosen so that the expected quotient is at most 6.
+//! The quotient is coded in unary, each decision with the mixed probability of its contexts; the remainder and the sign
+//! are coded as raw bits.
 
 use spharm_harmonics::index::column;
 
@@ -10,15 +11,15 @@ use super::arithmetic::{Decisions, Ended};
 use super::contexts::{CLASSES, Contexts, UNIT, bound, class};
 use super::mixing::{ESTIMATES, Estimate, Mixer, Weights};
 
-/// Maximum number of unary decisions per quotient, each with its own probability. The rest of a larger quotient is an
-/// Exp-Golomb code.
+/// Maximum number of unary decisions per quotient, each with its own probability. The rest of a larger quotient is
+/// coded in Exp-Golomb form.
 const UNARY: usize = 20;
 
-/// Number of kinds in an estimate's context, which combines a class with a kind: the region of the order, or the
-/// channel.
+/// Number of kinds. The context of an estimate combines the class of the expected magnitude with a kind, which is the
+/// region of the order, the channel modulo this number, or always 0.
 const KINDS: usize = 4;
 
-/// Number of size classes of quotients, each with its own weights: s is 0, 1, or more.
+/// Number of classes of the shift s, each with its own mixing weights: 0, 1, and 2 or more.
 const SIZES: usize = 3;
 
 /// The largest magnitude of a quantised coefficient.
@@ -31,7 +32,7 @@ pub(super) struct Stream {
     contexts: Contexts,
     /// Adaptive estimates, indexed by (estimate, class, kind, decision).
     estimates: Vec<Estimate>,
-    /// Mixing weights, indexed by (decision, size).
+    /// Mixing weights, indexed by (decision, class of the shift).
     weights: Vec<Weights>,
     mixer: Mixer,
 }
@@ -59,7 +60,7 @@ impl Stream {
         }
     }
 
-    /// Writes or reads the next degree. `values` holds the coefficients up to this degree, (K, c): the input of a
+    /// Writes or reads the next degree. `values` holds the coefficients (K, c) up to this degree: the input of a
     /// writer, the output of a reader.
     pub(super) fn degree(&mut self, values: &mut [i32], decisions: &mut impl Decisions) -> Result<(), Ended> {
         let l = self.degree;

@@ -4,11 +4,12 @@
 //! phi_i <- exp(t w_i) o phi_i,    w from the gradient by L-BFGS, preconditioned by (l (l + 1))^-1.5
 //! ```
 //!
-//! The step length t starts at 1. It starts below 1 if a direction would otherwise move by more than [`FARTHEST`], or
-//! if the displacements of two neighbours would differ by more than [`STRETCH`] of the neighbours' distance. As long
-//! as displacements differ by less than the distance, the step is one-to-one and can be inverted by a fixed-point
-//! iteration. t is then halved, or set to the minimum of the parabola through the costs, until the objective
-//! satisfies Armijo's rule and no triangle is inverted.
+//! A step length t is allowed if no direction moves by more than [`FARTHEST`] (or [`FIRST`], if L-BFGS has no stored
+//! pairs), and if the displacements of two neighbours differ by at most [`STRETCH`] of the neighbours' distance. t
+//! starts at 1, or at the largest allowed length if that is smaller or L-BFGS has no stored pairs. As long as
+//! displacements differ by less than the distance, the step is one-to-one and can be inverted by a fixed-point
+//! iteration. t is then halved, or set to the minimum of the parabola through the costs, until the objective satisfies
+//! Armijo's rule and no triangle is inverted.
 //!
 //! Cost: typically two evaluations of the group per step.
 
@@ -25,10 +26,10 @@ use crate::groupwise::params::{GroupwiseParams, StageParams};
 use crate::groupwise::report::{Distortion, StageReport};
 use crate::groupwise::state::{Group, State};
 
-/// Largest angle in radians by which a step moves a direction if L-BFGS has no stored pairs, as at the start of a
-/// stage.
+/// Largest angle, in radians, by which a step moves a direction while L-BFGS has no stored pairs, for example at the
+/// start of a stage.
 const FIRST: f64 = 0.03;
-/// Largest angle in radians by which a step moves a direction.
+/// Largest angle, in radians, by which any other step moves a direction.
 const FARTHEST: f64 = 0.15;
 /// Largest difference between the displacements of neighbouring vertices, relative to their distance.
 const STRETCH: f64 = 0.5;
@@ -39,7 +40,8 @@ const TRIALS: usize = 12;
 /// Number of consecutive steps with almost no decrease of the objective after which a stage ends.
 const IDLE: usize = 3;
 
-/// Runs a stage from the directions `at`, and updates the directions and the flows.
+/// Runs a stage that starts from the directions `at`. Updates the directions, and appends the stage's steps to the
+/// flows.
 pub(super) fn descend(
     group: &Group<'_>,
     stage: StageParams,
@@ -90,7 +92,7 @@ pub(super) fn descend(
                     break;
                 }
                 Some(found) => {
-                    // The minimum of the parabola through both costs with the initial slope.
+                    // The step length at the minimum of the parabola through both costs with the initial slope.
                     let parabola = -0.5 * slope * t * t / (found.cost - state.cost - slope * t);
                     t = parabola.clamp(0.1 * t, 0.5 * t);
                 }
@@ -129,7 +131,7 @@ pub(super) fn descend(
     Ok(report)
 }
 
-/// Returns the preconditioner (l (l + 1))^-1.5 for each coefficient; 0 for degree 0.
+/// Returns the preconditioner of each coefficient: `(l (l + 1))^-1.5` for degree l, and 0 for degree 0.
 fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     let of_one: Vec<f64> = (0..basis_size(field_degree))
         .flat_map(|row| {
@@ -141,13 +143,14 @@ fn preconditioner(field_degree: usize, members: usize) -> Vec<f64> {
     of_one.repeat(members)
 }
 
-/// Splits a vector into the potentials of each member, (K, 2) each.
+/// Splits a vector into the potentials (K, 2) of each member.
 fn split(all: &[f64], field_degree: usize) -> Vec<Array2<f64>> {
     let rows = basis_size(field_degree);
     all.chunks_exact(2 * rows).map(|of_one| Array2::from_shape_fn((rows, 2), |(k, c)| of_one[2 * k + c])).collect()
 }
 
-/// Returns the largest allowed step length t; at most 1 unless `to_the_full`.
+/// Returns the largest allowed step length t, limited to 1 unless `to_the_full` is true. `most` is the largest angle by
+/// which a direction may move.
 fn cap(group: &Group<'_>, state: &State, fields: &[Vec<Vec3>], most: f64, to_the_full: bool) -> f64 {
     let (mut farthest, mut stretch) = (0.0_f64, 0.0_f64);
     for (at, field) in state.at.iter().zip(fields) {

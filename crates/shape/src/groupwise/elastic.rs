@@ -7,8 +7,8 @@
 //! ```
 //!
 //! share_T is the triangle's fraction of the sphere's area. a_T is six times the volume between the triangle and the
-//! origin. It is positive exactly if the triangle is counter-clockwise seen from outside, so the logarithm becomes
-//! infinite before a triangle is inverted. The square of the logarithm weighs shrinking and stretching equally;
+//! origin. It is positive if and only if the triangle is counter-clockwise seen from outside, so the logarithm becomes
+//! infinite before a triangle is inverted. The square of the logarithm gives shrinking and stretching equal weight;
 //! beyond a factor of `exp(FREE)` a barrier is added. The energy is the mean of two energies, weighted by the
 //! triangles' areas before and after the map. If it were weighted by the areas before the map alone, a few triangles
 //! could stretch over a whole anatomical process of a member at almost no cost, and the member's model would lose the
@@ -26,7 +26,7 @@ const BARRIER: f64 = 20.0;
 /// Triangles of the sphere, with their areas before deformation.
 pub(super) struct Elastic<'a> {
     faces: &'a [[u32; 3]],
-    /// Values a_T of the triangles on the undeformed sphere.
+    /// Value of a_T for each triangle on the undeformed sphere.
     rest: Vec<f64>,
     /// Fraction of the sphere's area in each triangle.
     shares: Vec<f64>,
@@ -68,7 +68,7 @@ impl<'a> Elastic<'a> {
         })
     }
 
-    /// Returns pairs of neighbouring vertices; an edge of two triangles occurs twice.
+    /// Returns pairs of neighbouring vertices; an edge shared by two triangles occurs twice.
     pub(super) fn edges(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
         self.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
     }
@@ -79,8 +79,8 @@ impl<'a> Elastic<'a> {
     }
 }
 
-/// Returns the energy per area before the map, given the logarithm of the change of area, and the derivative of this
-/// energy.
+/// Returns the energy per unit of area before the map, and its derivative with respect to s, the logarithm of the
+/// change of area.
 fn density(s: f64) -> (f64, f64) {
     let (over, stretched) = ((s.abs() - FREE).max(0.0), s.exp());
     let (value, slope) = (s * s + BARRIER * over * over, 2.0 * (s + BARRIER * over.copysign(s)));

@@ -1,7 +1,6 @@
 //! Computes tangent fields of the sphere from harmonic potentials, the adjoint of this map, and steps along fields.
 //!
-//! A field with the potentials A and B, which are sums of harmonics of degrees 1 to D, is the sum of a gradient and a
-//! curl,
+//! The potentials A and B are sums of harmonics of degrees 1 to D. Their field is the sum of a gradient and a curl,
 //!
 //! ```text
 //! w = grad A + u x grad B = -u x L A + L B,    L f = u x grad f
@@ -27,15 +26,15 @@ use crate::derivatives::{generators, rotational_derivatives};
 use crate::error::ShapeError;
 use crate::geometry::side_by_side;
 
-/// Returns the field of the potentials (A, B), (K, 2), at the directions `at`. `transform` must be planned for these
-/// directions and for the potentials' degree.
+/// Returns the field at the directions `at`. The columns of `potentials` (K, 2) are the coefficients of A and B.
+/// `transform` must be planned for these directions and for the potentials' degree.
 pub(super) fn field(potentials: &Array2<f64>, at: &[Vec3], transform: &Transform) -> Result<Vec<Vec3>, ShapeError> {
     let samples = transform.synthesis(side_by_side(&rotational_derivatives(potentials.view())?).view())?;
     let rows = samples.rows().into_iter().zip(at);
     Ok(rows.map(|(row, &u)| add(cross([row[0], row[2], row[4]], u), [row[1], row[3], row[5]])).collect())
 }
 
-/// Returns the derivatives of `sum_u covectors . field` with respect to the potentials, (K, 2).
+/// Returns the derivatives (K, 2) of `sum_u covectors . field` with respect to the potentials.
 pub(super) fn adjoint(covectors: &[Vec3], at: &[Vec3], transform: &Transform) -> Result<Array2<f64>, ShapeError> {
     let mut samples = Array2::zeros((at.len(), 6));
     for ((mut row, &g), &u) in samples.rows_mut().into_iter().zip(covectors).zip(at) {
@@ -53,7 +52,7 @@ pub(super) fn adjoint(covectors: &[Vec3], at: &[Vec3], transform: &Transform) ->
     Ok(found)
 }
 
-/// Returns the directions `at` after the exponential map `exp(t w)` of the field w.
+/// Moves the directions `at` by the exponential map `exp(t w)` of the field w.
 pub(super) fn step(at: &[Vec3], field: &[Vec3], t: f64) -> Vec<Vec3> {
     let along = |(&u, &w): (&Vec3, &Vec3)| {
         let w = scale(w, t);

@@ -5,11 +5,12 @@
 //! ```
 //!
 //! A step is one-to-one if the displacements `d(u) = exp(w)(u) - u` of any two directions differ by less than the
-//! distance between the directions. The descent keeps the difference below half of that distance. The inverse of a
-//! step at p is then the limit of the iteration `q <- p - d(q)`, projected to the sphere, each of which halves the
+//! distance between the directions. The descent keeps the difference below half of that distance. The inverse of a step
+//! at p is then the limit of the iteration `q <- p - d(q)`, projected to the sphere. Each iteration at least halves the
 //! error.
 //!
-//! Cost: one synthesis of six functions per step; for the inverse about twenty per step, for an error of 1e-11.
+//! Cost: one synthesis of six functions per step. The inverse takes about twenty per step, until directions change by
+//! less than 1e-11.
 
 use ndarray::Array2;
 use spharm_harmonics::Directions;
@@ -22,7 +23,7 @@ use crate::groupwise::field::{field, step};
 
 /// Accuracy of the evaluated fields.
 const ACCURACY: f64 = 1e-12;
-/// Change of directions, in radians, at which an inverse has converged.
+/// Change of directions per iteration, in radians, below which an inverse has converged.
 const FOUND: f64 = 1e-11;
 /// Maximum number of iterations of an inverse.
 const ROUNDS: usize = 60;
@@ -34,13 +35,13 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// Creates a flow from its steps, in the order of application. Each step holds the canonical coefficients of two
-    /// potentials, of the gradient and of the curl, (K, 2), in radians.
+    /// Creates a flow from its steps, in the order of application. Each step holds the canonical coefficients (K, 2) of
+    /// two potentials, in radians: the first for the gradient, the second for the curl.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Harmonics`]: K isn't `(D + 1)^2`; [`ShapeError::Differ`]: the number of columns isn't two;
-    /// [`ShapeError::NotFiniteValue`].
+    /// [`ShapeError::Harmonics`] if K isn't `(D + 1)^2` for any D; [`ShapeError::Differ`] if the number of columns
+    /// isn't two; [`ShapeError::NotFiniteValue`] if a coefficient is NaN or infinite.
     pub fn from_steps(steps: Vec<Array2<f64>>) -> Result<Self, ShapeError> {
         for step in &steps {
             let (rows, columns) = step.dim();
@@ -67,13 +68,14 @@ impl Flow {
         self.steps.push(step);
     }
 
-    /// Returns the images of unit vectors, (n, 3).
+    /// Returns the images (n, 3) of unit vectors (n, 3) under the flow.
     ///
     /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Harmonics`]: there are no vectors, or a vector's length isn't 1; [`ShapeError::Transform`].
+    /// [`ShapeError::Harmonics`] if there are no vectors, or a vector's length isn't 1; [`ShapeError::Transform`] if a
+    /// field can't be evaluated.
     pub fn apply(&self, directions: &[Vec3]) -> Result<Vec<Vec3>, ShapeError> {
         let mut at = Directions::from_unit_vectors(directions.to_vec())?.as_slice().to_vec();
         for potentials in &self.steps {
@@ -82,7 +84,7 @@ impl Flow {
         Ok(at)
     }
 
-    /// Returns the preimages of unit vectors, (n, 3), with an error of about 1e-10.
+    /// Returns the preimages (n, 3) of unit vectors (n, 3) under the flow, with an error of about 1e-10.
     ///
     /// # Errors
     ///

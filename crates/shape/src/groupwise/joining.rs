@@ -25,16 +25,16 @@ pub struct FinishedGroup {
     mask: Vec<f64>,
     params: GroupwiseParams,
     stages: Vec<(StageParams, Reference)>,
-    /// Factor by which unit normals are multiplied, in the members' unit.
+    /// Length by which unit normals are multiplied, in the members' unit.
     length: f64,
     /// Number of rows of the members' coefficients.
     rows: usize,
 }
 
 impl FinishedGroup {
-    /// Prepares a group. `members` are canonical coefficients of the refined members, (K, 3) each. The other
-    /// arguments must be those with which [`groupwise`](super::groupwise()) refined the group. Uses 48 bytes per
-    /// direction, member and stage.
+    /// Prepares a group. `members` are the canonical coefficients (K, 3) of each refined member. The other arguments
+    /// must be the same as when [`groupwise`](super::groupwise()) refined the group. Uses 48 bytes per direction,
+    /// member and stage.
     ///
     /// # Errors
     ///
@@ -73,8 +73,9 @@ impl FinishedGroup {
         Ok(Self { sphere, mask, params, stages, length, rows })
     }
 
-    /// Finds the flow that brings a new member, (K, 3), into correspondence with the group. The flow minimises a cost
-    /// that grows with the member's Mahalanobis distance from the group, plus the elastic energy.
+    /// Finds the flow that brings a new member into correspondence with the group, given the member's coefficients
+    /// (K, 3). The flow minimises a cost that grows with the member's Mahalanobis distance from the group, plus the
+    /// elastic energy.
     ///
     /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
     ///

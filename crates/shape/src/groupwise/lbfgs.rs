@@ -12,17 +12,18 @@
 
 use std::collections::VecDeque;
 
-/// Maximum number of pairs of a step and a change of the gradient.
+/// Maximum number of stored pairs of a step and a change of the gradient.
 const PAIRS: usize = 12;
 
-/// Preconditioner, and pairs of steps and changes of the gradient, with their inner products.
+/// State of the method: the preconditioner, and triples of a step, the change of the gradient, and the inner product of
+/// both.
 pub(super) struct Lbfgs {
     preconditioner: Vec<f64>,
     pairs: VecDeque<(Vec<f64>, Vec<f64>, f64)>,
 }
 
 impl Lbfgs {
-    /// Creates a method with the diagonal of the initial inverse Hessian, up to scale, and without pairs.
+    /// Creates a method without pairs. `preconditioner` is the diagonal of the initial inverse Hessian, up to a factor.
     pub(super) fn new(preconditioner: Vec<f64>) -> Self {
         Self { preconditioner, pairs: VecDeque::new() }
     }

@@ -3,8 +3,9 @@
 //! Covectors g_c of the values of channels f_c at a direction p give the tangent vector `sum_c g_c grad f_c`. With
 //! `L f = p x grad f`, this vector is `-p x h` for `h = sum_c g_c L f_c`.
 //!
-//! The unit normals of the surface are channels too. They are projected onto harmonics by a Gauss-Legendre grid. So
-//! their derivatives need no second derivatives of the surface, and stages of low degree use normals of low degree.
+//! The unit normals of the surface are channels too. They are projected onto harmonics by quadrature on a
+//! Gauss-Legendre grid. So the derivatives of normals need no second derivatives of the surface, and stages of low
+//! degree use normals of low degree.
 //!
 //! Cost: a synthesis of C functions for the values, and a synthesis of 3C functions for the contraction with covectors.
 
@@ -25,7 +26,7 @@ const ACCURACY: f64 = 1e-8;
 /// Number of channels that a transform processes together, with shared kernels.
 const TOGETHER: usize = 6;
 
-/// Returns the coefficients of the unit normals, (K, 3), up to the degree of the surface, and the surface's area.
+/// Returns the coefficients (K, 3) of the unit normals up to the degree of the surface, and the surface's area.
 pub(super) fn normals(surface: &Coefficients, monitor: &dyn Monitor) -> Result<(Array2<f64>, f64), ShapeError> {
     let degree = surface.max_degree();
     let grid = Grid::new(2 * degree + 2);
@@ -51,26 +52,26 @@ pub(super) fn normals(surface: &Coefficients, monitor: &dyn Monitor) -> Result<(
 
 /// Channels of a member, truncated to the degree of a stage.
 pub(super) struct Member {
-    /// Coefficients of the channels f, (K, C).
+    /// Coefficients (K, C) of the channels f.
     values: Array2<f64>,
-    /// Coefficients of `L_x f`, `L_y f` and `L_z f` side by side, (K, 3 C).
+    /// Coefficients (K, 3 C) of `L_x f`, `L_y f` and `L_z f`, side by side.
     derivatives: Array2<f64>,
 }
 
 impl Member {
-    /// Creates a member from the coefficients of all channels, (K, C), truncated to `max_degree`.
+    /// Creates a member from the coefficients (K, C) of all channels, truncated to `max_degree`.
     pub(super) fn new(channels: ArrayView2<'_, f64>, max_degree: usize) -> Result<Self, ShapeError> {
         let values = channels.slice(s![..basis_size(max_degree).min(channels.nrows()), ..]).to_owned();
         let derivatives = side_by_side(&rotational_derivatives(values.view())?);
         Ok(Self { values, derivatives })
     }
 
-    /// Returns the values of all channels at the plan's directions, (n, C).
+    /// Returns the values (n, C) of all channels at the plan's directions.
     pub(super) fn values(&self, plan: &Plan) -> Result<Array2<f64>, ShapeError> {
         Ok(plan.surface.synthesis(self.values.view())?)
     }
 
-    /// Returns the tangent vectors `sum_c g_c grad f_c` at the plan's directions, for covectors g, (n, C).
+    /// Returns the tangent vectors `sum_c g_c grad f_c` at the plan's directions, for covectors g (n, C).
     pub(super) fn contract(&self, covectors: &[f64], at: &[Vec3], plan: &Plan) -> Result<Vec<Vec3>, ShapeError> {
         let samples = plan.surface.synthesis(self.derivatives.view())?;
         let channels = self.values.ncols();
@@ -84,7 +85,7 @@ impl Member {
     }
 }
 
-/// Two transforms at the same directions: up to the degree of the surfaces, and up to the degree of the fields.
+/// Two transforms at the same directions, one up to the degree of the surfaces and one up to the degree of the fields.
 pub(super) struct Plan {
     pub(super) surface: Transform,
     pub(super) field: Transform,

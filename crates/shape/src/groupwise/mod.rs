@@ -1,8 +1,8 @@
-//! Refines the correspondence of a group: finds a map of each member's sphere such that the group becomes as compact
-//! as its shapes allow.
+//! Refines the correspondence of a group: finds a map of each member's sphere to itself, such that the group becomes as
+//! compact as its shapes allow.
 //!
-//! Members are surfaces f_i over one sphere, in one pose, registered or not. The refinement finds diffeomorphisms of
-//! the sphere, one per member, that minimise
+//! Members are surfaces f_i over the same sphere and in the same pose; they may or may not be registered. The
+//! refinement finds diffeomorphisms of the sphere, one per member, that minimise
 //!
 //! ```text
 //! sum_k log(lambda_k(G) + delta) + mu sum_i E(phi_i),    x_i(u) = f_i(phi_i(u))
@@ -19,10 +19,10 @@
 //! |---|---|
 //! | `params`, `report` | settings; costs and distortions of each stage |
 //! | [`flow`] | a map of the sphere as a sequence of steps; its application and inverse |
-//! | `field` | tangent fields of potentials, their adjoint, steps along them |
+//! | `field` | tangent fields from potentials, the adjoint of this map, steps along fields |
 //! | `member` | channels, normals and derivatives of one member |
 //! | `objective` | the description length and its derivatives with respect to the values |
-//! | `elastic`, `held` | the cost of stretching the sphere; fixed points |
+//! | `elastic`, `held` | the cost of stretching the sphere; the cost of moving fixed points |
 //! | `together` | alignment of members to their mean within rounds |
 //! | `state` | values, cost and gradient of a group for given maps |
 //! | `reference`, `joining` | a finished group; correspondence of a new member, which leaves the group unchanged |
@@ -79,27 +79,30 @@ const LEAST: usize = 2;
 pub struct Groupwise {
     /// The map of each member: the point of member i that corresponds to direction u is `f_i(flows[i](u))`.
     pub flows: Vec<Flow>,
-    /// Costs, steps and distortion.
+    /// Costs, steps and distortions of the stages.
     pub report: GroupwiseReport,
 }
 
 /// Refines the correspondence of a group; see the [module](self).
 ///
-/// `members` are canonical coefficients, (K, 3 + c) each: positions and c further channels, scaled so that a
-/// difference of 1 in a channel weighs as much as a distance of 1. All members are over one sphere and in one pose.
-/// `sphere` has the triangles and the directions at which members are compared: 2,562 directions suffice up to degree
-/// 15, 10,242 above. `mask`, (n), holds a non-negative weight per direction, 0 to exclude it; without a mask all
-/// weights are 1.
+/// `members` are canonical coefficients (K, 3 + c) of each member: positions and c further channels, scaled so that a
+/// difference of 1 in a channel weighs as much as a distance of 1. All members are over the same sphere and in the same
+/// pose. `sphere` has the triangles and the directions at which members are compared: 2,562 directions suffice up to
+/// degree 15, 10,242 above. `mask` (n) holds a non-negative weight for each direction; a weight of 0 excludes the
+/// direction. Without a mask all weights are 1.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`] below two; [`ShapeError::Differ`] if a member's array shape differs from the first
-/// member's, or the mask's length from the number of directions; [`ShapeError::Member`] with the error of one member:
-/// the errors of [`extent`], or no area outside the masked directions; [`ShapeError::Setting`] for settings out of
-/// range, a sphere without triangles or with clockwise ones, or a mask below 0; [`ShapeError::NotFiniteValue`];
-/// [`ShapeError::Interrupted`].
+/// - [`ShapeError::TooFewMembers`] if there are fewer than two members.
+/// - [`ShapeError::Differ`] if the mask's length isn't the number of directions.
+/// - [`ShapeError::Member`] with the index and the error of a member, if its array shape differs from the first
+///   member's, it has fewer than three columns, a coefficient isn't finite, [`extent`] fails, or it has no area where
+///   the mask is above 0.
+/// - [`ShapeError::Setting`] if a setting is out of its range, the sphere has no triangles or clockwise ones, or a
+///   weight of the mask is negative or not finite.
+/// - [`ShapeError::Interrupted`] if the monitor cancels the refinement.
 pub fn groupwise(
     members: &[ArrayView2<'_, f64>],
     sphere: &Sphere,
@@ -118,7 +121,8 @@ pub fn groupwise(
         if params.normals > 0.0 { vec![0, width - 3] } else { vec![0] }
     });
     if let Some(place) = params.held.iter().find(|place| !place.is_within(directions.len())) {
-        let (found, expected) = (format!("{:?}", place.corners), "its corners must be directions of the sphere");
+        let found = format!("{:?}", place.corners);
+        let expected = "its corners must be indices of the sphere's directions";
         return Err(ShapeError::Setting { name: "the triangle of a fixed point", found, expected });
     }
     let stages = params.stages.clone().unwrap_or_else(|| StageParams::up_to(max_degree));
@@ -153,7 +157,7 @@ pub fn groupwise(
     Ok(Groupwise { flows, report })
 }
 
-/// Rejects invalid input, and returns the degree of the members.
+/// Rejects invalid input, and returns the highest degree of the members.
 fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>) -> Result<usize, ShapeError> {
     let Some(first) = members.first().filter(|_| members.len() >= LEAST) else {
         return Err(ShapeError::TooFewMembers { found: members.len(), least: LEAST });
@@ -181,9 +185,12 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     let turned = |face: &&[u32; 3]| orientation(face.map(|v| directions[v as usize])) <= 0.0;
     let found = sphere.faces.iter().filter(turned).count();
     if sphere.faces.is_empty() || found > 0 {
-        let found = if found > 0 { format!("{found} clockwise triangles") } else { "none".to_owned() };
-        let expected = "all triangles must be counter-clockwise, seen from outside";
-        return Err(ShapeError::Setting { name: "the triangles of the sphere", found, expected });
+        let (name, found) = match found {
+            0 => ("the list of the sphere's triangles", "empty".to_owned()),
+            found => ("the number of clockwise triangles of the sphere", found.to_string()),
+        };
+        let expected = "there must be triangles, all counter-clockwise when seen from outside";
+        return Err(ShapeError::Setting { name, found, expected });
     }
     if let Some(mask) = mask {
         if mask.len() != directions.len() {
@@ -198,9 +205,8 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
     Ok(max_degree_of(first.nrows()).unwrap_or(0))
 }
 
-/// Returns the members' channels followed by the channels of the normals, which are multiplied by a length; also
-/// returns the length. The length is `length` if given, otherwise the normals' weight times the square root of the
-/// members' mean area.
+/// Returns the members' channels, followed by the channels of the unit normals multiplied by a length, and the length.
+/// The length is `length` if given, otherwise the normals' weight times the square root of the members' mean area.
 fn with_normals(
     members: &[ArrayView2<'_, f64>],
     weight: f64,

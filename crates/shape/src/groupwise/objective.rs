@@ -3,20 +3,19 @@
 //! For N members with C channels at n directions, `x_i(u)`, m(u) their mean and w(u) weights that sum to 1,
 //!
 //! ```text
-//! G_ij = 1/N sum_u w(u) (x_i - m) . (x_j - m),    C = sum_k log(lambda_k(G) + delta) = log det(G + delta 1)
+//! G_ij = 1/N sum_u w(u) (x_i - m) . (x_j - m),    J = sum_k log(lambda_k(G) + delta) = log det(G + delta 1)
 //! w(u) = mask(u) / N sum_i a_i(u) / A_i,    A_i = sum_u mask(u) a_i(u)
 //! ```
 //!
-//! where a_i(u) is a third of the area of the triangles of surface i around u (R. H. Davies et al., "A minimum
+//! where a_i(u) is a third of the total area of the triangles around u on surface i (R. H. Davies et al., "A minimum
 //! description length approach to statistical shape modeling", IEEE Trans. Med. Imaging 21, 2002; J. Cates et al.,
 //! "Shape modeling and analysis with entropy-based particle systems", IPMI 2007). Because weights follow the members'
-//! areas, C depends on the surfaces but not on the density of directions, and doesn't change if all members are
-//! reparameterised in the same way. The weights are differentiated as well: with fixed weights, a descent would
-//! gather directions in regions in which members agree, which doesn't decrease C. With `B = (G + delta 1)^-1` and y =
-//! x - m,
+//! areas, J depends on the surfaces but not on the density of directions, and doesn't change if all members are
+//! reparameterised in the same way. The weights are differentiated as well: with fixed weights, a descent would gather
+//! directions in regions in which members agree, which doesn't decrease J. With `B = (G + delta 1)^-1` and y = x - m,
 //!
 //! ```text
-//! q(u) = dC/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dC/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i
+//! q(u) = dJ/dw(u) = 1/N sum_ij B_ij y_i . y_j,    dJ/dx_i = 2/N w sum_j B_ij y_j + sum_u q(u) dw(u)/dx_i
 //! ```
 //!
 //! (The first term sums to 0 over the members, so the derivative of the mean contributes nothing.)
@@ -30,38 +29,38 @@ use spharm_surface::geometry::{Vec3, cross, dot, face_normal, scale, sub};
 
 use crate::error::ShapeError;
 
-/// Number of rows of a matrix product per task, independent of the number of threads.
+/// Number of rows of a matrix product that one task computes, independent of the number of threads.
 const ROWS: usize = 32;
 
 /// Minimum of delta, as a fraction of the mean area: the variance of deviations of 1e-8 times the area's square root.
 const ROUNDING: f64 = 1e-16;
 
-/// Objective of the group's alignment: the triangles and weights, which a descent doesn't change.
+/// Inputs of the objective that a descent doesn't change: triangles and weights.
 pub(super) struct Objective<'a> {
     /// Triangles of the sphere.
     pub(super) faces: &'a [[u32; 3]],
-    /// Weight of each direction, non-negative.
+    /// Non-negative weight of each direction (n).
     pub(super) mask: &'a [f64],
 }
 
-/// Covariance of the group at one state of its maps, with the data for its derivatives.
+/// Covariance of the group for given maps, with the data from which its derivatives are computed.
 pub(super) struct Covariance {
-    /// The members' values minus their mean, y, (N, n C).
+    /// The members' values minus the mean, y (N, n C).
     pub(super) centred: Array2<f64>,
-    /// Mean of the members' values, m, (n C).
+    /// Mean of the members' values, m (n C).
     pub(super) mean: Vec<f64>,
-    /// Weights of the directions, w, (n).
+    /// Weights of the directions, w (n).
     pub(super) weights: Vec<f64>,
-    /// Area a_i(u) of member i at direction u, (N, n).
+    /// Area a_i(u) of each member i at each direction u (N, n).
     areas: Array2<f64>,
-    /// Masked area A_i of each member, (N).
+    /// Masked area A_i of each member (N).
     totals: Vec<f64>,
-    /// Covariance of the members, G, (N, N).
+    /// Covariance of the members, G (N, N).
     pub(super) gram: Array2<f64>,
 }
 
 impl Objective<'_> {
-    /// Computes the covariance of members' values, (N, n C), whose first three channels are positions.
+    /// Computes the covariance of the members' values (N, n C), whose first three channels are positions.
     pub(super) fn covariance(&self, mut values: Array2<f64>) -> Result<Covariance, ShapeError> {
         let (members, directions) = (values.nrows(), self.mask.len());
         let mut areas = Array2::zeros((members, directions));
@@ -78,7 +77,7 @@ impl Objective<'_> {
             })
             .collect();
         if let Some(index) = totals.iter().position(|total| !(*total > 0.0 && total.is_finite())) {
-            let source = Box::new(ShapeError::NoExtent { found: "without area", rank: 0 });
+            let source = Box::new(ShapeError::NoArea);
             return Err(ShapeError::Member { index, source });
         }
         let mut weights = vec![0.0; directions];
@@ -106,12 +105,13 @@ impl Objective<'_> {
         Ok(Covariance { centred: values, mean, weights, areas, totals, gram })
     }
 
-    /// Returns the derivatives dC/dx_i of the description length, (N, n C), for `B = (G + delta 1)^-1`.
+    /// Returns the derivatives dJ/dx_i (N, n C) of the description length, given `inverse`, the matrix
+    /// `B = (G + delta 1)^-1`.
     pub(super) fn covectors(&self, of: &Covariance, inverse: &Array2<f64>) -> Array2<f64> {
         let (members, directions) = (of.centred.nrows(), self.mask.len());
         let channels = of.mean.len() / directions;
         let mut found = product(inverse, &of.centred, false);
-        // The derivatives q(u) = dC/dw(u), multiplied by the mask.
+        // The derivatives q(u) = dJ/dw(u), multiplied by the mask.
         let mut slopes = vec![0.0; directions];
         for (row, centred) in found.rows().into_iter().zip(of.centred.rows()) {
             let (row, centred) = (row.as_slice().unwrap_or_default(), centred.as_slice().unwrap_or_default());
@@ -140,7 +140,8 @@ impl Objective<'_> {
                 if double == 0.0 {
                     continue;
                 }
-                // The derivative of a triangle's area by its corner a is n x (c - b) / 2, with n the unit normal.
+                // The derivative of a triangle's area with respect to its corner a is n x (c - b) / 2, with the unit
+                // normal n.
                 let n = scale(normal, slope / (6.0 * members as f64 * total * double));
                 for (v, along) in face.iter().zip([sub(c, b), sub(a, c), sub(b, a)]) {
                     let g = &mut row[*v as usize * channels..][..3];
@@ -166,7 +167,7 @@ impl Covariance {
         (share * self.total()).max(ROUNDING * area)
     }
 
-    /// Returns the description length C, and `B = (G + delta 1)^-1`, for a delta above 0.
+    /// Returns the description length J and the matrix `B = (G + delta 1)^-1`, for a delta above 0.
     pub(super) fn description_length(&self, delta: f64) -> Result<(f64, Array2<f64>), ShapeError> {
         let n = self.gram.nrows();
         let matrix = Mat::from_fn(n, n, |i, j| self.gram[[i, j]] + if i == j { delta } else { 0.0 });
@@ -176,13 +177,13 @@ impl Covariance {
     }
 }
 
-/// Returns a function that reads the position at a direction from a row of values.
+/// Returns a function that returns the position at a given direction, from a member's row of values.
 pub(super) fn corners(row: &[f64], directions: usize) -> impl Fn(usize) -> Vec3 {
     let channels = row.len() / directions.max(1);
     move |v| std::array::from_fn(|c| row[v * channels + c])
 }
 
-/// Returns `A B`, or `A B^T`, computed in blocks of rows.
+/// Returns `A B`, or `A B^T` if `transposed` is true, computed in blocks of rows.
 fn product(a: &Array2<f64>, b: &Array2<f64>, transposed: bool) -> Array2<f64> {
     let (depth, columns) = (a.ncols(), if transposed { b.nrows() } else { b.ncols() });
     let mut out = Array2::zeros((a.nrows(), columns));

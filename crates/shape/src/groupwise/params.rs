@@ -40,10 +40,10 @@ impl StageParams {
 pub struct GroupwiseParams {
     /// Stages, coarse to fine; by default [`StageParams::up_to`] the degree of the members.
     pub stages: Option<Vec<StageParams>>,
-    /// Constant added to variances before taking their logarithm, above 0, as a fraction of their sum at the start of
-    /// a stage. A small value gives weight to small modes, which are mostly noise, and a large value ignores them.
-    /// 0.03 by default: for shapes with a moving bump the first mode then has 0.91 of the variance, compared with
-    /// 0.78 for a delta of 0.1, and landmarks of vertebrae are equally close with both values.
+    /// Constant, above 0, that is added to variances before taking the logarithm, as a fraction of the sum of variances
+    /// at the start of a stage. A small value gives weight to small modes, which are mostly noise, and a large value
+    /// ignores them. 0.03 by default: for shapes with a moving bump the first mode then has 0.91 of the variance,
+    /// compared with 0.78 for a delta of 0.1, and landmarks of vertebrae are equally close with both values.
     pub delta: f64,
     /// Weight of the elastic energy, mu, at least 0. 0.4 by default.
     pub elasticity: f64,
@@ -52,15 +52,16 @@ pub struct GroupwiseParams {
     /// default: both smaller and larger values give larger distances for groups of known correspondence and for
     /// landmarks of vertebrae.
     pub normals: f64,
-    /// Fixed points of the sphere, such as landmarks; none by default.
+    /// Points of the sphere to hold fixed, such as landmarks; none by default.
     pub held: Vec<Place>,
-    /// Weight of the squared distances from the fixed points, in radians. 1,000 by default: a distance of 0.1 rad then
-    /// adds 10 to the objective.
+    /// Weight of the squared distances, in radians, between fixed points and their images. 1,000 by default: a distance
+    /// of 0.1 rad then adds 10 to the objective.
     pub hold: f64,
-    /// Whether members are moved rigidly to the mean within rounds, for groups that aren't aligned yet. Off by default.
+    /// Whether members are aligned rigidly to the mean in every round, for groups that aren't aligned yet. Off by
+    /// default.
     pub together: bool,
-    /// Minimum decrease of the objective per member and step: a stage ends after three steps in a row below it. 1e-4
-    /// by default.
+    /// Minimum decrease of the objective per member and step. A stage ends after three consecutive steps with smaller
+    /// decreases. 1e-4 by default.
     pub tolerance: f64,
 }
 

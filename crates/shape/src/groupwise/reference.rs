@@ -6,10 +6,11 @@
 //! M = sum_k <x - m, e_k>^2 / (lambda_k + delta) + (|x - m|^2 - sum_k <x - m, e_k>^2) / delta
 //! ```
 //!
-//! from the group's mean m, with e_k the modes of the N members, of variance lambda_k over the members' mean area (M.
-//! Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61, 1999). The member's
-//! cost is `log(1 + M / N)`: its contribution to the description length `log det(G + delta 1)` if nothing else
-//! changes. So the member's points move as in a refinement together with the group, but the group is unchanged.
+//! from the group's mean m, with e_k the modes of the N members and lambda_k the variances of these modes, over the
+//! members' mean area (M. Tipping and C. Bishop, "Probabilistic principal component analysis", J. R. Stat. Soc. B 61,
+//! 1999). The member's cost is `log(1 + M / N)`: its contribution to the description length `log det(G + delta 1)` if
+//! nothing else changes. So the member's points move as they would if the member were refined together with the group,
+//! but the group is unchanged.
 //!
 //! Cost of a comparison: 4 flops per mode, channel and direction. Memory: one value per mode, channel and direction.
 
@@ -23,26 +24,25 @@ use crate::product::product;
 
 /// Modes with a variance below this fraction of delta are part of the residual term.
 const LEAST: f64 = 0.02;
-/// Maximum number of modes, of which those with the largest variance are kept.
+/// Maximum number of modes. If there are more, those with the largest variance are kept.
 const MODES: usize = 64;
 
-/// A finished group, described at the degree of one stage.
+/// Description of a finished group, truncated to the degree of one stage.
 pub(super) struct Reference {
-    /// Mean of the group, m, (n C).
+    /// Mean of the group, m (n C).
     mean: Vec<f64>,
-    /// Weights of the directions, w, (n).
+    /// Weights of the directions, w (n).
     weights: Vec<f64>,
-    /// Modes e_k, orthonormal under the weights, (modes, n C).
+    /// Modes e_k (modes, n C), orthonormal under the weights.
     modes: Array2<f64>,
-    /// Factors 1 / delta - 1 / (lambda_k + delta) of the squared scores, (modes).
+    /// Factors `1 / delta - 1 / (lambda_k + delta)` of the modes' squared scores.
     gains: Vec<f64>,
     delta: f64,
     members: f64,
 }
 
 impl Reference {
-    /// Computes the reference from the values of all members, (N, n C), with delta as the fraction `share` of their
-    /// variance.
+    /// Computes the reference from the values (N, n C) of all members. Delta is the fraction `share` of the variance.
     pub(super) fn new(values: Array2<f64>, objective: &Objective<'_>, share: f64) -> Result<Self, ShapeError> {
         let covariance = objective.covariance(values)?;
         let (members, delta) = (covariance.gram.nrows(), covariance.delta(share));
@@ -62,8 +62,8 @@ impl Reference {
         Ok(Self { mean, weights, modes, gains, delta, members: members as f64 })
     }
 
-    /// Returns the cost of a member's values, (n C), the derivatives of the cost with respect to the values, and the
-    /// variance of the values about the mean.
+    /// Returns the cost of a member's values (n C), the derivatives (n C) of the cost with respect to the values, and
+    /// the variance of the values about the mean.
     pub(super) fn cost(&self, values: &[f64]) -> (f64, Vec<f64>, f64) {
         let channels = self.mean.len() / self.weights.len();
         let off: Vec<f64> = values.iter().zip(&self.mean).map(|(x, m)| x - m).collect();

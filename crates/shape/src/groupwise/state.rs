@@ -1,4 +1,4 @@
-//! Evaluates a group at one state of its maps: values, cost, and gradient with respect to tangent fields.
+//! Evaluates a group for given maps of its members: values, cost, and gradient with respect to tangent fields.
 //!
 //! ```text
 //! C(phi) = log det(G + delta 1) + sum_i (mu E(phi_i) + H(phi_i))
@@ -25,7 +25,7 @@ use crate::groupwise::reference::Reference;
 use crate::groupwise::together::{Turns, bring_together, turn_channels};
 use crate::matrix3::transposed;
 
-/// Members and settings of a stage.
+/// A group's members and the settings of one stage.
 pub(super) struct Group<'a> {
     pub(super) members: Vec<Member>,
     pub(super) channels: usize,
@@ -36,13 +36,14 @@ pub(super) struct Group<'a> {
     /// Weight of the elastic energy, mu.
     pub(super) elasticity: f64,
     pub(super) held: Held,
-    /// First channel of each triple that rotates with the surface; `None` unless members are aligned within rounds.
+    /// First channel of each triple of channels that rotates with the surface; `None` unless members are aligned within
+    /// rounds.
     pub(super) turning: Option<Vec<usize>>,
     pub(super) max_degree: usize,
     pub(super) field_degree: usize,
 }
 
-/// State of a descent: directions of every member, and the cost.
+/// State of a descent: the mapped directions of every member, and the cost.
 pub(super) struct State {
     pub(super) at: Vec<Vec<Vec3>>,
     pub(super) cost: f64,
@@ -52,15 +53,15 @@ pub(super) struct State {
 
 /// Intermediate results from which the gradient is computed.
 enum Measured {
-    /// All members of a group: their covariance, and the inverse of the covariance plus delta.
+    /// Results for all members of a group: the covariance G, and the inverse of `G + delta 1`.
     Group(Box<Covariance>, Array2<f64>),
-    /// One member: derivatives with respect to its values, and its variance.
+    /// Results for a single member: the derivatives of the cost with respect to the member's values, and its variance.
     Member(Vec<f64>, f64),
 }
 
 impl Group<'_> {
-    /// Evaluates all members at the directions `at`; returns `None` if a triangle is inverted. `delta` returns delta
-    /// for a covariance.
+    /// Evaluates all members at the directions `at`. Returns `None` if a triangle is inverted. `delta` computes the
+    /// constant delta from the covariance.
     pub(super) fn state(
         &self,
         at: Vec<Vec<Vec3>>,
@@ -100,8 +101,8 @@ impl Group<'_> {
         Ok(cost.is_finite().then_some(State { at, cost, measured, turns }))
     }
 
-    /// Returns the derivatives of the cost C with respect to the potentials of fields applied after the maps: (K, 2)
-    /// per member, concatenated.
+    /// Returns the derivatives of the cost C with respect to the potentials of fields that are applied after the maps,
+    /// as concatenated arrays (K, 2), one per member.
     pub(super) fn gradient(&self, state: &State) -> Result<Vec<f64>, ShapeError> {
         let mut covectors = match &state.measured {
             Measured::Group(covariance, inverse) => self.objective.covectors(covariance, inverse),
@@ -128,7 +129,7 @@ impl Group<'_> {
         Ok(found?.concat())
     }
 
-    /// Returns the tangent fields of each member's potentials, (K, 2), at the state's directions.
+    /// Returns the tangent field of each member's potentials (K, 2) at the member's directions.
     pub(super) fn fields(&self, state: &State, potentials: &[Array2<f64>]) -> Result<Vec<Vec<Vec3>>, ShapeError> {
         let pairs = state.at.par_iter().zip(potentials);
         pairs

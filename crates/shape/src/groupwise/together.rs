@@ -1,8 +1,8 @@
 //! Aligns members rigidly to their mean within a round of the refinement.
 //!
 //! Directions are weighted by their area on the mean surface. Rotations are found by Kabsch's method, starting from
-//! each member's pose in the last round. The motions minimise the variance, and so nearly the description length C.
-//! The gradient treats the motions as constant.
+//! each member's pose in the last round. The motions minimise the variance, and so nearly minimise the description
+//! length. The gradient treats the motions as constant.
 
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
@@ -15,12 +15,12 @@ use spharm_surface::kabsch::kabsch;
 /// Rotation of each member in space; empty if members aren't aligned within rounds.
 pub(super) type Turns = Vec<Matrix3>;
 
-/// Number of times that the mean, and then the motions of members to the mean, are computed.
+/// Number of iterations, each of which computes the mean and then moves the members to the mean.
 const ROUNDS: usize = 2;
 
-/// Moves the members' values, (N, n C), to their mean, and returns the members' rotations. `turning` holds the first
-/// channel of each triple of channels that rotates with the surface. The triple from channel 0 is the position, which
-/// is translated as well.
+/// Moves the members' values (N, n C) rigidly to the mean, and returns the members' rotations. `turning` holds the
+/// first channel of each triple of channels that rotates with the surface. The triple that starts at channel 0 is the
+/// position, which is also translated. `last` holds the rotations of the last round.
 pub(super) fn bring_together(
     values: &mut Array2<f64>,
     turning: &[usize],

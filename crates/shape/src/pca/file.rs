@@ -1,8 +1,8 @@
-//! Reads and writes the file of a group's modes, `NAME.shape-model.npz`.
+//! Reads and writes a file with the modes of a group, `NAME.shape-model.npz`.
 //!
 //! | array | type | contents |
 //! |---|---|---|
-//! | `coefficients` | f64 (K, 3) | canonical coefficients of the mean, as in a file of a model of the mean |
+//! | `coefficients` | f64 (K, 3) | canonical coefficients of the mean, as in a model file |
 //! | `modes` | f64 (m, 3 (K - 1)) | modes without row 0, row-major (K - 1, 3), of norm sqrt(4 pi) |
 //! | `variances` | f64 (m, 1) | variance along each mode |
 //! | `scores` | f64 (n, m) | coordinates of the group's members |
@@ -25,14 +25,14 @@ use super::Modes;
 pub struct ShapeModel {
     /// Mean and modes.
     pub modes: Modes,
-    /// Names of the group's members, (n).
+    /// Names of the n members of the group.
     pub members: Vec<String>,
     /// Provenance of the model, as JSON.
     pub provenance: String,
 }
 
 impl ShapeModel {
-    /// Writes the file atomically; replaces an existing file if `overwrite`.
+    /// Writes the file atomically; replaces an existing file if `overwrite` is set.
     ///
     /// # Errors
     ///
@@ -65,8 +65,8 @@ impl ShapeModel {
     ///
     /// # Errors
     ///
-    /// [`ModelError::Open`]; [`ModelError::Invalid`] if an array is missing, its shape doesn't match the others, or a
-    /// value isn't finite.
+    /// [`ModelError::Open`] if the file can't be opened; [`ModelError::Invalid`] if an array is missing, its shape
+    /// doesn't match the others, the convention is unknown, a value isn't finite, or a variance is negative.
     pub fn read(path: &Path) -> Result<Self, ModelError> {
         let mut arrays = Arrays::open(path)?;
         let convention = arrays.text("convention")?;

@@ -1,10 +1,10 @@
-//! Measures how well the modes of a group represent shapes of its kind: generalisation and specificity.
+//! Measures how well the modes of a group represent shapes of the group's kind: generalisation and specificity.
 //!
 //! Both measures refer to the first k modes, for k = 1 to m, and are in the unit of length. *Generalisation* is the
 //! mean distance of a member from its nearest shape in the model of all other members; *specificity* is the mean
 //! distance of a random shape of the model from the nearest member. For both, smaller is better. Members and random
-//! shapes are represented by their coordinates along the modes, which preserve distances. So the cost doesn't depend
-//! on the degree: `n` decompositions of (n, n) matrices for the generalisation, and `samples n m` flops for the
+//! shapes are represented by their coordinates along the modes, which preserve distances. The cost therefore doesn't
+//! depend on the degree: `n` decompositions of (n, n) matrices for the generalisation, and `samples n m` flops for the
 //! specificity.
 
 use ndarray::{Array2, Axis};
@@ -20,15 +20,15 @@ use crate::ShapeError;
 /// Generalisation and specificity of the first k modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
-    /// Mean distance of a member from the model of the other members, (m). Without the member the group has only n -
-    /// 2 modes, so the value for n - 1 modes equals the value for n - 2.
+    /// Mean distance (m) of a member from the model of the other members. Without that member the group has only n - 2
+    /// modes, so the value for n - 1 modes equals the value for n - 2.
     pub generalisation: Vec<f64>,
-    /// Mean distance of a random shape from the nearest member, (m).
+    /// Mean distance (m) of a random shape from the nearest member.
     pub specificity: Vec<f64>,
 }
 
-/// Maximum number of members for which the model of the other members is computed. In a larger group, only every
-/// `n / 200`th member is used.
+/// Maximum number of members that are compared with the model of the other members. In a larger group, only about every
+/// `n / 200`th member is compared.
 const LEFT_OUT: usize = 200;
 const STAGE: Stage = Stage::counted("quality", "members");
 
@@ -37,7 +37,8 @@ const STAGE: Stage = Stage::counted("quality", "members");
 ///
 /// # Errors
 ///
-/// [`ShapeError::NoDecomposition`], [`ShapeError::Interrupted`].
+/// [`ShapeError::NoDecomposition`] if a singular value decomposition doesn't converge; [`ShapeError::Interrupted`] if
+/// the monitor cancels.
 pub fn quality(modes: &Modes, samples: usize, seed: u64, monitor: &dyn Monitor) -> Result<Quality, ShapeError> {
     let (n, m) = modes.scores.dim();
     let step = n.div_ceil(LEFT_OUT);
@@ -102,7 +103,7 @@ fn left_by_others(scores: &Array2<f64>, member: usize) -> Result<Vec<f64>, Shape
 }
 
 /// Returns `count` normally distributed numbers of mean 0 and variance 1, which depend only on the seed and the index
-/// `sample`. The method is that of G. E. P. Box and M. E. Muller (1958).
+/// `sample`, by the method of G. E. P. Box and M. E. Muller (1958).
 pub fn normal(seed: u64, sample: u64, count: usize) -> Vec<f64> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(sample);

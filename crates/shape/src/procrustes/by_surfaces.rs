@@ -5,8 +5,8 @@
 //! requested. Then the Procrustes analysis rotates only the parameters. Surfaces keep their relative positions: the
 //! centre of the mean is the origin, not the centre of each member.
 //!
-//! Sampled points determine poses only to a thousandth of a surface's size, whereas an alignment by both rotations
-//! has no sampling error. The latter is used if it brings the members' distances at equal directions below the
+//! Sampled points determine poses only to a thousandth of a surface's size, whereas an alignment by both rotations has
+//! no sampling error. That alignment is used instead if it brings the members' distances at equal directions below the
 //! distances between their surfaces in the sampled poses. The distance between two surfaces is at most their distance
 //! at equal directions, so the surfaces then fit each other at least as well.
 
@@ -28,8 +28,8 @@ const ROUNDING: f64 = 1e-3;
 /// If the members' distance at equal directions is less than this multiple of the distance between their surfaces,
 /// equal directions may correspond, and an alignment by both rotations is tried.
 const NEAR: f64 = 2.0;
-/// Minimum fraction of members nearer as mirror images for a group to be treated as a mix of two sides. If fewer are
-/// nearer, they are reported singly.
+/// A group is treated as a mix of two sides if at least this fraction of its members is nearer as mirror images. If
+/// there are fewer such members, each is reported individually.
 const SIDES: f64 = 0.25;
 
 /// Aligns a group by its surfaces. A point or a line has no pose, so a group with such a member is aligned by the
@@ -158,7 +158,7 @@ fn mirrored(
     Ok(sides(named, surfaces.len()))
 }
 
-/// Returns a single warning about two sides if many members are mirror images of the others.
+/// Replaces the warnings by a single one about two sides if many members are mirror images of the others.
 fn sides(named: Vec<ProcrustesWarning>, of: usize) -> Vec<ProcrustesWarning> {
     let other: Vec<usize> = named.iter().filter_map(ProcrustesWarning::member).collect();
     if other.len() < 2 || (other.len() as f64) < SIDES * of as f64 {

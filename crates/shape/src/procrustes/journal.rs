@@ -11,9 +11,9 @@
 //! | 48..64 | zero |
 //! | 196 each | record of a pose |
 //!
-//! A record has 24 f64: the rotation of the parameters and the orthogonal matrix of space by rows, distance, stiffness,
-//! 3 singular values, and 1 if directions are replaced by their opposites, otherwise 0. They are followed by the CRC32C
-//! of the header, the record's number and the numbers of the record.
+//! A record has 24 f64 values: the rotation of the parameters and the orthogonal matrix of space by rows, distance,
+//! stiffness, 3 singular values, and 1 if directions are replaced by their opposites, otherwise 0. The values are
+//! followed by the CRC32C of the header, the record's index and the values.
 //!
 //! A run that is interrupted while writing leaves an incomplete record, and a power failure may leave blocks that were
 //! never written: everything after the last valid record is discarded and recomputed.
@@ -42,7 +42,7 @@ pub struct Journal {
     path: PathBuf,
     file: File,
     header: [u8; HEADER],
-    /// Poses of an earlier run that haven't been taken yet, in reverse order.
+    /// Poses from an earlier run that haven't been taken yet, in reverse order.
     found: Vec<Pose>,
     /// Number of poses taken or added so far.
     number: u64,
@@ -55,7 +55,8 @@ impl Journal {
     /// # Errors
     ///
     /// [`ShapeError::OtherJournal`] if the file isn't a journal, or belongs to other members or settings;
-    /// [`ShapeError::JournalInUse`]; [`ShapeError::Journal`] if the file can't be read or written.
+    /// [`ShapeError::JournalInUse`] if another process has the file open; [`ShapeError::Journal`] if the file can't be
+    /// read or written.
     pub fn open(path: &Path, members: &[Coefficients], params: &ProcrustesParams) -> Result<Self, ShapeError> {
         let failed = |cause| ShapeError::Journal { path: path.to_owned(), cause };
         let options = File::options().read(true).write(true).create(true).truncate(false).clone();
@@ -95,7 +96,7 @@ impl Journal {
         Ok(Self { path: path.to_owned(), file, header, found, number: 0 })
     }
 
-    /// Returns the number of remaining poses of an earlier run.
+    /// Returns the number of poses from an earlier run that haven't been used yet.
     #[must_use]
     pub fn found(&self) -> usize {
         self.found.len()
@@ -171,7 +172,7 @@ fn decoded(record: &[u8; RECORD], header: &[u8; HEADER], number: u64) -> Option<
     };
     let (rotation, orthogonal) = (matrix()?, matrix()?);
     // `from_matrix` serves only as validation, because its result is the nearest orthogonal matrix, which may differ
-    // in some bits.
+    // from the stored one in some bits.
     Rotation::from_matrix(rotation).ok()?;
     let (distance, stiffness) = (next()?, next()?);
     let singular_values = [next()?, next()?, next()?];

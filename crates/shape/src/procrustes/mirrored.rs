@@ -27,7 +27,7 @@ use crate::refine::{Space, Target};
 
 /// Minimum number of members for a meaningful spread of x.
 const LEAST: usize = 4;
-/// Minimum absolute value of x, for the members' median and for a mirrored member.
+/// Minimum of the members' median x, and of -x for a mirrored member.
 const CLEAR: f64 = 0.1;
 /// Minimum distance of a mirrored member's x from the median, in units of the spread s.
 const FAR: f64 = 5.0;
@@ -106,9 +106,10 @@ impl Group<'_> {
         Pose { fit, antipodal: now.antipodal }
     }
 
-    /// Searches the alignment of a member f(u). If `mirrored`, searches its two mirror images instead, -f(-u), which
-    /// is oriented outwards, and -f(u), which is inside out, and returns the nearer one. In a group with mirror
-    /// images matched, an unmirrored member is searched as f(-u) too, which is inside out.
+    /// Searches the pose that aligns a member f(u) to the target. If `mirrored` is set, searches both mirror images of
+    /// the member instead, -f(-u), which is oriented outwards, and -f(u), which is inside out, and returns the pose of
+    /// the nearer one. If the group matches mirror images, an unmirrored member is also searched as f(-u), which is
+    /// inside out.
     fn handed(&self, index: usize, mirrored: bool, target: &Target) -> Pose {
         let unit = &self.units[index];
         if unit.norm == 0.0 || !(mirrored || self.mirror) {

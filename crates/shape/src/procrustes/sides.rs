@@ -2,39 +2,39 @@
 //!
 //! The mean of such a group belongs to neither side. Each member is then about as far from the mean as its mirror
 //! image, and no member stands out ([`mirrored`](super::mirrored)). So if members and their mirror images hardly
-//! differ, the group is aligned once more, with mirror images matched. This brings all members to one side; the
-//! members that had to be mirrored belong to the other side. Near-symmetric shapes are mirrored at random, by
-//! whichever handedness happens to fit better. A group is therefore treated as two-sided only if mirroring matters,
+//! differ, the group is aligned once more, with mirror images matched. This brings all members to one side; the members
+//! that had to be mirrored belong to the other side. Nearly symmetric shapes are mirrored at random, depending on which
+//! handedness happens to fit better. A group is therefore treated as two-sided only if mirroring matters,
 //!
 //! ```text
 //! ln(spread / spread with mirror images) > 0.2
 //! ```
 //!
-//! and the sides of its members are known only if the logarithms x = ln(image / own) of the members, each against the
-//! others in their resulting handedness, satisfy
+//! The sides of its members are known only if the logarithms x = ln(image / own), computed for each member against the
+//! others after the members have been mirrored as needed, satisfy
 //!
 //! ```text
 //! median > 0.5,   least > 0
 //! ```
 //!
 //! In 300 groups of 4 to 20 ellipsoids with random differences, the logarithm of the ratio of spreads was -0.04 to
-//! 0.06. It was 0.10 for five correct hippocampi, and 0.39 to 0.53 with any of them mirrored. The median of x was
-//! -0.04 to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi, whose differences from each other lead to a
-//! partition that isn't the sides. See docs/algorithms/alignment.md for a table of both quantities.
+//! 0.06. It was 0.10 for five correct hippocampi, and 0.39 to 0.53 if one to four of them were mirrored. The median of
+//! x was -0.04 to 0.23 for the ellipsoids, and 0.3 to 0.5 for hippocampi, whose differences from each other lead to a
+//! partition other than into left and right. See docs/algorithms/alignment.md for a table of both quantities.
 
 use super::mirrored::{Judged, median};
 use super::{Group, ProcrustesWarning};
 use crate::error::ShapeError;
 use crate::group::Round;
 
-/// Minimum logarithm of the ratio of spreads, without to with mirror images, for a group to be two-sided.
+/// A group is two-sided if ln(spread / spread with mirror images) exceeds this value.
 const MATTERS: f64 = 0.2;
-/// Minimum median of the logarithms x for the members' sides to be known.
+/// Median of the logarithms x above which the members' sides are known.
 const KNOWN: f64 = 0.5;
 
 impl Group<'_> {
-    /// Returns a warning if the group mixes two sides. It lists the members of the smaller side; if both sides have
-    /// the same size, of the side without the first member.
+    /// Returns a warning if the group mixes two sides. The warning lists the members of the smaller side; if both sides
+    /// have the same size, those of the side without the first member.
     pub(super) fn sides(&mut self, plain: &Round) -> Result<Option<ProcrustesWarning>, ShapeError> {
         self.mirror = true;
         let found = self.matched(plain);

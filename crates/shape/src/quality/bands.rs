@@ -28,7 +28,8 @@ const STREAM: u64 = 1 << 40;
 
 const STAGE: Stage = Stage::counted("bands", "draws");
 
-/// Returns the bands of compactness, generalisation and specificity of members with coordinates `scores`, (n, d).
+/// Returns the curves of compactness, generalisation and specificity with their bands, for members with the coordinates
+/// `scores` (n, d).
 pub(super) fn bands(
     scores: &Array2<f64>,
     found: &Curves,
@@ -65,7 +66,8 @@ pub(super) fn bands(
     ])
 }
 
-/// Returns the mean of `rows`, which hold m numbers per member or shape, with a band from a bootstrap over the rows.
+/// Returns the mean of `rows`, each of which has m numbers for a member or shape, with a band from a bootstrap over the
+/// rows.
 pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) -> Curve {
     let values = mean_of(rows.iter().map(Vec::as_slice), most);
     let draws: Vec<Vec<f64>> = (0..params.bands)
@@ -90,8 +92,8 @@ pub(super) fn draw(n: usize, seed: u64, index: usize) -> Vec<usize> {
     }
 }
 
-/// Returns the curve of `values` with a band of the draws' quantiles, shifted from the draws' median to the values
-/// and clamped to between 0 and `highest`.
+/// Returns the curve of `values` with a band. The band consists of quantiles of the draws, shifted from the median of
+/// the draws to the values, and clamped to the range from 0 to `highest`.
 fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
     let mut curve = Curve { values: values.to_vec(), ..Curve::default() };
     if draws.is_empty() {
@@ -107,7 +109,7 @@ fn about(values: &[f64], draws: &[&[f64]], highest: f64) -> Curve {
     curve
 }
 
-/// Returns a quantile of sorted values, interpolated between its neighbours.
+/// Returns a quantile of sorted values, interpolated between neighbouring values.
 pub(super) fn quantile(sorted: &[f64], share: f64) -> f64 {
     let at = share * (sorted.len() - 1) as f64;
     let (low, rest) = (at.floor() as usize, at.fract());

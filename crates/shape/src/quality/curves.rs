@@ -10,13 +10,14 @@ use spharm_monitor::Monitor;
 use crate::ShapeError;
 use crate::pca::quality::normal;
 
-/// Maximum number of members that are excluded in turn; in a larger group, only every `n / 200`th member is excluded.
+/// Maximum number of members that are excluded one at a time; in a larger group, only every `n / 200`th member is
+/// excluded.
 pub(super) const LEFT_OUT: usize = 200;
 /// Minimum standard deviation of a mode, as a fraction of the first mode's. Smaller modes are rounding errors,
 /// without a meaningful direction.
 const NEGLIGIBLE: f64 = 1e-10;
 
-/// Measures of the first k modes, for k = 1 to m, (m) each.
+/// Measures of the first k modes, for k = 1 to m.
 pub(super) struct Curves {
     pub(super) compactness: Vec<f64>,
     pub(super) generalisation: Vec<f64>,
@@ -25,18 +26,18 @@ pub(super) struct Curves {
 
 /// Principal components of a set of rows.
 pub(super) struct Model {
-    /// Coordinates of the rows along the modes, (rows, modes).
+    /// Coordinates (rows, modes) of the rows along the modes.
     pub(super) scores: Array2<f64>,
-    /// Variances along the modes, (modes), decreasing.
+    /// Variances along the modes, in decreasing order.
     pub(super) variances: Vec<f64>,
     /// Member of each row.
     pub(super) rows: Vec<usize>,
-    /// Weight of each row in each mode, (modes, rows): a mode is the sum of the rows multiplied by its weights.
+    /// Weights (modes, rows) of the rows in the modes: each mode is the weighted sum of the rows.
     pub(super) loadings: Array2<f64>,
 }
 
 impl Model {
-    /// Computes the modes of the given rows of members with coordinates `scores`, (n, d).
+    /// Computes the modes of the given rows of members with the coordinates `scores` (n, d).
     pub(super) fn of(scores: &Array2<f64>, rows: &[usize]) -> Result<Self, ShapeError> {
         let own = scores.select(Axis(0), rows);
         let mean = own.mean_axis(Axis(0)).ok_or(ShapeError::TooFewMembers { found: rows.len(), least: 3 })?;
@@ -72,7 +73,7 @@ impl Model {
     }
 }
 
-/// Returns the left singular vectors, (rows, modes), and the singular values of a matrix of centred rows, with at
+/// Returns the left singular vectors (rows, modes) and the singular values of a matrix of centred rows, which has at
 /// most rows - 1 modes.
 fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeError> {
     let (rows, columns) = centred.dim();
@@ -88,21 +89,22 @@ fn decompose(centred: &Array2<f64>) -> Result<(Array2<f64>, Vec<f64>), ShapeErro
 
 /// An excluded member, compared with the modes of the other members.
 pub(super) struct Left {
-    /// Distance from the first k modes of the other members, (m); if k exceeds their number of modes, the distance
-    /// from all modes.
+    /// Distances (m) from the first k modes of the other members, for k = 1 to m; if they have fewer than k modes, the
+    /// distance from all of their modes.
     pub(super) distances: Vec<f64>,
     /// Index of the excluded member.
     pub(super) member: usize,
-    /// Nearest shape for each k, (m), given by factors whose products with the model's rows sum to the shape.
+    /// Factors of the model's rows for each k (m): the nearest shape is the sum of the rows multiplied by these
+    /// factors.
     pub(super) factors: Vec<Vec<f64>>,
 }
 
-/// Returns the members to exclude in turn, at most `most`.
+/// Returns the members to exclude one at a time, at most `most`.
 pub(super) fn left_out(members: usize, most: usize) -> impl Iterator<Item = usize> {
     (0..members).step_by(members.div_ceil(most).max(1))
 }
 
-/// Excludes members in turn, and compares each with the modes of the others.
+/// Excludes members one at a time, and compares each with the modes of the others.
 pub(super) fn leave_out(
     model: &Model,
     most: usize,
@@ -153,11 +155,11 @@ fn leave_one(model: &Model, member: usize, most: usize) -> Result<Left, ShapeErr
 
 /// A random shape and the members nearest to it.
 pub(super) struct Near {
-    /// Distance of the shape, truncated to the first k modes, from the nearest member, (m).
+    /// Distances (m) of the shape from the nearest member, with the shape truncated to the first k modes.
     pub(super) distances: Vec<f64>,
     /// Coordinates of the shape along all modes.
     pub(super) along: Vec<f64>,
-    /// Rows of the nearest and the second nearest member for each k, (m).
+    /// Rows of the nearest and the second nearest member, for each k (m).
     pub(super) rows: Vec<[usize; 2]>,
 }
 

@@ -1,10 +1,10 @@
-//! Measures the distances on the members between the directions of the same landmark, which show whether directions
-//! correspond.
+//! Measures landmark errors, which show whether equal directions correspond: the distances, on a member, between the
+//! points at the directions that different members give for the same landmark.
 //!
 //! A manually placed landmark p of member i is assigned the direction u of the nearest point on the member's surface.
-//! The error of a pair is the distance between f_k(u) and f_k(u'), with u' the direction of the same landmark of
-//! member k. Both points lie on the surface of member k, so the distances of the landmarks from the surfaces don't
-//! matter.
+//! The error of the pair of members i and k is the distance between f_k(u) and f_k(u'), where u' is the direction of
+//! the same landmark of member k. Both points lie on the surface of member k, so the distances of the landmarks from
+//! the surfaces don't matter.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Coefficients, Directions};
@@ -33,19 +33,20 @@ pub struct LandmarkErrors {
     pub median: f64,
     /// 95 % band of the mean error, from a bootstrap over the members.
     pub band: Option<[f64; 2]>,
-    /// Mean error of each landmark over all pairs of members, (p).
+    /// Mean error of each of the p landmarks over all pairs of members.
     pub by_landmark: Vec<f64>,
-    /// Distance of each landmark from the surface of its member, (n) of (p).
+    /// Distance of each landmark from the surface of its member: n lists of p distances.
     pub off: Vec<Vec<f64>>,
 }
 
-/// Measures the landmark errors of all pairs of members. The landmarks, (n) of (p), are in the frames of their
-/// members, so moving a member together with its landmarks has no effect.
+/// Measures the landmark errors of all pairs of members. `landmarks` has a list of p points for each of the n members,
+/// in the frame of that member, so moving a member together with its landmarks has no effect.
 ///
 /// # Errors
 ///
-/// [`ShapeError::Differ`] if the number of members or of landmarks differs; [`ShapeError::NotFiniteValue`]; the errors
-/// of [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Interrupted`].
+/// [`ShapeError::Differ`] if the number of members or of landmarks differs; [`ShapeError::NotFiniteValue`] if a
+/// landmark is NaN or infinite; [`ShapeError::Member`] if [`extent`](crate::extent::extent) rejects a member;
+/// [`ShapeError::Interrupted`] if the monitor cancels.
 pub(super) fn landmark_errors(
     members: &[Coefficients],
     landmarks: &[Vec<Vec3>],
@@ -115,10 +116,11 @@ pub(super) fn landmark_errors(
     })
 }
 
-/// Returns the direction of the surface's point nearest to p, and the distance of that point from p.
+/// Returns the direction of the point on the surface nearest to p, and the distance of that point from p.
 ///
-/// The nearest point of the facets is moved to the smooth surface by Gauss-Newton steps in the tangent plane, `(E F; F
-/// G) d = (X_1 . r, X_2 . r)` with r = p - X(u), because facets bias the direction of a landmark off the surface.
+/// The nearest point of the facets is moved to the nearest point of the smooth surface by Gauss-Newton steps in the
+/// tangent plane, `(E F; F G) d = (X_1 . r, X_2 . r)` with r = p - X(u). Without these steps, the facets would bias the
+/// direction of a landmark that is off the surface.
 fn direction(tree: &TriangleTree, sphere: &Mesh, member: &Coefficients, p: Vec3) -> Result<(Vec3, f64), ShapeError> {
     let Some(found) = tree.nearest(p) else { return Ok(([0.0, 0.0, 1.0], f64::INFINITY)) };
     let face = sphere.faces[found.triangle as usize];

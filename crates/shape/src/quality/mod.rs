@@ -2,8 +2,8 @@
 //! points weighted by surface area; generalisation and specificity by the distance between surfaces; and errors of
 //! landmarks.
 //!
-//! Members are evaluated at the directions u of an icosphere, x_i(u). The weight w(u) of a direction is the fraction
-//! of a member's area that belongs to the vertex, averaged over the members, so that
+//! Members are evaluated at the directions u of an icosphere, which gives points x_i(u). The weight w(u) of a direction
+//! is the fraction of a member's area that belongs to the vertex, averaged over the members, so that
 //!
 //! ```text
 //! <x, y> = sum_u w(u) x(u) . y(u),    sum_u w(u) = 1,    G_ij = <x_i - m, x_j - m>,    m = mean of the x_i
@@ -21,10 +21,11 @@
 //! improve if directions slide to regions in which members differ least, so none of them proves correspondence. A
 //! proof needs external knowledge, such as [`landmarks`].
 //!
-//! *Between surfaces*, generalisation and specificity are also measured by nearest points, as the area-weighted mean
-//! of both directions. Sliding along the surface can't reduce these distances.
+//! *Between surfaces*, generalisation and specificity are also measured by distances to the nearest points of the other
+//! surface, as the area-weighted mean of the distances from both surfaces. Sliding along the surface can't reduce these
+//! distances.
 //!
-//! *Bands* are from a bootstrap over the members; see `bands`.
+//! *Bands* are computed by a bootstrap over the members; see `bands`.
 //!
 //! Cost, for n members, V directions and m modes: `V n (n + m)` operations for the products, and a decomposition of
 //! an (n, n) matrix for each of up to 200 members. Distances between surfaces take about 10 ms for each member and
@@ -52,7 +53,7 @@ pub use params::{Curve, QualityParams};
 pub struct GroupQuality {
     /// Variance of the group along all modes, area-weighted, in the square of the unit.
     pub variance: f64,
-    /// Variance along each mode, (m).
+    /// Variance along each of the m modes.
     pub variances: Vec<f64>,
     /// Fraction of the variance along the first k modes.
     pub compactness: Curve,
@@ -63,8 +64,8 @@ pub struct GroupQuality {
     /// Generalisation by the distance between surfaces, if requested. Its band is from a bootstrap over the members'
     /// distances alone.
     pub surface_generalisation: Option<Curve>,
-    /// Specificity by the distance between surfaces, without a band, if requested: for the first 100 random shapes,
-    /// the distance from the nearer of the two members that are nearest by points.
+    /// Specificity by the distance between surfaces, without a band, if requested. For each of the first 100 random
+    /// shapes, this is the distance from the nearer of the two members that are nearest at corresponding points.
     pub surface_specificity: Option<Curve>,
     /// Errors of the landmarks, if landmarks were given.
     pub landmarks: Option<LandmarkErrors>,
@@ -72,17 +73,18 @@ pub struct GroupQuality {
 
 const STAGE: Stage = Stage::counted("quality", "members");
 
-/// Measures the quality of at least 3 corresponding surfaces of any degrees. `landmarks`, (n) of (landmarks), holds
-/// the same landmarks for each member, in the member's frame.
+/// Measures the quality of at least 3 corresponding surfaces of any degrees. `landmarks` has a list of points for each
+/// member, in the member's frame, with the same landmarks in the same order.
 ///
 /// Runs on the current rayon pool; the result is bitwise the same on any number of threads.
 ///
 /// # Errors
 ///
-/// [`ShapeError::TooFewMembers`]; [`ShapeError::Setting`] for zero modes or samples; the errors of
-/// [`extent`](crate::extent::extent), in [`ShapeError::Member`]; [`ShapeError::Differ`] if the number of landmarks or
-/// of their members differs, or the mask is of another icosphere; [`ShapeError::NotFiniteValue`] for a landmark that
-/// isn't finite; [`ShapeError::NoDecomposition`], [`ShapeError::Interrupted`].
+/// [`ShapeError::TooFewMembers`] if there are fewer than 3 members; [`ShapeError::Setting`] if the number of modes or
+/// samples is 0, or the mask keeps no area of a surface; [`ShapeError::Member`] if [`extent`](crate::extent::extent)
+/// rejects a member; [`ShapeError::Differ`] if the number of landmarks or of their members differs, or the mask is of
+/// another icosphere; [`ShapeError::NotFiniteValue`] if a landmark isn't finite; [`ShapeError::NoDecomposition`] if a
+/// decomposition doesn't converge; [`ShapeError::Interrupted`] if the monitor cancels.
 pub fn group_quality(
     members: &[Coefficients],
     landmarks: Option<&[Vec<Vec3>]>,

@@ -9,7 +9,7 @@ pub struct QualityParams {
     pub samples: usize,
     /// Number of bootstrap draws for the bands; 0 for no bands.
     pub bands: usize,
-    /// Number of subdivisions of the icosphere; 4 give 2,562 directions.
+    /// Number of subdivisions of the icosphere; 4 subdivisions give 2,562 directions.
     pub subdivisions: u32,
     /// Whether members are first aligned rigidly at equal directions, weighted by area.
     pub rigid: bool,
@@ -17,7 +17,7 @@ pub struct QualityParams {
     pub surfaces: bool,
     /// Seed of the random shapes and of the bootstrap.
     pub seed: u64,
-    /// Whether each direction of the icosphere is compared, (V); all directions by default.
+    /// Mask (V) of the directions of the icosphere to compare; all directions by default.
     pub mask: Option<Vec<bool>>,
 }
 
@@ -39,10 +39,10 @@ impl Default for QualityParams {
 /// A measure as a function of the number of modes, k = 1 to m.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Curve {
-    /// Values of the measure, (m).
+    /// Values of the measure for k = 1 to m.
     pub values: Vec<f64>,
-    /// Lower end of the measure's 95 % band, (m), or empty without a band.
+    /// Lower ends of the measure's 95 % band for k = 1 to m; empty if there is no band.
     pub low: Vec<f64>,
-    /// Upper end of the measure's 95 % band, (m), or empty without a band.
+    /// Upper ends of the measure's 95 % band for k = 1 to m; empty if there is no band.
     pub high: Vec<f64>,
 }

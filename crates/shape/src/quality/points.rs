@@ -24,12 +24,12 @@ const STAGE: Stage = Stage::counted("evaluate", "models");
 pub(super) struct Points {
     /// Triangles of the icosphere.
     pub(super) faces: Vec<[u32; 3]>,
-    /// Positions of each member, (n) of (V), with its centre of area at the origin.
+    /// Positions of the V vertices of each member, with the member's centre of area at the origin.
     pub(super) members: Vec<Vec<Vec3>>,
-    /// Weight of each vertex, (V): its fraction of the area, averaged over the members. Weights sum to 1, and are 0
-    /// for masked vertices.
+    /// Weight of each of the V vertices: its fraction of the area, averaged over the members. Weights sum to 1, and are
+    /// 0 for masked vertices.
     pub(super) weights: Vec<f64>,
-    /// Whether each vertex is compared, (V); all vertices if `None`.
+    /// Mask (V) of the vertices to compare; all vertices if `None`.
     mask: Option<Vec<bool>>,
 }
 
@@ -71,8 +71,8 @@ impl Points {
         Ok(points)
     }
 
-    /// Returns the fraction of a surface's unmasked area that belongs to each vertex, which is a third of the area of
-    /// its triangles.
+    /// Returns the fraction of a surface's unmasked area that belongs to each vertex. A third of the area of each
+    /// triangle belongs to each of its vertices.
     pub(super) fn shares(&self, vertices: &[Vec3]) -> Vec<f64> {
         let mut shares = vec![0.0; vertices.len()];
         for face in &self.faces {
@@ -117,7 +117,7 @@ impl Points {
         self.combined(&vec![share; self.members.len()])
     }
 
-    /// Returns the sum of the members' positions, with a factor for each member.
+    /// Returns the sum of the members' positions, multiplied by one factor per member.
     pub(super) fn combined(&self, factors: &[f64]) -> Vec<Vec3> {
         let mut sum = vec![[0.0; 3]; self.weights.len()];
         for (member, &factor) in self.members.iter().zip(factors).filter(|(_, factor)| **factor != 0.0) {
@@ -126,8 +126,8 @@ impl Points {
         sum
     }
 
-    /// Returns coordinates of the members, (n, d), that have mean 0 and preserve the distances between members:
-    /// `V S^(1/2)` with G = V S V^T.
+    /// Returns coordinates (n, d) of the members that have mean 0 and preserve the distances between members: `V
+    /// S^(1/2)` with G = V S V^T.
     pub(super) fn scores(&self) -> Result<Array2<f64>, ShapeError> {
         let (n, mean) = (self.members.len(), self.mean());
         let off: Vec<Vec<Vec3>> = self

@@ -15,7 +15,7 @@ const SHAPES: usize = 100;
 
 const STAGE: Stage = Stage::counted("surfaces", "shapes");
 
-/// Distances of members or shapes by the number of modes, (rows) of (m).
+/// A list of distances for each member or shape, by the number of modes.
 type Rows = Vec<Vec<f64>>;
 
 /// A surface with its search tree and area weights, prepared for distances in both directions.
@@ -32,8 +32,9 @@ impl Side {
         Self { vertices: mesh.vertices, shares, tree }
     }
 
-    /// Returns the mean distance to the other surface, or infinity if its sum with `before` is above `most`. `near`,
-    /// (V), has the triangle of the other surface from which each vertex's search starts, and then the nearest one.
+    /// Returns the mean distance to the other surface, or infinity if its sum with `before` is above `most`. For each
+    /// vertex, `near` (V) has the triangle of the other surface from which the search starts, and is set to the nearest
+    /// triangle.
     fn mean_to(&self, other: &Self, near: &mut [u32], before: f64, most: f64) -> f64 {
         let mut sum = 0.0;
         for ((p, share), near) in self.vertices.iter().zip(&self.shares).zip(near) {
@@ -48,7 +49,7 @@ impl Side {
         sum
     }
 
-    /// Returns the mean of the two mean distances from one surface to the other, or infinity if it is above `most`.
+    /// Returns the average of the mean distances in both directions, or infinity if the average is above `most`.
     fn distance(&self, other: &Self, nearby: &mut Nearby, most: f64) -> f64 {
         let there = self.mean_to(other, &mut nearby.there, 0.0, 2.0 * most);
         if there.is_infinite() {
@@ -58,8 +59,8 @@ impl Side {
     }
 }
 
-/// For each of two surfaces, the triangles of the other surface that are nearest to its vertices, (V). The search for
-/// the next shape, which has one mode more, starts from them.
+/// For each of two surfaces, the triangles of the other surface nearest to the V vertices. The search for the next
+/// shape, which has one mode more, starts from these triangles.
 #[derive(Clone)]
 struct Nearby {
     there: Vec<u32>,
@@ -67,7 +68,8 @@ struct Nearby {
 }
 
 impl Nearby {
-    /// Starts from a triangle at each vertex, as surfaces correspond.
+    /// Returns the triangles from which the first searches start: a triangle at each vertex, because the surfaces
+    /// correspond.
     fn at_vertices(points: &Points) -> Self {
         let mut at = vec![0; points.weights.len()];
         for (triangle, face) in (0..).zip(&points.faces) {
@@ -77,8 +79,8 @@ impl Nearby {
     }
 }
 
-/// Returns the distances of excluded members from their nearest shapes, (members, m), and of random shapes from the
-/// nearest members, (shapes, m), by the number of modes.
+/// Returns the distances (members, m) of excluded members from their nearest shapes, and the distances (shapes, m) of
+/// random shapes from the nearest members, by the number of modes.
 pub(super) fn distances(
     points: &Points,
     model: &Model,

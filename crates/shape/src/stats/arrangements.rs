@@ -5,7 +5,7 @@
 //! A set of m units in which distinct units occur k_1, k_2, ... times has `m! / (k_1! k_2! ...)` arrangements, or
 //! `C(n, n_1)` for two groups, and the numbers of all sets are multiplied. u units have `2^u` sign flips. If
 //! permutations and sign flips are combined, both numbers are multiplied. Random relabelling b is drawn from stream b
-//! of ChaCha8, so that it depends only on the seed and not on the number of threads.
+//! of ChaCha8, so it depends only on b and the seed, not on the number of threads.
 
 use ndarray::ArrayView2;
 use rand_chacha::ChaCha8Rng;
@@ -14,7 +14,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use super::blocks::{Unit, are_equal};
 use super::resampling::Resampling;
 
-/// All relabellings, or random relabellings, of n subjects.
+/// The relabellings of n subjects that a test uses: all possible ones, or random ones.
 #[derive(Debug, Clone)]
 pub(crate) struct Arrangements {
     /// Sets of units that can be exchanged with each other.
@@ -29,7 +29,8 @@ pub(crate) struct Arrangements {
     pub(crate) exact: bool,
 }
 
-/// A relabelling: for each subject, the index of the subject whose row of the design it is given, and a sign.
+/// A relabelling. For each subject, it has the index of the subject whose row of the design replaces the subject's own
+/// row, and a sign.
 pub(crate) type Relabelling = Vec<(u32, f64)>;
 
 /// Returns the original labels of n subjects.
@@ -41,7 +42,7 @@ pub(crate) fn identity(subjects: usize) -> Relabelling {
 #[derive(Debug, Clone)]
 struct Set {
     units: Vec<Unit>,
-    /// For each class of units with equal rows, the index of one of them.
+    /// Index of one unit of each class of units with equal rows.
     distinct: Vec<usize>,
     /// Number of units in each class.
     counts: Vec<u64>,
@@ -92,7 +93,7 @@ fn put(unit: &Unit, rows_of: &Unit, relabelling: &mut Relabelling) {
 }
 
 impl Arrangements {
-    /// Creates all relabellings of the rows, (n, p), if there are at most `exact_up_to`, otherwise the original
+    /// Creates all relabellings of the design's rows (n, p) if there are at most `exact_up_to`, otherwise the original
     /// labels and `random` random relabellings. Units are exchanged within their set.
     pub(crate) fn new(
         rows: ArrayView2<'_, f64>,
@@ -120,8 +121,8 @@ impl Arrangements {
         (from..to).map(|index| if self.exact { self.numbered(index as u64) } else { self.random(index) }).collect()
     }
 
-    /// Returns relabelling `index` of all possible ones. Sign flips vary fastest, then the arrangements of the first
-    /// set.
+    /// Returns relabelling `index` of all possible ones. As the index grows, sign flips vary fastest, then the
+    /// arrangements of the first set.
     fn numbered(&self, mut index: u64) -> Relabelling {
         let mut relabelling = identity(self.subjects);
         if self.resampling != Resampling::Permutations {

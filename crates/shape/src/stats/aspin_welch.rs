@@ -13,18 +13,19 @@
 //!
 //! For a contrast of one row, G is the square of v, and v is Welch's t for two groups. For one variance group, G is F.
 //!
-//! v and G serve for relabellings. If groups share a coefficient, `(X^T W X)^-1` is the covariance of weighted
-//! estimates instead of that of B. Standard errors, margins and uncorrected p values are therefore based on the
-//! covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii` and
-//! `C B = U^T Q^T y`. As in Welch's test (`welch`), `(C B)^T V^-1 (C B) / q` is F with q and `(q + q^2) / sum_g (tr
-//! (V_g V^-1)^2 + (tr V_g V^-1)^2) / sum of R_ii` degrees of freedom. For two groups all of these are Welch's.
+//! v and G are the statistics that are compared between relabellings. If groups share a coefficient, `(X^T W X)^-1` is
+//! the covariance of weighted estimates instead of that of B. Standard errors, margins and uncorrected p values are
+//! therefore based on the covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii`
+//! and `C B = U^T Q^T y`. As in Welch's test (`welch`), `(C B)^T V^-1 (C B) / q` is F with q and
+//! `(q + q^2) / sum_g (tr (V_g V^-1)^2 + (tr V_g V^-1)^2) / sum of R_ii` degrees of freedom. For two groups all of
+//! these are Welch's.
 //!
 //! # Relabellings
 //!
-//! With Q an orthonormal basis of the design, a relabelled study y needs `Q_g^T y_g` and `|y_g|^2` for each of G
-//! variance groups g, which are products of at most G p + G rows of length n with (n, V). At a vertex, the
+//! With Q an orthonormal basis of the design, a relabelled study y needs `Q_g^T y_g` and `|y_g|^2` for each of K
+//! variance groups g. These are products of at most `K (p + 1)` rows of length n with arrays (n, V). At a vertex, the
 //! coefficients are `a = sum_g Q_g^T y_g`, and `|E_g|^2 = |y_g|^2 - 2 a^T Q_g^T y_g + a^T Q_g^T Q_g a`. A Cholesky
-//! factor of order p follows. Cost: `2 n V G (p + 1)` flops and about `V p^3` per relabelling. Memory: `16 n V` bytes.
+//! factor of order p follows. Cost: `2 n V K (p + 1)` flops and about `V p^3` per relabelling. Memory: `16 n V` bytes.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
 
@@ -38,18 +39,18 @@ use crate::product::{COLUMNS, product};
 
 /// Values prepared to compute the statistics of a study and of its relabellings.
 pub(crate) struct AspinWelch {
-    /// Variance group of each row of the design, (n).
+    /// Variance group of each row of the design (n).
     of: Vec<usize>,
-    /// Residuals of the reduced model, (n, V); `squares` holds their squares.
+    /// Residuals of the reduced model (n, V); `squares` holds the squares of the residuals.
     residuals: Array2<f64>,
     squares: Array2<f64>,
-    /// Sum of squares at each vertex up to which errors are rounding errors, (V).
+    /// Threshold at each vertex (V): a sum of squared errors up to this value consists of rounding errors.
     floor: Vec<f64>,
-    /// Orthonormal basis of the design, (n, p); `contrast` is the contrast in this basis, (p, q).
+    /// Orthonormal basis (n, p) of the design; `contrast` (p, q) is the contrast in this basis.
     basis: Array2<f64>,
     contrast: Array2<f64>,
     groups: Vec<VarianceGroup>,
-    /// Pairs (group, column), for the columns of the basis that aren't zero in the group.
+    /// Pairs (group, column) for which the column of the basis isn't zero in the group.
     columns: Vec<(usize, usize)>,
 }
 
@@ -57,13 +58,13 @@ struct VarianceGroup {
     size: f64,
     /// Degrees of freedom of the group's errors: the sum of `R_ii` over the group.
     freedom: f64,
-    /// Gram matrix `Q_g^T Q_g` of the group's rows, (p, p).
+    /// Gram matrix `Q_g^T Q_g` (p, p) of the group's rows.
     gram: Array2<f64>,
-    /// Gram matrix in the contrast's rows, `U^T Q_g^T Q_g U`, (q, q).
+    /// Gram matrix `U^T Q_g^T Q_g U` (q, q), projected onto the contrast's rows.
     tested: Array2<f64>,
 }
 
-/// Statistics at a vertex.
+/// Results at one vertex.
 #[derive(Clone, Copy)]
 struct AtVertex {
     /// The statistic G, with the sign of the estimate for a contrast of one row; NaN without variance.
@@ -71,7 +72,7 @@ struct AtVertex {
     /// Estimate of the first row of the contrast; `variance` is the variance of this estimate.
     estimate: f64,
     variance: f64,
-    /// F statistic of the estimates by their covariance V.
+    /// F statistic of the estimates, computed with their covariance V.
     wald: f64,
     /// Sum of squares of the errors.
     errors: f64,
@@ -84,7 +85,7 @@ impl AspinWelch {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::VarianceGroup`] for a group in which the design leaves no errors.
+    /// [`ShapeError::VarianceGroup`] if the design leaves no degrees of freedom for the errors of a group.
     pub(crate) fn new(
         values: ArrayView2<'_, f64>,
         design: &Design,
@@ -150,8 +151,8 @@ impl AspinWelch {
         (Statistic::T { freedom: least }, column(&v), p, Some(effect))
     }
 
-    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the [signed
-    /// statistics](AtVertex::signed) at these vertices.
+    /// Calls `use_it` for each relabelling and each run of vertices, with the index of the relabelling, the first
+    /// vertex of the run and the [signed statistics](AtVertex::signed) in the run; 0 at vertices without variance.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let mut signed = Vec::new();
         self.each(relabellings, false, |which, first, found| {
@@ -200,7 +201,7 @@ impl AspinWelch {
     fn at(&self, floor: f64, work: &mut Work, detailed: bool) -> AtVertex {
         let (p, q) = self.contrast.dim();
         let Work { sums, squares, coefficients, weights, scatter, small, columns, estimate } = work;
-        // The groups' sums of squares are differences, with rounding errors in proportion to their terms.
+        // The groups' sums of squares are differences, so their rounding errors are proportional to the terms' sizes.
         let rounding = 64.0 * self.of.len() as f64 * f64::EPSILON;
         let floor = floor.max(rounding * squares.iter().sum::<f64>() / squares.len() as f64);
         coefficients.fill(0.0);

@@ -16,15 +16,15 @@ use ndarray::ArrayView2;
 pub enum Exchange {
     /// Observations are exchanged only within their block, and signs are flipped independently.
     Within,
-    /// Blocks of the same size are exchanged as wholes, keeping the order of their observations, and all signs of a
-    /// block are flipped together.
+    /// Whole blocks of the same size are exchanged, keeping the order of their observations, and all signs of a block
+    /// are flipped together.
     Whole,
 }
 
 /// Assignment of observations to exchangeability blocks.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Blocks {
-    /// Index of each observation's block, from 0, (n).
+    /// Index of each observation's block (n), counted from 0.
     of: Vec<usize>,
     exchange: Exchange,
 }
@@ -33,7 +33,7 @@ pub struct Blocks {
 pub(crate) type Unit = Vec<u32>;
 
 impl Blocks {
-    /// Creates blocks from the name of the block of each observation, (n).
+    /// Creates blocks from the block names (n) of the observations.
     ///
     /// ```
     /// use spharm_shape::stats::{Blocks, Exchange};

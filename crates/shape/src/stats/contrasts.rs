@@ -15,8 +15,8 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Contrast`] for text that isn't such a combination; [`ShapeError::NoColumn`] for a name that
-    /// isn't a column of the design.
+    /// [`ShapeError::Contrast`] if a row isn't such a combination, is zero, or has a name that two columns share;
+    /// [`ShapeError::NoColumn`] if a name isn't a column of the design.
     ///
     /// ```
     /// use spharm_shape::stats::Design;
@@ -47,7 +47,7 @@ fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeErro
     let mut found = Vec::new();
     while !rest.is_empty() || found.is_empty() {
         let mut sign = 1.0;
-        // Names of levels may begin with a sign.
+        // A name may begin with a sign, so at the start of the text a name takes precedence over a sign.
         if !(found.is_empty() && column_at(rest, names).is_some()) {
             let signed = rest.strip_prefix(SIGNS);
             if signed.is_none() && !found.is_empty() {
@@ -89,8 +89,8 @@ fn malformed(text: &str, names: &[String]) -> ShapeError {
     }
 }
 
-/// Returns the column with the longest name that the text starts with and that is followed by a sign or the end, and
-/// the text after the name.
+/// Finds the column whose name is at the start of the text and is followed by a sign or the end of the text; of several
+/// columns, the one with the longest name. Returns the column and the text after its name.
 fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
     let candidates = names.iter().enumerate().filter_map(|(column, name)| {
         let rest = text.strip_prefix(name.as_str())?.trim_start();
@@ -99,7 +99,8 @@ fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
     candidates.max_by_key(|(length, ..)| *length).map(|(_, column, rest)| (column, rest))
 }
 
-/// Returns the number or fraction at the start of a text, and the text after it and after an asterisk, if any.
+/// Parses the number or fraction at the start of the text. Returns the number and the rest of the text, without a
+/// leading asterisk.
 fn weight_at(text: &str) -> Option<(f64, &str)> {
     let end = text.find(|c: char| !(c.is_ascii_digit() || matches!(c, '.' | '/'))).unwrap_or(text.len());
     let weight = match text[..end].split_once('/') {

@@ -5,7 +5,7 @@ use ndarray::{Array2, ArrayView1, ArrayView2};
 use super::terms::centred;
 use crate::ShapeError;
 
-/// A design matrix X, (n, p), of full column rank: one row per subject.
+/// A design matrix X (n, p) of full column rank, with one row per subject.
 #[derive(Debug, Clone)]
 pub struct Design {
     matrix: Array2<f64>,
@@ -20,8 +20,9 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::NotFiniteValue`]; [`ShapeError::Rank`] for a column that depends linearly on the preceding
-    /// columns; [`ShapeError::Subjects`] if the number of rows isn't above the number of columns.
+    /// [`ShapeError::NotFiniteValue`] if an element is NaN or infinite; [`ShapeError::Rank`] if a column depends
+    /// linearly on the preceding columns; [`ShapeError::Subjects`] if the number of rows isn't above the number of
+    /// columns.
     pub fn new(matrix: Array2<f64>, names: Vec<String>) -> Result<Self, ShapeError> {
         let (n, p) = matrix.dim();
         if let Some(at) = matrix.iter().position(|value| !value.is_finite()) {
@@ -43,7 +44,7 @@ impl Design {
     ///
     /// # Errors
     ///
-    /// [`ShapeError::EmptyGroup`] for a group without subjects; [`ShapeError::Subjects`] if there are no groups, or if
+    /// [`ShapeError::EmptyGroup`] if a group has no subjects; [`ShapeError::Subjects`] if there are no groups, or if
     /// each group has a single subject.
     pub fn groups(sizes: &[usize]) -> Result<Self, ShapeError> {
         let of: Vec<usize> = sizes.iter().enumerate().flat_map(|(group, &size)| vec![group; size]).collect();
@@ -54,8 +55,8 @@ impl Design {
         Self::new(matrix, (1..=sizes.len()).map(|group| format!("group {group}")).collect())
     }
 
-    /// Adds columns of covariates, (n, k), minus their means, so that the coefficients of the other columns keep
-    /// their meaning.
+    /// Adds the covariates (n, k) as columns. Each is centred by subtracting its mean, so that the coefficients of the
+    /// other columns keep their meaning.
     ///
     /// # Errors
     ///
@@ -73,7 +74,7 @@ impl Design {
         Self::new(matrix, self.names.iter().chain(names).cloned().collect())
     }
 
-    /// Returns the design matrix X, (n, p).
+    /// Returns the design matrix X (n, p).
     pub fn matrix(&self) -> ArrayView2<'_, f64> {
         self.matrix.view()
     }
@@ -105,10 +106,10 @@ impl Design {
     }
 }
 
-/// Rows of weights of a design's columns. The null hypothesis is that `c^T B` is zero.
+/// Weights of a design's columns, in one or more rows c. The null hypothesis is that `c^T B` is zero for each row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contrast {
-    /// Weights, (q, p), of full row rank.
+    /// Weights (q, p) of full row rank.
     pub weights: Array2<f64>,
 }
 
@@ -118,20 +119,21 @@ impl Contrast {
         Self { weights: Array2::from_shape_fn((1, weights.len()), |(_, column)| weights[column]) }
     }
 
-    /// Creates the contrast of column `first` minus column `second` of `columns`.
+    /// Creates the contrast of column `first` minus column `second`, for a design of `columns` columns.
     pub fn difference(columns: usize, first: usize, second: usize) -> Self {
         let weight = |column: usize| f64::from(column == first) - f64::from(column == second);
         Self { weights: Array2::from_shape_fn((1, columns), |(_, column)| weight(column)) }
     }
 
-    /// Creates the contrast of the single column `column` of `columns`, such as the slope of a covariate.
+    /// Creates the contrast of the single column `column`, such as the slope of a covariate, for a design of `columns`
+    /// columns.
     pub fn column(columns: usize, column: usize) -> Self {
         Self { weights: Array2::from_shape_fn((1, columns), |(_, at)| f64::from(at == column)) }
     }
 }
 
-/// Returns an orthonormal basis Q of the columns' span, (n, r), by Gram-Schmidt with reorthogonalisation, and the
-/// index of the first column that depends on the preceding columns, if any. Dependent columns add nothing to Q.
+/// Returns an orthonormal basis Q (n, r) of the columns' span, by Gram-Schmidt with reorthogonalisation, and the index
+/// of the first column that depends on the preceding columns, if any. Dependent columns add nothing to Q.
 pub(crate) fn orthonormalise(matrix: ArrayView2<'_, f64>) -> (Array2<f64>, Option<usize>) {
     let (n, p) = matrix.dim();
     let mut basis: Vec<Vec<f64>> = Vec::with_capacity(p);

@@ -34,8 +34,8 @@ fn tail(u: f64, v: f64, a: f64, b: f64) -> f64 {
     if x <= 0.5 { beta_reg(a, b, x) } else { 1.0 - beta_reg(b, a, rest) }
 }
 
-/// Returns the two-sided quantile of t, which |t| exceeds with probability `1 - coverage`, for a coverage in (0, 1)
-/// and `freedom` > 0. The result is NaN for arguments out of range.
+/// Returns the two-sided quantile of t: the value that |t| exceeds with probability `1 - coverage`, for a coverage in
+/// (0, 1) and `freedom` > 0 degrees of freedom. The result is NaN if an argument is out of range.
 pub fn quantile_of_t(coverage: f64, freedom: f64) -> f64 {
     let Ok(distribution) = StudentsT::new(0.0, 1.0, freedom) else { return f64::NAN };
     if !(coverage > 0.0 && coverage < 1.0) {

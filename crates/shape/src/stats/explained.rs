@@ -8,9 +8,9 @@ use super::linear::{Small, floors};
 use super::projection::Projection;
 use crate::product::{COLUMNS, product};
 
-/// Residuals prepared to evaluate the fraction of the scatter that the effect explains.
+/// Residuals prepared for evaluating the fraction of the scatter that the effect explains.
 pub(crate) struct Explained<'a> {
-    /// Residuals of the reduced model, (n, V d), whitened so that the components of a vertex are uncorrelated.
+    /// Residuals of the reduced model (n, V d), whitened so that the components of a vertex are uncorrelated.
     whitened: Array2<f64>,
     components: usize,
     model: &'a Projection,
@@ -48,14 +48,15 @@ impl<'a> Explained<'a> {
         Self { whitened: reduced, components, model, orthogonal }
     }
 
-    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the explained
-    /// fractions at these vertices. For one component and one row, fractions have the sign of the estimate.
+    /// Calls `use_it` for each relabelling and each run of vertices, with the index of the relabelling, the first
+    /// vertex of the run and the explained fractions in the run. For one component and a contrast of one row, fractions
+    /// have the sign of the estimate.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (effect, nuisance, d) = (&self.model.effect, &self.model.nuisance, self.components);
         let (q, z) = (effect.ncols(), if self.orthogonal { 0 } else { nuisance.ncols() });
         let each = q + z;
         let n = effect.nrows();
-        // Each relabelling has the rows of the effect first, and then the rows of the reduced model.
+        // The rows of a relabelling are those of the effect, followed by those of the reduced model.
         let mut rows = Array2::zeros((relabellings.len() * each, n));
         for (relabelling, mut rows) in relabellings.iter().zip(rows.axis_chunks_iter_mut(Axis(0), each)) {
             for (i, (from, sign)) in relabelling.iter().enumerate() {

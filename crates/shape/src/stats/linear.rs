@@ -8,8 +8,8 @@
 //! - d > 1, one row: `T^2 = v b W^-1 b^T`, for which `(v - d + 1) / (v d) T^2` is F with (d, v - d + 1) degrees of
 //!   freedom (T. W. Anderson, "An Introduction to Multivariate Statistical Analysis", 3rd ed. (2003), theorem 5.2.2).
 //!
-//! A design of two groups gives the two-sample tests, and a design of the mean alone the one-sample tests. Cost: 2 n
-//! V d (p + 2) flops.
+//! A design of two groups gives the two-sample tests, and a design of the mean alone the one-sample tests. Cost: about
+//! `2 n V d (2 p + q + 2)` flops.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -29,27 +29,27 @@ use crate::product::product;
 pub enum Statistic {
     /// Student's t.
     T {
-        /// Degrees of freedom; for Welch's t, the fewest at any vertex.
+        /// Degrees of freedom of the errors; for unequal variances, the fewest at any vertex.
         freedom: f64,
     },
     /// Fisher's F.
     F {
         /// Number of rows of the contrast.
         between: f64,
-        /// Degrees of freedom of the errors.
+        /// Degrees of freedom of the errors; for unequal variances, the fewest at any vertex.
         within: f64,
     },
     /// Hotelling's `T^2`.
     TSquared {
         /// Number of components per vertex, d.
         components: usize,
-        /// Degrees of freedom of the errors.
+        /// Degrees of freedom of the errors; for unequal variances, the fewest at any vertex.
         freedom: f64,
     },
 }
 
 impl Statistic {
-    /// Returns the two-sided p value of a value of the statistic.
+    /// Returns the two-sided p value that belongs to `statistic`.
     pub(crate) fn p(&self, statistic: f64) -> f64 {
         match *self {
             Self::T { freedom } => p_of_t(statistic, freedom),
@@ -79,14 +79,14 @@ impl Statistic {
 /// Estimate of a contrast of one row, `c^T B`, in the measurement's unit.
 #[derive(Debug, Clone)]
 pub struct Effect {
-    /// Estimate of the contrast, (V, d).
+    /// Estimates of the contrast (V, d).
     pub estimate: Array2<f64>,
-    /// Standard error of the estimate, (V, d).
+    /// Standard errors of the estimates (V, d).
     pub standard_error: Array2<f64>,
-    /// Half the width of the estimate's confidence interval, (V, d).
+    /// Half the widths of the estimates' confidence intervals (V, d).
     pub margin: Array2<f64>,
-    /// Effect size, (V): the estimate divided by the errors' standard deviation, which is Cohen's d for two groups
-    /// and Mahalanobis' distance for d > 1. NaN at vertices without variance.
+    /// Effect sizes (V): the estimate divided by the errors' standard deviation. This is Cohen's d for two groups, and
+    /// the Mahalanobis distance for d > 1. NaN at vertices without variance.
     pub size: Vec<f64>,
 }
 
@@ -148,7 +148,7 @@ pub(crate) fn check_design(
     Ok(())
 }
 
-/// Checks that blocks, variance groups and assumptions about errors fit n subjects and each other.
+/// Checks that blocks, variance groups and assumptions about errors match the n subjects and each other.
 fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Result<(), ShapeError> {
     let differ = |what, found| ShapeError::Subjects { what, expected: n, found };
     if let Some(found) = params.blocks.as_ref().map(Blocks::observations).filter(|found| *found != n) {
@@ -187,7 +187,8 @@ pub(crate) fn statistics(
     let (freedom, rows) = (model.freedom as f64, contrast.weights.nrows());
     debug_assert_eq!(rows, along.nrows());
     let vertices = values.ncols() / components;
-    // Sums of squares below the floor of a column, which depends on the column's size, are rounding errors.
+    // A sum of squares up to the floor of its column, which depends on the size of the column's values, is a rounding
+    // error.
     let floor = floors(values);
     if components == 1 {
         let squares = column_squares(errors.view());
@@ -254,20 +255,21 @@ pub(crate) fn column_squares(values: ArrayView2<'_, f64>) -> Vec<f64> {
     sums
 }
 
-/// Returns, for each column, an upper bound of the sum of squares that rounding errors of its values can cause.
+/// Returns an upper bound, for each column, of the sum of squares that rounding errors of the column's values can
+/// cause.
 pub(crate) fn floors(values: ArrayView2<'_, f64>) -> Vec<f64> {
     let n = values.nrows() as f64;
     column_squares(values).into_iter().map(|sum| sum * n * (8.0 * f64::EPSILON).powi(2)).collect()
 }
 
-/// A small symmetric matrix, of which the lower triangle is stored and factorised in place.
+/// A small symmetric matrix. Its lower triangle is stored and factorised in place.
 pub(crate) struct Small {
     size: usize,
     values: Vec<f64>,
 }
 
 impl Small {
-    /// Returns the matrix `B^T B` of a block B of values, (n, d).
+    /// Returns the matrix `B^T B` of a block B (n, d) of values.
     pub(crate) fn gram(block: ArrayView2<'_, f64>) -> Self {
         let size = block.ncols();
         let mut values = vec![0.0; size * size];
@@ -308,8 +310,8 @@ impl Small {
         Self { size, values }
     }
 
-    /// Replaces the lower triangle by the Cholesky factor; returns false if a pivot is within rounding errors or at
-    /// most `floor`.
+    /// Replaces the lower triangle by the Cholesky factor. Returns false if a pivot is at most `floor`, or so small
+    /// that it is a rounding error.
     pub(crate) fn factorise(&mut self, floor: f64) -> bool {
         let d = self.size;
         let largest = (0..d).map(|i| self.values[i * d + i]).fold(0.0, f64::max);
@@ -332,15 +334,15 @@ impl Small {
         true
     }
 
-    /// Returns `b M^-1 b^T` of the factorised matrix M.
+    /// Returns `b M^-1 b^T` for the factorised matrix M.
     pub(crate) fn quotient(&self, b: &[f64]) -> f64 {
         let mut b = b.to_vec();
         self.whiten(&mut b);
         b.iter().map(|value| value * value).sum()
     }
 
-    /// Returns `tr (S M^-1)^2 + (tr S M^-1)^2` of the factorised matrix M and a symmetric matrix S, given by its
-    /// elements.
+    /// Returns `tr (S M^-1)^2 + (tr S M^-1)^2` for the factorised matrix M and the symmetric matrix S whose elements
+    /// `element` returns.
     pub(crate) fn squared_traces(&self, element: impl Fn(usize, usize) -> f64) -> f64 {
         // B = L^-1 S L^-T has the same traces of powers as S M^-1.
         let d = self.size;

@@ -14,8 +14,8 @@
 //! are products of rows of length n with (n, V d). The effect explains the fraction `u = b (1 - g^T g)^-1 b^T` of the
 //! reduced model's scatter. This fraction increases with |t|, F and `T^2` (`T^2 = v u / (1 - u)`), so that only u
 //! needs to be compared. For permutations g is 0 if the reduced model is a constant. `welch_flips` computes the
-//! statistics for unequal variances. Cost: `2 n V d (q + p - q)` flops per relabelling, `2 n V d q` if the reduced
-//! model is a constant; 10,000 relabellings of 100 subjects at 10,242 vertices of a scalar take 2e10. Memory:
+//! statistics for unequal variances. Cost: `2 n V d p` flops per relabelling, or `2 n V d q` if the reduced model is a
+//! constant; 10,000 relabellings of 100 subjects with one value at each of 10,242 vertices take 2e10 flops. Memory:
 //! `8 n V d` bytes for the residuals, and 2 MB per thread.
 
 use ndarray::{Array2, ArrayView2, Axis, s};
@@ -34,15 +34,15 @@ use super::spatial::{Clusters, Largest, Regions, Tfce};
 use super::welch_flips::WelchFlips;
 use crate::ShapeError;
 
-/// Maximum number of relabellings of a test. This number of random relabellings takes 2.4 GB.
+/// Maximum number of relabellings of a test. The largest statistics of this many relabellings take 2.4 GB of memory.
 pub const MAX_RELABELLINGS: usize = 100_000_000;
 
-/// Settings of the relabellings of a study.
+/// Settings of the permutation test.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PermutationParams {
     /// Number of random relabellings, 1 to [`MAX_RELABELLINGS`]. Default: 10,000.
     pub count: usize,
-    /// Largest number of possible relabellings for which all are used instead of random ones; at most
+    /// If there are at most this many possible relabellings, all of them are used instead of random ones. At most
     /// [`MAX_RELABELLINGS`]. Default: 20,000.
     pub exact_up_to: usize,
     /// Seed of the random relabellings. Default: 0.
@@ -55,14 +55,14 @@ impl Default for PermutationParams {
     }
 }
 
-/// P values by relabelling at each of V vertices.
+/// P values at each of V vertices, computed from relabelled studies.
 #[derive(Debug, Clone)]
 pub struct FamilyWise {
-    /// Family-wise p values, (V): the probability, without an effect at any vertex, that the largest statistic over
-    /// all vertices is at least the vertex's statistic.
+    /// Family-wise p values (V): the probability, without an effect at any vertex, that the largest statistic over all
+    /// vertices is at least the vertex's statistic.
     pub p: Vec<f64>,
-    /// Uncorrected p values that don't assume normal errors, (V): the probability, without an effect, of a statistic
-    /// at the vertex of at least this size.
+    /// Uncorrected p values (V) that don't assume normal errors: the probability, without an effect, that the statistic
+    /// at the vertex is at least as large as the one found.
     pub pointwise: Vec<f64>,
     /// Kind of relabelling used.
     pub resampling: Resampling,
@@ -80,7 +80,7 @@ pub struct FamilyWise {
 
 /// Number of relabellings whose matrix products are computed together.
 const BATCH: usize = 64;
-/// Relative difference up to which statistics are treated as equal, the level of rounding errors.
+/// Relative difference up to which statistics are treated as equal, because of rounding errors.
 const TIE: f64 = 1e-9;
 
 const STAGE: Stage = Stage::counted("permutations", "relabellings");
@@ -104,9 +104,11 @@ pub(crate) fn family_wise(
     (params, test): (&PermutationParams, &TestParams),
     monitor: &dyn Monitor,
 ) -> Result<Option<FamilyWise>, ShapeError> {
-    for (name, found) in [("relabellings", params.count), ("exact_up_to", params.exact_up_to)] {
-        if found > MAX_RELABELLINGS || (found == 0 && name == "relabellings") {
-            let expected = "expected 1 to 100,000,000";
+    for (name, found, least, expected) in [
+        ("relabellings", params.count, 1, "expected 1 to 100,000,000"),
+        ("exact_up_to", params.exact_up_to, 0, "expected 0 to 100,000,000"),
+    ] {
+        if !(least..=MAX_RELABELLINGS).contains(&found) {
             return Err(ShapeError::Setting { name, found: found.to_string(), expected });
         }
     }
@@ -232,7 +234,7 @@ pub(crate) fn family_wise(
     Ok(Some(result))
 }
 
-/// Largest statistics of all relabelled studies, sorted.
+/// Largest statistic of each relabelled study, in ascending order.
 struct Null(Vec<f64>);
 
 impl Null {
@@ -248,8 +250,8 @@ impl Null {
     }
 }
 
-/// Returns whether relabelled residuals stay orthogonal to the reduced model: it is empty, or permutations exchange
-/// only subjects with equal rows of it.
+/// Returns whether relabelled residuals stay orthogonal to the reduced model. This is the case if the reduced model is
+/// empty, or if permutations exchange only subjects that have equal rows in it.
 fn stays_orthogonal(model: &Projection, resampling: Resampling, sets: &[Vec<Unit>]) -> bool {
     let exchanged = resampling == Resampling::Permutations && units_are_equal(sets, &model.nuisance);
     model.nuisance.ncols() == 0 || exchanged
@@ -260,9 +262,10 @@ fn units_are_equal(sets: &[Vec<Unit>], rows: &Array2<f64>) -> bool {
     sets.iter().all(|set| set.iter().all(|unit| are_equal(unit, &set[0], rows.view())))
 }
 
-/// Returns the fraction of all relabellings that have the same statistics as the original labels.
+/// Returns the smallest possible p value: the fraction of all relabellings that have the same statistics as the
+/// original labels.
 fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[usize]>) -> f64 {
-    // Variance groups may be swapped as wholes, so that each has the variance of another.
+    // Whole variance groups may be swapped, so that each has the variance of another.
     let in_groups = |relabelling: &Relabelling| {
         let keeps = |groups: &[usize]| {
             let mut other = vec![None; groups.len()];
@@ -283,16 +286,19 @@ fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[us
     count.max(1) as f64 / arrangements.count as f64
 }
 
-/// Prepared values for the statistic that is compared between relabellings.
+/// Prepared values from which the statistics of relabelled studies are evaluated.
 enum Share<'a> {
+    /// Evaluates the fraction of the scatter that the effect explains, for pooled variances.
     Explained(Explained<'a>),
+    /// Evaluates the squares of Welch's t, or its `T^2`, for two groups.
     Welch(WelchFlips),
+    /// Evaluates the square of Aspin and Welch's v, or G.
     VarianceGroups(&'a AspinWelch),
 }
 
 impl Share<'_> {
-    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the values at these
-    /// vertices.
+    /// Calls `use_it` for each relabelling and each run of vertices, with the index of the relabelling, the first
+    /// vertex of the run and the values in the run.
     fn evaluate(&self, relabellings: &[Relabelling], use_it: impl FnMut(usize, usize, &[f64])) {
         match self {
             Self::Explained(explained) => explained.evaluate(relabellings, use_it),

@@ -1,10 +1,10 @@
 //! Splits a design into the part that a contrast tests and the rest.
 //!
-//! With `X = Q R`, the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, in which U solves `R^T U = C^T`. So the
-//! columns of `W = Q U` span the contrast's contribution to the model, and their orthogonal complement in the span of
-//! X is the reduced model of the null hypothesis. This is the partition of G. M. Ridgway (in A. M. Winkler et al.,
-//! "Permutation inference for the general linear model", NeuroImage 92 (2014), appendix A), with orthogonal bases
-//! instead of normal equations.
+//! With `X = Q R`, the estimate of `C B` is `C R^-1 Q^T Y = U^T Q^T Y`, where U solves `R^T U = C^T`. So the columns of
+//! `W = Q U` span the contrast's contribution to the model, and their orthogonal complement in the span of X is the
+//! reduced model of the null hypothesis. This is the partition of G. M. Ridgway (in A. M. Winkler et al., "Permutation
+//! inference for the general linear model", NeuroImage 92 (2014), appendix A), with orthogonal bases instead of normal
+//! equations.
 
 use ndarray::{Array2, ArrayView2, concatenate, s};
 
@@ -12,18 +12,18 @@ use super::design::{Contrast, Design, orthonormalise};
 use crate::ShapeError;
 use crate::product::product;
 
-/// Orthonormal bases of the tested part of a design and of the rest, with the degrees of freedom of the errors.
+/// Orthonormal bases of the tested part of a design and of the rest, and the degrees of freedom of the errors.
 #[derive(Debug, Clone)]
 pub(crate) struct Projection {
-    /// Basis of the tested part, (n, q).
+    /// Basis (n, q) of the tested part.
     pub(crate) effect: Array2<f64>,
-    /// Basis of the reduced model, (n, p - q).
+    /// Basis (n, p - q) of the reduced model.
     pub(crate) nuisance: Array2<f64>,
     /// Norm `|W|`, used for q = 1: the ratio of the contrast's estimate to the component of the values along `effect`.
     pub(crate) scale: f64,
     /// Degrees of freedom of the errors, n - p.
     pub(crate) freedom: usize,
-    /// Columns of the design combined by the contrast, `X C^T`, (n, q).
+    /// Combinations `X C^T` (n, q) of the design's columns with the contrast's weights.
     pub(crate) tested: Array2<f64>,
 }
 
@@ -45,7 +45,7 @@ impl Projection {
         Ok(Self { effect, nuisance, scale, freedom: n - p, tested })
     }
 
-    /// Returns the residuals of the reduced model, `(I - Q_Z Q_Z^T) Y`, (n, V d).
+    /// Returns the residuals `(I - Q_Z Q_Z^T) Y` (n, V d) of the reduced model.
     pub(crate) fn residual(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
         without(self.nuisance.view(), values.to_owned())
     }
@@ -75,8 +75,8 @@ impl Projection {
     }
 }
 
-/// Returns an orthonormal basis Q of a design's columns, (n, p), and U, (p, q), with `C B = U^T Q^T Y` for the
-/// least-squares coefficients B.
+/// Returns an orthonormal basis Q (n, p) of a design's columns, and the matrix U (p, q) for which `C B = U^T Q^T Y`,
+/// with the least-squares coefficients B.
 pub(crate) fn contrast_in_basis(design: &Design, contrast: &Contrast) -> (Array2<f64>, Array2<f64>) {
     let x = design.matrix();
     let (q, _) = orthonormalise(x);

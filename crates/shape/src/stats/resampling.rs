@@ -2,9 +2,9 @@
 //! flips, or both.
 //!
 //! A. M. Winkler, G. R. Ridgway, M. A. Webster, S. M. Smith and T. E. Nichols, "Permutation inference for the general
-//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model. Without a constant, the
-//! mean stays in the residuals, and permutations don't change their sum, so a test of the mean would compare a
-//! statistic with itself. In these cases signs are flipped.
+//! linear model", NeuroImage 92 (2014). Permutations need a constant in the reduced model. Without a constant, the mean
+//! stays in the residuals. Permutations don't change the sum of the residuals, so a test of the mean would compare a
+//! statistic with itself. Therefore signs are flipped instead.
 
 use std::str::FromStr;
 
@@ -70,9 +70,9 @@ impl FromStr for Resampling {
     }
 }
 
-/// Minimum number of subjects on which an estimate must depend for sign flips alone: with fewer, they give fewer than
-/// 1,000 distinct statistics. For the mean of 5 of 24 subjects there are 16 distinct statistics, and the family-wise
-/// error is 0.01 instead of 0.05.
+/// Minimum effective number of subjects on which an estimate depends for sign flips to be used alone. With fewer
+/// subjects, sign flips give fewer than 1,000 distinct statistics. For example, for the mean of 5 of 24 subjects there
+/// are 16 distinct statistics, and the family-wise error is 0.01 instead of 0.05.
 const MIN_SUPPORT: f64 = 11.0;
 
 /// Returns the effective number of subjects on which an estimate depends, `(sum h)^2 / sum h^2` with the subjects'

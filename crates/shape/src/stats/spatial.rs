@@ -7,18 +7,18 @@
 //! integral from 0 to t of e(h)^E h^H dh,   E = 1, H = 2,
 //! ```
 //!
-//! with e(h) the area of the connected region around the vertex in which statistics are at least h. E and H are those
-//! of FSL for surfaces (`randomise --T2`). The integral is exact, without steps of h. Clusters are connected vertices
-//! above a threshold; their statistic is their area (K. J. Friston et al., "Assessing the significance of focal
-//! activations using their spatial extent", Human Brain Mapping 1 (1994)). Positive and negative statistics are
-//! separate regions.
+//! with e(h) the area of the connected region around the vertex in which statistics are at least h. E and H have the
+//! values that FSL uses for surfaces (`randomise --T2`). The integral is exact, without steps of h. Clusters are
+//! connected vertices above a threshold; their statistic is their area (K. J. Friston et al., "Assessing the
+//! significance of focal activations using their spatial extent", Human Brain Mapping 1 (1994)). Positive and negative
+//! statistics are separate regions.
 //!
 //! # Computation
 //!
 //! Vertices are added in decreasing order of their statistic to a forest of regions (union by area, with path halving
-//! of offsets). A region stores its integral from its beginning, and a vertex that joins it stores the difference.
-//! Cost: a sort and about 12 operations on the forest per vertex, 1 ms for 10,242 vertices. Memory: 40 bytes per
-//! vertex.
+//! of offsets). The root of a region stores the root's own integral, down to the current height; every other vertex
+//! stores the difference between its integral and its parent's. Cost: a sort and about 12 operations on the forest per
+//! vertex, 1 ms for 10,242 vertices. Memory: 40 bytes per vertex.
 
 use std::collections::HashMap;
 
@@ -26,7 +26,7 @@ use spharm_surface::geometry::{cross, dot, sub};
 
 use crate::ShapeError;
 
-/// Graph of the tested vertices on their surface: the neighbours and the area of each vertex.
+/// Graph of the tested vertices on the surface, with the neighbours and the area of each vertex.
 #[derive(Debug, Clone)]
 pub struct SurfaceGraph {
     starts: Vec<u32>,
@@ -75,11 +75,11 @@ impl SurfaceGraph {
         self.areas.len()
     }
 
-    /// Returns the graph of the vertices that the mask `kept`, (V), selects.
+    /// Returns the subgraph of the vertices that the mask `kept` (V) selects.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Differ`] for a mask of another length.
+    /// [`ShapeError::Differ`] if the length of the mask isn't V.
     pub fn at(&self, kept: &[bool]) -> Result<Self, ShapeError> {
         if kept.len() != self.vertices() {
             let (expected, found) = (self.vertices(), kept.len());
@@ -98,49 +98,50 @@ impl SurfaceGraph {
     }
 }
 
-/// Settings of statistics of regions.
+/// Settings of the statistics of regions: TFCE and clusters.
 #[derive(Debug, Clone)]
 pub struct SpatialParams {
-    /// Surface of the tested vertices.
+    /// Graph of the tested vertices on the surface.
     pub surface: SurfaceGraph,
     /// Whether to compute TFCE.
     pub tfce: bool,
-    /// Uncorrected p value below which vertices form clusters, in (0, 1), usually 0.001; `None` for no clusters.
+    /// Uncorrected p value below which vertices form clusters, in (0, 1), usually 0.001; `None` omits clusters.
     pub cluster: Option<f64>,
 }
 
 /// Threshold-free cluster enhancement (TFCE) at each of V vertices.
 #[derive(Debug, Clone)]
 pub struct Tfce {
-    /// Enhanced statistic, with the sign of the original statistic, (V).
+    /// Enhanced statistics (V), with the signs of the original statistics.
     pub statistic: Vec<f64>,
-    /// Family-wise p values by the largest enhanced statistic of relabelled studies, (V).
+    /// Family-wise p values (V): the fraction of relabelled studies whose largest enhanced statistic reaches the one at
+    /// the vertex.
     pub p: Vec<f64>,
 }
 
 /// Clusters of connected vertices with statistics above a threshold.
 #[derive(Debug, Clone)]
 pub struct Clusters {
-    /// Absolute value of the statistic from which vertices form clusters.
+    /// Smallest absolute statistic of a vertex in a cluster.
     pub threshold: f64,
-    /// Number of each vertex's cluster, from 1, (V); 0 for vertices without a cluster.
+    /// Number of each vertex's cluster (V), counted from 1; 0 for vertices outside all clusters.
     pub of: Vec<u32>,
     /// Clusters, in order of decreasing area.
     pub clusters: Vec<Cluster>,
 }
 
-/// Connected vertices whose statistics exceed the threshold and have the same sign.
+/// Connected vertices whose absolute statistics reach the threshold and whose signs are equal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cluster {
     /// Number of vertices.
     pub vertices: usize,
-    /// Area on the surface, in the square of its unit.
+    /// Area on the surface, in the square of the surface's unit.
     pub area: f64,
     /// Vertex with the largest absolute statistic.
     pub peak: usize,
     /// Signed statistic at the peak.
     pub statistic: f64,
-    /// Family-wise p value by the largest area of relabelled studies.
+    /// Family-wise p value: the fraction of relabelled studies whose largest cluster has at least this area.
     pub p: f64,
 }
 
@@ -157,10 +158,10 @@ pub(crate) struct Regions<'a> {
     order: Vec<(f64, u32)>,
     /// Parent of each vertex in the forest; the vertex itself for a root, `OUTSIDE` before it is added.
     above: Vec<u32>,
-    /// Difference between the integral of a vertex and of its parent; the integral itself for a root.
+    /// Integral of each vertex minus its parent's integral; for a root, the integral itself.
     integral: Vec<f64>,
-    /// Values of each root: area of the region, height down to which integrals are computed, and largest integral in
-    /// the region.
+    /// Area of each root's region; `height` is the height down to which the region's integrals are computed, and `best`
+    /// the largest integral in the region.
     area: Vec<f64>,
     height: Vec<f64>,
     best: Vec<f64>,
@@ -242,8 +243,8 @@ impl<'a> Regions<'a> {
         Clusters { threshold, of, clusters: found.into_iter().map(|(cluster, _)| cluster).collect() }
     }
 
-    /// Builds the forest of the vertices whose statistic times `sign` is above 0 and at least `lowest`. Calls
-    /// `joined` with the height and the area of the region after each vertex.
+    /// Builds the forest of the vertices whose statistic times `sign` is above 0 and at least `lowest`. After adding a
+    /// vertex, calls `joined` with the vertex's height and the area of its region.
     fn fill(&mut self, statistics: &[f64], sign: f64, lowest: f64, mut joined: impl FnMut(f64, f64)) {
         self.order.clear();
         let heights = statistics.iter().map(|value| sign * value).zip(0..);
@@ -270,7 +271,7 @@ impl<'a> Regions<'a> {
         largest
     }
 
-    /// Adds a vertex at a height not above that of any earlier vertex, and returns the root of its region.
+    /// Adds a vertex whose height is at most that of all earlier vertices, and returns the root of the vertex's region.
     fn add(&mut self, v: u32, height: f64) -> u32 {
         let at = v as usize;
         self.above[at] = v;

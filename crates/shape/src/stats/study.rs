@@ -11,19 +11,20 @@ use crate::product::product;
 /// A design, the contrast to test, and the contrast's meaning.
 #[derive(Debug, Clone)]
 pub struct Question {
-    /// Design, with the columns of the effect first.
+    /// Design, whose first columns are the columns of the effect.
     pub design: Design,
     /// Contrast of the design to test.
     pub contrast: Contrast,
     /// Description of the contrast, such as "control - patient" or "slope of age".
     pub meaning: String,
-    /// Levels of the effect, or cells of two columns of levels, with their numbers of subjects.
+    /// Levels of the effect and the number of subjects at each level. For the interaction of two columns of levels,
+    /// these are the pairs of levels ("cells").
     pub levels: Vec<(String, usize)>,
     /// Level or cell of each subject; empty if the effect has no levels.
     pub level_of: Vec<String>,
     /// Terms that are accounted for: covariates, and the columns of interactions.
     pub covariates: Vec<Term>,
-    /// Columns that are treated as numbers but may be codes of levels, with their distinct values.
+    /// Names and distinct values of the columns that are treated as numbers but may be codes of levels.
     pub codes: Vec<(String, Vec<f64>)>,
 }
 
@@ -33,7 +34,7 @@ impl Question {
     ///
     /// # Errors
     ///
-    /// The errors of [`Design::contrast`]; [`ShapeError::Contrast`] if a combination is zero or depends on the
+    /// The errors of [`Design::contrast`]; [`ShapeError::Contrast`] if a combination is zero or depends linearly on the
     /// preceding ones.
     pub fn with_contrast(mut self, rows: &[impl AsRef<str>]) -> Result<Self, ShapeError> {
         self.contrast = self.design.contrast(rows)?;
@@ -84,7 +85,7 @@ struct Tested {
 /// | effect | columns | tested hypothesis |
 /// |---|---|---|
 /// | numbers | `mean`, the numbers | the slope |
-/// | levels | one for each level | the first minus the second; any difference between more levels |
+/// | levels | one for each level | for two levels the first minus the second, for more levels any difference |
 /// | levels, numbers | one for each level, and a slope for each, `LEVEL:NUMBERS` | differences of the slopes |
 /// | levels, levels | one for each pair of levels, `LEVEL:LEVEL` | differences of differences |
 /// | numbers, numbers | `mean`, both, and their product | the product's slope |
@@ -96,9 +97,10 @@ struct Tested {
 ///
 /// # Errors
 ///
-/// [`ShapeError::Subjects`] for columns of different lengths, [`ShapeError::Levels`] for an effect of one level or an
-/// `order` that doesn't list all levels, [`ShapeError::Constant`] for numbers that are all equal,
-/// [`ShapeError::EmptyCell`] for a pair of levels without subjects; the errors of [`Design`].
+/// [`ShapeError::Subjects`] if columns have different lengths; [`ShapeError::Levels`] if the effect has only one level,
+/// or `order` doesn't list all levels; [`ShapeError::Setting`] if `order` is given for an effect of numbers, or colons
+/// in levels give two pairs of levels the same name; [`ShapeError::Constant`] if all numbers of a column are equal;
+/// [`ShapeError::EmptyCell`] if a pair of levels has no subjects; the errors of [`Design::new`].
 pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<Question, ShapeError> {
     let n = effect.columns()[0].1.len();
     let terms: Vec<&Term> = std::iter::once(effect).chain(covariates).collect();
@@ -183,8 +185,8 @@ fn ordered(name: &str, of: &[String], order: &[String]) -> Result<Vec<String>, S
     Ok(if order.is_empty() { found } else { order.to_vec() })
 }
 
-/// Returns rows of weights, each for a column minus the next one, over `count` columns that follow `before` other
-/// columns.
+/// Returns the weights of `count - 1` contrasts, each of which is a column minus the next one. The contrasts are over
+/// `count` columns that follow `before` other columns.
 fn successive(before: usize, count: usize) -> Vec<Vec<f64>> {
     let weight = |row: usize, column: usize| f64::from(column == row) - f64::from(column == row + 1);
     (0..count - 1)
@@ -236,13 +238,14 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
             return Err(ShapeError::EmptyCell { interaction: names.join(":"), levels: [a.clone(), b.clone()] });
         }
         if cells.iter().any(|(other, _)| *other == cell) {
-            let (name, found) = ("a pair of levels joined by a colon", format!("{cell}, as is another pair"));
+            let (name, found) =
+                ("the name of a pair of levels", format!("{cell}, which is also the name of another pair"));
             return Err(ShapeError::Setting { name, found, expected: "rename levels that contain colons" });
         }
         cells.push((cell, members));
     }
-    // Row (i, j) of the weights is the difference between rows i and i + 1 of the cells at column j, minus this
-    // difference at j + 1.
+    // Row (i, j) of the weights is the difference between the cells (i, j) and (i + 1, j), minus the same difference at
+    // column j + 1.
     let (rows, columns) = (successive(0, levels[0].len()), successive(0, levels[1].len()));
     let product = |a: &[f64], b: &[f64]| a.iter().flat_map(|a| b.iter().map(move |b| a * b)).collect();
     Ok(Tested {
@@ -258,8 +261,8 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
     })
 }
 
-/// Returns two lists of terms: the columns of the effect's interaction; and the covariates, including unlisted
-/// columns of their interactions and excluding terms of the effect.
+/// Returns two lists of terms. The first has the columns of the effect, if the effect is an interaction. The second has
+/// the covariates and the columns of their interactions, without the terms of the effect.
 fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
     let parts = |term: &Term| match term {
         Term::Column(..) => Vec::new(),
@@ -290,7 +293,7 @@ fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
     [included, covariates]
 }
 
-/// Assembles a design from a base, slopes and covariates.
+/// Creates a design whose columns are the base, the slopes and the covariates, in this order.
 fn assemble(base: Coded, slopes: Coded, covariates: &[Term]) -> Result<Design, ShapeError> {
     let n = base[0].1.len();
     let columns = base.into_iter().chain(slopes).chain(covariates.iter().flat_map(coded));

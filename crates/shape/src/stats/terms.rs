@@ -38,7 +38,7 @@ impl Column {
     }
 
     /// Returns the distinct values of a column of numbers that may be codes of levels: at most six distinct integers,
-    /// and fewer than subjects. Returns `None` for other numbers and for levels.
+    /// and fewer of them than subjects. Returns `None` for other numbers and for levels.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -79,9 +79,9 @@ pub enum Term {
 }
 
 impl Term {
-    /// Parses the name of a term, such as `group` or `group:age`. `column` returns the column of a name, or `None` if
-    /// there is no such column. A column whose name contains a colon takes precedence over an interaction. The result
-    /// is `None` if a column is missing.
+    /// Parses the name of a term, such as `group` or `group:age`. `column` must return the column with a given name, or
+    /// `None` if there is no such column. A column whose name contains a colon takes precedence over an interaction.
+    /// The result is `None` if a column is missing.
     ///
     /// # Errors
     ///
@@ -127,7 +127,8 @@ pub(crate) fn distinct(levels: &[String]) -> Vec<String> {
     levels.iter().collect::<BTreeSet<_>>().into_iter().cloned().collect()
 }
 
-/// Rejects numbers that are all equal, which would be a linearly dependent column of the design.
+/// Rejects a column of numbers that are all equal, because it would be linearly dependent on other columns of the
+/// design.
 pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError> {
     let Column::Numbers(values) = column else { return Ok(()) };
     match values.first() {
@@ -138,7 +139,7 @@ pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError
     }
 }
 
-/// Columns of a design with their names.
+/// Names and values of columns of a design.
 pub(crate) type Coded = Vec<(String, Vec<f64>)>;
 
 /// Returns numbers minus their mean.
@@ -157,9 +158,9 @@ pub(crate) fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
-/// Codes a covariate as columns minus their means: its numbers, or ones and zeros for each level except the first.
-/// Interactions are the products of the columns of both, so that other effects refer to subjects with average
-/// covariates.
+/// Codes a covariate as centred columns: its numbers, or ones and zeros for each level except the first. An interaction
+/// is coded as the products of the columns of its two parts. Columns are centred so that other effects refer to
+/// subjects with average covariates.
 pub(crate) fn coded(term: &Term) -> Coded {
     let of_column = |name: &str, column: &Column| match column {
         Column::Numbers(numbers) => vec![(name.to_owned(), centred(numbers))],

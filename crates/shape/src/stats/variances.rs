@@ -6,7 +6,7 @@ use super::TestWarning;
 use super::design::{Contrast, Design, orthonormalise};
 use super::projection::without;
 
-/// Ratio of sizes, and of variances, above which a warning is given.
+/// Ratio above which the sizes and the variances of two groups must differ for a warning.
 const RATIO: f64 = 1.5;
 
 /// Compares the total residual variances of two groups in values (n, V d). Returns a warning if both sizes and
@@ -30,7 +30,7 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
         }
         if freedom > 1e-9 { squares / freedom } else { f64::NAN }
     });
-    // An unknown variance is NaN.
+    // The variance of a group without degrees of freedom is NaN.
     if !more(variances[0], variances[1]) || variances.iter().any(|variance| variance.is_nan()) {
         return None;
     }
@@ -46,8 +46,8 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
     })
 }
 
-/// Returns the columns of the two groups whose difference is tested; `None` if some subject is in neither group,
-/// because the errors of other subjects would be part of the pooled variance.
+/// Returns the columns of the two groups if the contrast is their difference and each subject is in one of them,
+/// otherwise `None`. The errors of subjects outside both groups would be part of the pooled variance.
 fn two_groups(design: &Design, contrast: &Contrast) -> Option<[usize; 2]> {
     let (x, weights) = (design.matrix(), &contrast.weights);
     if weights.nrows() != 1 {

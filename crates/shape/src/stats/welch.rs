@@ -23,7 +23,7 @@ use crate::ShapeError;
 use crate::product::product;
 
 /// Returns the group of each subject, 0 or 1, and the weight of the first group's mean in a contrast of two groups.
-/// Each group must be large enough for values of `components` components per vertex.
+/// Returns an error if a group has fewer than `components + 1` subjects.
 pub(crate) fn groups(design: &Design, contrast: &Contrast, components: usize) -> Result<(Vec<usize>, f64), ShapeError> {
     let groups = design.two_groups().ok_or(ShapeError::NotTwoGroups)?;
     let weights = &contrast.weights;
@@ -80,7 +80,7 @@ pub(crate) fn statistics(
 struct Half {
     n: f64,
     mean: Vec<f64>,
-    /// Scatter matrix about the mean, (d, d).
+    /// Scatter matrix (d, d) about the mean.
     scatter: Array2<f64>,
 }
 

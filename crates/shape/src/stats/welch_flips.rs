@@ -8,9 +8,9 @@
 //! (5 subjects against 15, standard deviations 2 : 1, 300 null studies in NumPy), and the power for t was the same.
 //!
 //! Sums of squares `Q_g = sum r r^T` don't depend on signs. A relabelling needs each group's sum of signed residuals,
-//! `s_g`, which takes a product of two rows of length n with (n, V d). At each vertex it needs `d^T (C_1 + C_2)^-1 d`
-//! with `d = s_1 / n_1 - s_2 / n_2` and `C_g = (Q_g - s_g s_g^T / n_g) / (n_g (n_g - 1))`. Cost: `4 n V d` flops per
-//! relabelling and about `d^3` per vertex. Memory: `8 n V d + 8 V d (d + 1)` bytes.
+//! `s_g`, which takes a product of two rows of length n with the residuals (n, V d). At each vertex it needs
+//! `d^T (C_1 + C_2)^-1 d` with `d = s_1 / n_1 - s_2 / n_2` and `C_g = (Q_g - s_g s_g^T / n_g) / (n_g (n_g - 1))`. Cost:
+//! `4 n V d` flops per relabelling and about `d^3` per vertex. Memory: `8 n V d + 8 V d (d + 1)` bytes.
 
 use ndarray::{Array2, ArrayView1, ArrayView2, s};
 
@@ -20,20 +20,20 @@ use crate::product::{COLUMNS, product};
 
 /// Residuals about the common mean, and their sums of squares by group.
 pub(crate) struct WelchFlips {
-    /// Residuals about the common mean, (n, V d).
+    /// Residuals (n, V d) about the common mean.
     residuals: Array2<f64>,
-    /// Lower triangles of both groups' sums of squares `Q_g`, by rows, (2, V d (d + 1) / 2).
+    /// Lower triangles (2, V d (d + 1) / 2) of both groups' sums of squares `Q_g`, stored row by row.
     squares: Array2<f64>,
-    /// Threshold at each vertex, (V), up to which a pivot of `C_1 + C_2` is a rounding error.
+    /// Threshold at each vertex (V): a pivot of `C_1 + C_2` up to this value is a rounding error.
     floor: Vec<f64>,
     components: usize,
-    /// Whether each subject belongs to the first group, (n).
+    /// Whether each subject (n) belongs to the first group.
     first: Vec<bool>,
     sizes: [f64; 2],
 }
 
 impl WelchFlips {
-    /// Prepares the flips from values (n, V d) and the group of each subject, 0 or 1.
+    /// Prepares the sign flips of values (n, V d), given the group of each subject, 0 or 1.
     pub(crate) fn new(values: ArrayView2<'_, f64>, components: usize, groups: &[usize]) -> Self {
         let first: Vec<bool> = groups.iter().map(|group| *group == 0).collect();
         let n1 = first.iter().filter(|first| **first).count();
@@ -63,8 +63,8 @@ impl WelchFlips {
         Self { residuals, squares, floor, components, first, sizes }
     }
 
-    /// Calls `use_it` with the index of a relabelling, the first vertex of a run of vertices, and the statistics at
-    /// these vertices.
+    /// Calls `use_it` for each relabelling and each run of vertices, with the index of the relabelling, the first
+    /// vertex of the run and the statistics in the run.
     pub(crate) fn evaluate(&self, relabellings: &[Relabelling], mut use_it: impl FnMut(usize, usize, &[f64])) {
         let (n, d) = (self.first.len(), self.components);
         let rows = Array2::from_shape_fn((2 * relabellings.len(), n), |(row, i)| {
@@ -129,7 +129,7 @@ impl WelchFlips {
     }
 }
 
-/// Returns the values minus the mean that both groups share under the null hypothesis, (n, V d).
+/// Returns the values (n, V d) minus the mean that both groups share under the null hypothesis.
 fn about_common_mean(values: ArrayView2<'_, f64>, components: usize, first: &[bool], sizes: [f64; 2]) -> Array2<f64> {
     let mut means = Array2::<f64>::zeros((2, values.ncols()));
     for (row, first) in values.rows().into_iter().zip(first) {

@@ -38,7 +38,7 @@ fn hostile_heads_are_refused() {
     };
     // The header's highest degree L, number of channels c, highest degree T of the stream and guess g take one byte
     // each.
-    for (at, what) in [(10, "highest degree"), (11, "channels"), (12, "of the stream"), (13, "guess")] {
+    for (at, what) in [(10, "highest degree"), (11, "channels"), (12, "of the stream"), (13, "mean magnitude")] {
         for number in [u64::MAX, 1 << 40, 1 << 32, 2001, 65_537] {
             refuse(what, forge(&file, |head| drop(head.splice(at..=at, varint(number)))));
         }

@@ -16,12 +16,12 @@ use crate::condition;
 use crate::gram::GramMatrix;
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Default number of rows and columns of a tile: 128 KiB of f64, which fit the L2 cache of any core.
+/// Default number of rows and columns of a tile: a tile of f64 takes 128 KiB, which fit in the L2 cache of any core.
 pub const DEFAULT_TILE: usize = 128;
-/// Largest number of columns of a panel in memory. If the rest of the factor is in memory, too, wider panels gain
-/// nothing.
+/// Largest number of columns of a panel if the entire factor is in memory. Wider panels would gain nothing.
 const PANEL: usize = 1024;
-/// Largest number of columns of a panel out of core. With wider panels, less is read from disk.
+/// Largest number of columns of a panel if the factor is computed out of core. Here wider panels pay off, because less
+/// is read from disk.
 const WIDEST: usize = 4096;
 /// Bytes of memory for the program itself, its stacks and its allocator.
 const BASE: usize = 16 << 20;
@@ -31,7 +31,7 @@ const BASE: usize = 16 << 20;
 pub struct FactorParams {
     /// Scalar type of the finished factor; default f64. It is computed in double precision either way: rounding the
     /// finished factor causes a relative error of 6e-8 in each entry, while a factorisation in single precision could
-    /// fail from condition numbers of 1e7 on.
+    /// fail at condition numbers of 1e7 or more.
     pub scalar: Scalar,
     /// Number of rows and columns of a tile, a multiple of 8; default [`DEFAULT_TILE`].
     pub tile: usize,
@@ -41,7 +41,7 @@ pub struct FactorParams {
     pub held: usize,
     /// Number of threads; 0 (default) for the number of threads of the caller's rayon pool.
     pub threads: usize,
-    /// Whether to build a factor even if it is large or doesn't seem to fit the disk; default false.
+    /// Whether to build a factor even if it is large or doesn't seem to fit on the disk; default false.
     pub allow_large: bool,
 }
 
@@ -61,7 +61,8 @@ pub struct FactorPlan {
     pub panel: usize,
     /// Bytes of memory for the factorisation.
     pub memory: usize,
-    /// Bytes of address space that [`Kernels`] reserve in addition to `memory`; they count towards a limit on data.
+    /// Bytes of address space that [`Kernels`] reserve in addition to `memory`; they count towards the process's limit
+    /// on data.
     pub reserved: usize,
     /// Bytes of disk space during the computation; 0 for a factor that stays in memory.
     pub disk: u64,
@@ -85,7 +86,8 @@ pub struct FactorReport {
 ///
 /// # Errors
 ///
-/// [`StoreError::Budget`] with the smallest sufficient budget, and [`StoreError::FactorLayout`].
+/// [`StoreError::Budget`], with the smallest sufficient budget, if the budget is too small even for the narrowest
+/// panels; [`StoreError::FactorLayout`] if the format doesn't allow the size or the number of tiles.
 pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(FactorPlan, TileGrid), SolverError> {
     let grid = TileGrid::new(size, params.tile)?;
     let threads = crate::threads(params.threads);
@@ -118,7 +120,9 @@ pub fn plan_factor(size: usize, params: &FactorParams, disk: bool) -> Result<(Fa
 ///
 /// # Errors
 ///
-/// [`StoreError::Budget`], [`StoreError::Space`], [`StoreError::FactorLayout`].
+/// [`StoreError::Budget`] if the memory budget is too small, [`StoreError::Space`] if the disk has too little free
+/// space or the factor is too large, [`StoreError::FactorLayout`] if the format doesn't allow the size or the number of
+/// tiles.
 pub fn plan_stored_factor(
     store: &Path,
     size: usize,
@@ -144,7 +148,9 @@ pub struct MemoryFactor {
 ///
 /// # Errors
 ///
-/// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`], [`SolverError::Interrupted`], and errors of `source`.
+/// [`SolverError::NotPositiveDefinite`] if G isn't numerically positive definite, [`StoreError::Budget`] if the memory
+/// budget is too small, [`SolverError::Interrupted`] if the monitor cancels the computation, and the errors of
+/// `source`.
 pub fn factorise(
     source: &dyn GramMatrix,
     params: &FactorParams,
@@ -160,15 +166,17 @@ pub fn factorise(
     Ok(MemoryFactor { tiles, scalar: params.scalar, condition, threads: panels.threads })
 }
 
-/// Builds the factor of `spec` into `store`, unless it exists.
+/// Builds the factor described by `spec` into `store`, unless it already exists.
 ///
-/// The weights and the penalty of G must equal those of `spec`, which are recorded in the file. Reports one stage,
-/// `factor`, in flops, to the monitor, unless the factor exists.
+/// G must have the weights and the penalty of `spec`, which are recorded in the file. Reports one stage, `factor`, in
+/// flops, to the monitor, unless the factor already exists.
 ///
 /// # Errors
 ///
-/// [`SolverError::NotPositiveDefinite`], [`StoreError::Budget`] and [`StoreError::Space`] before any work,
-/// [`SolverError::Interrupted`], [`StoreError::Io`], and errors of `source`. No files are left behind.
+/// Before any work: [`StoreError::Budget`] or [`StoreError::Space`] if memory or disk space doesn't suffice. During the
+/// work: [`SolverError::NotPositiveDefinite`] if G isn't numerically positive definite, [`SolverError::Interrupted`] if
+/// the monitor cancels the computation, [`StoreError::Io`] if the store can't be written, and the errors of `source`.
+/// No files are left behind.
 ///
 /// # Panics
 ///
@@ -206,7 +214,7 @@ pub fn build_factor(
     Ok(FactorReport { file, present: published.is_none(), memory: plan.memory, warnings })
 }
 
-/// Factorises `source` into `tiles`, then estimates the condition number by solves with the tiles.
+/// Factorises `source` into `tiles`, then estimates the condition number by means of solves with the tiles.
 fn compute<T: Tiles + Finished>(
     source: &dyn GramMatrix,
     tiles: &T,

@@ -3,14 +3,14 @@
 //! For each panel of columns J = [a, b), the source computes G[a.., J], and [`Kernels`] compute
 //!
 //! ```text
-//! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (gemm, runs of k of some 512 columns)
+//! P = G[a.., J] - sum_k C[a.., k] C[J, k]^T        (gemm, for about 512 columns k at a time)
 //! C[J, J] = chol(P[J])                              (potrf)
 //! C[b.., J] = P[b..] C[J, J]^-T                     (trsm)
 //! ```
 //!
-//! Then the finished tiles are stored. Earlier columns are read again for each panel, so panels of w columns cause
-//! reads of 4 K^3 / (3 w) bytes in total, in addition to K^3 / 3 flops: wider panels read less. In memory, "reading" is
-//! a copy between tiles and panels. The order of summation of each entry depends only on the panels' width.
+//! Then the finished tiles are stored. Earlier columns are read again for each panel: in total, panels of w columns
+//! read 4 K^3 / (3 w) bytes and take K^3 / 3 flops, so wider panels read less. In memory, "reading" means copying tiles
+//! into panels. The order of summation of each entry depends only on the panels' width.
 
 use std::ops::Range;
 
@@ -130,7 +130,7 @@ fn add_norms(panel: &[f64], rows: usize, sums: &mut [f64]) {
     }
 }
 
-/// Gathers the finished tiles of a range of tile rows and a range of tile columns into one matrix, column-major without
+/// Gathers the finished tiles in a range of tile rows and a range of tile columns into one matrix, column-major without
 /// gaps. The tile columns must have full width.
 fn gather(
     finished: &dyn Finished,

@@ -9,10 +9,10 @@ use crate::SolverError;
 use crate::cholesky::tiles::Tiles;
 use crate::cholesky::triangular::{Direction, run};
 
-/// Number of unit vectors that are solved for together: enough for matrix products to run at full speed.
+/// Number of unit vectors that are processed together: enough for matrix products to run at full speed.
 const TOGETHER: usize = 512;
 
-/// Computes the diagonal of `(C C^T)^-1`, (K).
+/// Computes the diagonal (K) of `(C C^T)^-1`.
 pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
     let grid = tiles.grid();
     monitor.begin(Stage::counted("standard errors", "columns"), grid.size() as u64);

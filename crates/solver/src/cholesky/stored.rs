@@ -13,8 +13,8 @@ use crate::cholesky::{CholeskyFactor, inverse, triangular};
 
 /// A factor read from a store through windows: memory maps of its tile columns.
 ///
-/// If the file fits the budget, windows are kept between solves. Otherwise each window is dropped when its tile column
-/// is done, so that only a few columns occupy memory and address space at a time.
+/// If the file fits in the budget, windows are kept between solves. Otherwise each window is dropped when its tile
+/// column is done, so that only a few columns occupy memory and address space at a time.
 #[derive(Debug)]
 pub struct StoredFactor {
     file: FactorFile,
@@ -23,17 +23,20 @@ pub struct StoredFactor {
     threads: usize,
 }
 
-/// A window on a tile column: kept between solves, or shared only by the threads that are using it.
+/// State of the window on a tile column.
 #[derive(Debug)]
 enum Held {
+    /// The tile column hasn't been mapped yet.
     None,
+    /// The window stays mapped between solves.
     Kept(Arc<TileWindow>),
+    /// The window is unmapped when the last thread that uses it drops it.
     Shared(Weak<TileWindow>),
 }
 
 impl StoredFactor {
-    /// Creates a factor from an open file, for solves on `threads` threads. Windows are kept between solves if the file
-    /// has at most `memory` bytes.
+    /// Creates a factor from an open file, for solves on `threads` threads. Windows are kept between solves if the
+    /// file's size is at most `memory` bytes.
     pub fn new(file: FactorFile, memory: usize, threads: usize) -> Self {
         let kept = file.file_len() <= memory as u64;
         let windows = (0..file.header().grid.columns()).map(|_| Mutex::new(Held::None)).collect();
@@ -68,8 +71,8 @@ impl Tiles for StoredFactor {
         self.file.header().grid
     }
 
-    /// At the first use, faults in the pages of this thread's share of the tile columns. If each thread faulted in
-    /// every page, that would cost as much as reading the factor.
+    /// On first use, faults in the pages of this thread's share of the tile columns. If each thread faulted in every
+    /// page, that would cost as much as reading the factor.
     fn prepare(&self, thread: usize, threads: usize) -> Result<(), SolverError> {
         if !self.kept {
             return Ok(());

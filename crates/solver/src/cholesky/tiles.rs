@@ -16,7 +16,7 @@ pub(crate) struct Cursor {
     pub(crate) window: Option<Arc<TileWindow>>,
 }
 
-/// A lower triangular factor that can be read by tiles from several threads.
+/// A lower triangular factor whose tiles can be read by several threads.
 pub(crate) trait Tiles: Sync {
     fn grid(&self) -> TileGrid;
 
@@ -28,14 +28,15 @@ pub(crate) trait Tiles: Sync {
         Ok(())
     }
 
-    /// Finishes the calling thread. Each thread calls this at its end, and its results are only valid if this succeeds.
+    /// Ends the calling thread's use of tiles. Each thread calls this after its last tile; the thread's results are
+    /// valid only if this succeeds.
     fn finish(&self, _cursor: &mut Cursor) -> Result<(), SolverError> {
         Ok(())
     }
 }
 
-/// Tiles that a factorisation has finished and reads again for later panels. Tiles on the diagonal of the factor are
-/// zero above the diagonal.
+/// Tiles that a factorisation has finished and reads again for later panels. Diagonal tiles are zero above the
+/// diagonal.
 pub(crate) trait Finished: Sync {
     fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), SolverError>;
     fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), SolverError>;
@@ -123,7 +124,7 @@ impl Finished for FactorWriter {
     }
 }
 
-/// An unpublished factor, which is read back to estimate its condition number.
+/// Reads back an unpublished factor, to estimate its condition number.
 impl Tiles for FactorWriter {
     fn grid(&self) -> TileGrid {
         self.grid()

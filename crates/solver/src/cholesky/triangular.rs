@@ -1,7 +1,7 @@
 //! The triangular solves, C y = b and C^T x = y, over tiles.
 //!
-//! Each of the two solves reads every tile of C once; together they take 2 K^2 flops per column. With few columns they
-//! are bound by the bandwidth of memory, with many by the speed of faer's matrix products.
+//! Each of the two solves reads every tile of C once; together they take 2 K^2 flops per column. With few columns, they
+//! are bound by memory bandwidth; with many, by the speed of faer's matrix products.
 //!
 //! In the forward solve, a thread owns tile rows and processes the tile columns in file order, subtracting `C_ij y_j`
 //! from its own rows as soon as y_j is available. The owner of row j + 1 processes that row first and publishes
@@ -29,7 +29,7 @@ use crate::dense;
 /// three right-hand sides at a time.
 const MANY: usize = 16;
 
-/// Solves `C C^T x = b`: `x`, (K, c), is b on entry.
+/// Solves `C C^T x = b`: `x` (K, c) contains b on entry and the solution on return.
 pub(crate) fn solve(tiles: &dyn Tiles, mut x: ArrayViewMut2<'_, f64>, threads: usize) -> Result<(), SolverError> {
     let grid = tiles.grid();
     assert_eq!(x.nrows(), grid.size(), "rows of the right-hand sides");
@@ -64,8 +64,8 @@ pub(crate) enum Direction {
     Both,
 }
 
-/// Solves for right-hand sides in blocks of tile rows, each (rows, c) column-major. Blocks before `first` must be zero:
-/// the forward solve skips them. Without a backward solve these blocks are returned unchanged.
+/// Solves for right-hand sides given as one block (rows, c) per tile row, column-major. Blocks before `first` must be
+/// zero: the forward solve skips them. If there is no backward solve, these blocks are returned unchanged.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -124,18 +124,20 @@ struct Job<'a> {
     direction: Direction,
     /// Monitor that is checked for interruption before each tile: with many columns a tile takes milliseconds.
     monitor: &'a dyn Monitor,
-    /// Solutions y of the forward solve and x of the backward solve, in blocks of one tile row. Each block is set when
-    /// it has been computed.
+    /// Solution y of the forward solve, one block per tile row. Each block is set when it has been computed.
     forward: Vec<OnceLock<Vec<f64>>>,
+    /// Solution x of the backward solve, in the same form.
     backward: Vec<OnceLock<Vec<f64>>>,
     /// Set if a thread fails, so that the other threads don't wait for its results.
     stopped: AtomicBool,
     error: Mutex<Option<SolverError>>,
 }
 
-/// Reason why a thread stops: its own error, or another thread's failure, which that thread reports.
+/// Reason why a thread stops early.
 enum Stop {
+    /// This thread failed with an error.
     Failed(SolverError),
+    /// Another thread failed, and reports the error.
     Others,
 }
 
@@ -280,7 +282,7 @@ fn bytes(tile: TileValues<'_>) -> usize {
     }
 }
 
-/// Returns a tile for matrix products: f64 values unchanged, f32 values widened into `wide`.
+/// Returns a tile as a matrix of f64 values. Values of f32 are first widened into `wide`.
 fn matrix<'m>(tile: TileValues<'m>, rows: usize, wide: &'m mut Vec<f64>) -> Matrix<'m> {
     let values: &[f64] = match tile {
         TileValues::F64(values) => values,

@@ -15,9 +15,9 @@
 //! Then `z = M A^T W r` with the preconditioner M of symmetric block Gauss-Seidel (Saad, section 10.2). `A z = r - s`
 //! is obtained without products with A other than those of the passes, and without the gradient. On `W^(1/2) s`, the
 //! step of block j is an orthogonal projection `I - P_j`. The projection of the last block would be applied twice in a
-//! row. It is applied only once, since `(I - P)^2 = I - P`, which saves reading one block. For a rank-deficient block
-//! `G_j^-1` is its minimum-norm solve, which is symmetric and gives the same projection; all iterates then stay in the
-//! span of such solutions.
+//! row. It is applied only once, since `(I - P)^2 = I - P`, which saves reading one block. For a rank-deficient block,
+//! `G_j^-1` stands for the minimum-norm solve, which is symmetric and gives the same projection; all iterates then stay
+//! in the span of such solutions.
 //!
 //! # The iteration
 //!
@@ -36,9 +36,9 @@
 //!
 //! # Cost
 //!
-//! An iteration is two passes, minus one block: `8 n K c` flops and two readings of the basis. In addition to the
-//! arrays of plain passes it needs s and q, (n, c), and z and p, (K, c). If the number of passes is odd, the first one
-//! is a plain pass.
+//! An iteration consists of two passes, without the last block of the second: it takes `8 n K c` flops and reads the
+//! basis twice. In addition to the arrays of plain passes, it needs s and q (n, c), and z and p (K, c). If the number
+//! of passes is odd, the first one is a plain pass.
 //!
 //! Y. Saad, "Iterative methods for sparse linear systems", second edition, SIAM 2003, sections 9.2 and 10.2; M. R.
 //! Hestenes and E. Stiefel, "Methods of conjugate gradients for solving linear systems", 1952.
@@ -58,7 +58,8 @@ use crate::chunked_rows::ChunkedRows;
 const CONVERGED: f64 = 1e-13;
 
 impl IrfSolver<'_> {
-    /// Fits x, (K, c), zero on entry, to r, (n, c), which contains the targets on entry and their residual on return.
+    /// Fits the coefficients x (K, c), zero on entry, to r (n, c), which contains the targets on entry and their
+    /// residual on return.
     pub(super) fn accelerated(
         &mut self,
         r: &mut ChunkedRows,
@@ -110,7 +111,7 @@ impl IrfSolver<'_> {
         Ok(())
     }
 
-    /// Computes `a^T W b` column by column, (c).
+    /// Computes the inner products `a^T W b` (c) of corresponding columns.
     fn inner(&self, a: &ChunkedRows, b: &ChunkedRows) -> Vec<f64> {
         let of_chunk = |chunk: usize| -> Vec<f64> {
             let range = self.operator.chunk_range(chunk);

@@ -1,5 +1,5 @@
-//! Solves the least-squares problem of one block: by a Cholesky factor of the Gram matrix if that is safe, else by a
-//! rank-revealing factorisation.
+//! Solves the least-squares problem of one block: by a Cholesky factor of the Gram matrix if that is accurate enough,
+//! otherwise by a rank-revealing factorisation.
 
 use spharm_harmonics::product::Matrix;
 use spharm_monitor::Monitor;
@@ -15,26 +15,26 @@ use crate::gram::GramMatrix;
 use crate::operator::{BlockOperator, Scratch};
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Smallest reciprocal condition number of a Gram matrix for which the normal equations are used. It allows a condition
-/// number of 1e6 of the block itself. Beyond that, a Cholesky solve would lose more than four digits of a pass.
+/// Smallest reciprocal condition number of a Gram matrix for which the normal equations are used. The condition number
+/// of the block itself is then at most 1e6. Beyond that, the relative error of a Cholesky solve could exceed 1e-4.
 const SAFE_RECIPROCAL: f64 = 1e-12;
 
 /// The solution for one block.
 pub(super) struct Step {
-    /// The change of the block's coefficients, (k, c) row-major.
+    /// The change (k, c) of the block's coefficients, row-major.
     pub(super) x: Vec<f64>,
-    /// Decrease of the squared norm of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`, (c). It is
-    /// computed from the right-hand side, since the difference of the squared norms loses its digits near the optimum.
+    /// Decrease (c) of the squared norm of each column of the residual, `|W^(1/2) A x|^2 = x^T A^T W r`. It is computed
+    /// from the right-hand side, since the difference of the squared norms would lose all digits near the optimum.
     pub(super) energy: Vec<f64>,
 }
 
 /// Factorisation of a block, known after the block's first solve.
 #[derive(Debug, Clone)]
 enum BlockFactor {
-    /// Lower Cholesky factor of the Gram matrix, (k, k), for any right-hand side, and the reciprocal condition number
-    /// of that matrix.
+    /// Lower Cholesky factor (k, k) of the Gram matrix, which serves any right-hand side, and the reciprocal condition
+    /// number of the Gram matrix.
     Cholesky(Vec<f64>, f64),
-    /// The Gram matrix is too ill-conditioned; the block is factorised anew each time.
+    /// The Gram matrix is too ill-conditioned for a Cholesky solve; the block is factorised again in each pass.
     RankRevealing {
         /// Condition number of the block; infinite if its rank is below its number of columns.
         condition: f64,
@@ -46,7 +46,7 @@ enum BlockFactor {
 /// Solves blocks, and keeps their factors from pass to pass.
 pub(super) struct BlockSolver<'o> {
     operator: &'o dyn BlockOperator,
-    /// The source of Gram matrices, if they aren't computed from the basis.
+    /// Source of the blocks' Gram matrices; `None` if they are computed from the basis.
     gram: Option<&'o dyn GramMatrix>,
     threads: usize,
     /// Whether to keep factors between passes.
@@ -89,7 +89,7 @@ impl<'o> BlockSolver<'o> {
         self.reports.iter().any(|block| block.solver != "cholesky")
     }
 
-    /// Computes `argmin | W^(1/2) (A_d..e x - r) |`, with the residual r that the workers hold.
+    /// Computes `argmin | W^(1/2) (A_d..e x - r) |`, where r is the residual held by the workers.
     pub(super) fn solve(
         &mut self,
         block: &OpenBlock<'_>,
@@ -112,8 +112,8 @@ impl<'o> BlockSolver<'o> {
         if let Some(BlockFactor::Cholesky(factor, _)) = known {
             return Ok(by_cholesky(factor, k, residual.right_hand_sides(block, k)?, residual.channels()));
         }
-        // A block that was singular in an earlier pass is singular again. Its singular values aren't reused: with them
-        // a solve would start from `A^T W r`, which squares the condition number.
+        // A block that was singular in an earlier pass is singular again. Its singular values aren't reused: such a
+        // solve would start from `A^T W r`, which squares the condition number.
         if k <= self.operator.rows() && known.is_none() {
             let (right_hand_sides, mut gram) = self.normal_equations(block, residual, k, monitor)?;
             if let Some(reciprocal) = self.factorise(&mut gram, k) {
@@ -128,8 +128,8 @@ impl<'o> BlockSolver<'o> {
         Ok(step)
     }
 
-    /// Computes the normal equations of a block: `A^T W r`, (k, c) row-major, and the lower triangle of `A^T W A`, (k,
-    /// k).
+    /// Computes the normal equations of a block: `A^T W r` (k, c), row-major, and the lower triangle of `A^T W A`
+    /// (k, k).
     fn normal_equations(
         &self,
         block: &OpenBlock<'_>,
@@ -188,8 +188,8 @@ impl<'o> BlockSolver<'o> {
         Ok(gram)
     }
 
-    /// Computes the lower Cholesky factor of a Gram matrix (k, k), in place; returns `None` if it is too
-    /// ill-conditioned, else an estimate of its reciprocal condition number.
+    /// Computes the lower Cholesky factor of a Gram matrix (k, k), in place. Returns an estimate of the Gram matrix's
+    /// reciprocal condition number, or `None` if the Gram matrix is too ill-conditioned.
     fn factorise(&self, gram: &mut [f64], k: usize) -> Option<f64> {
         let norm = dense::symmetric_norm(gram, k);
         let positive = if k >= SHARED_FROM {
@@ -216,7 +216,8 @@ impl<'o> BlockSolver<'o> {
         Ok(())
     }
 
-    /// Computes the minimum-norm solution by a QR factorisation and the singular values of its triangle.
+    /// Computes the minimum-norm solution by a QR factorisation and the singular value decomposition of its triangular
+    /// factor.
     fn rank_revealing(
         &self,
         block: &OpenBlock<'_>,
@@ -258,7 +259,7 @@ fn by_cholesky(factor: &[f64], k: usize, right_hand_sides: Vec<f64>, channels: u
     Step { x, energy }
 }
 
-/// Returns the inner products of the columns of two arrays, (k, c) row-major.
+/// Returns the inner products of corresponding columns of two row-major arrays (k, c).
 fn inner_products(a: &[f64], b: &[f64], channels: usize) -> Vec<f64> {
     let mut sums = vec![0.0; channels];
     for (a, b) in a.chunks_exact(channels.max(1)).zip(b.chunks_exact(channels.max(1))) {
@@ -267,8 +268,8 @@ fn inner_products(a: &[f64], b: &[f64], channels: usize) -> Vec<f64> {
     sums
 }
 
-/// Computes `R^T z`, (k, c) row-major, for R (m, k) and z (m, c) column-major: the right-hand sides of the normal
-/// equations.
+/// Computes `R^T z` (k, c), row-major, from R (m, k) and z (m, c), both column-major. These are the right-hand sides of
+/// the normal equations.
 fn transposed_product(r: &[f64], z: &[f64], m: usize) -> Vec<f64> {
     let rows = r.chunks_exact(m).flat_map(|r| z.chunks_exact(m).map(move |z| (r, z)));
     rows.map(|(r, z)| r.iter().zip(z).map(|(r, z)| r * z).sum()).collect()

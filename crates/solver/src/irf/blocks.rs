@@ -25,7 +25,7 @@ pub enum Method {
         /// Last degree of the first block, s.
         start_degree: usize,
     },
-    /// SIRF repeated on the residual.
+    /// Stepwise fitting repeated on the residual, in `passes` passes.
     Mirf {
         /// Number of passes, p.
         passes: usize,

@@ -12,9 +12,10 @@ pub struct IrfParams {
     /// Maximum number of additional passes that remove rounding errors; they end early when the coefficients hardly
     /// change. Useful for [`Method::Nlsf`], whose single block may be ill-conditioned. Default 0.
     pub refinements: usize,
-    /// Weight of each row (vertex) in the least squares, (n), finite and not negative; `None` for equal weights.
+    /// Weights (n) of the rows (vertices) in the least squares, finite and not negative; default `None`, for equal
+    /// weights.
     pub weights: Option<Vec<f64>>,
-    /// Marks rows that are excluded from the norms of residuals, (n); default `None`, for all rows included.
+    /// Flags (n) of the rows that are excluded from the norms of residuals; default `None`, which includes all rows.
     pub unread: Option<Vec<bool>>,
     /// Memory budget in bytes, including mapped windows on the basis; default 256 MiB.
     pub memory: usize,

@@ -11,8 +11,8 @@ use crate::SolverError;
 use crate::operator::{BlockOperator, Residency};
 use crate::threaded::{Kernels, ThreadedKernels};
 
-/// Smallest number of columns of a block for which the threads share one Gram matrix and a threaded `dsyrk`. For
-/// narrower blocks, each thread sums a Gram matrix of its own.
+/// Smallest number of columns of a block for which all threads compute one shared Gram matrix by a threaded `dsyrk`.
+/// For narrower blocks, each thread sums a Gram matrix of its own.
 pub(super) const SHARED_FROM: usize = 1024;
 /// Number of rows per call of the shared `dsyrk`: enough that its memory traffic on the Gram matrix is negligible.
 pub(super) const SHARED_ROWS: usize = 2048;
@@ -41,7 +41,8 @@ pub struct IrfPlan {
     pub total: usize,
     /// Memory budget in bytes.
     pub budget: usize,
-    /// Bytes of address space that [`Kernels`] reserve in addition to `total`; they count towards a limit on data.
+    /// Bytes of address space that [`Kernels`] reserve in addition to `total`; they count towards the process's limit
+    /// on data.
     pub reserved: usize,
     /// Whether to keep factors from the first pass on.
     pub keep_factors: bool,
@@ -67,7 +68,7 @@ impl IrfPlan {
 ///
 /// # Errors
 ///
-/// [`SolverError::Budget`] if no plan fits the budget, and the errors of [`Method::blocks`].
+/// [`SolverError::Budget`] if no plan stays within the budget, and the errors of [`Method::blocks`].
 pub fn plan(operator: &dyn BlockOperator, channels: usize, params: &IrfParams) -> Result<IrfPlan, SolverError> {
     let blocks = params.method.blocks(params.max_degree)?;
     let needs = Needs::of(operator, channels, params, &blocks);
@@ -113,12 +114,13 @@ struct Needs {
     grams: usize,
     /// Bytes of everything but the factors and the basis.
     fixed: usize,
-    /// Bytes reserved by [`Kernels`], which are only used for wide blocks.
+    /// Bytes of address space reserved by [`Kernels`]; 0 if all blocks are too narrow for these kernels.
     reserved: usize,
     one_factor: usize,
     all_factors: usize,
-    /// Bytes of each block: `resident` if it is entirely in memory, `chunkwise` if it is read chunk by chunk.
+    /// Bytes of each block if it is entirely in memory.
     resident: Vec<usize>,
+    /// Bytes of each block if it is read chunk by chunk.
     chunkwise: Vec<usize>,
 }
 
@@ -133,7 +135,7 @@ impl Needs {
         // Arrays of the fit: residual, coefficients, a block's right-hand sides and solution with the transposes of
         // both, and the roots of the weights.
         let size = basis_size(params.max_degree);
-        // Accelerated fits also need s and q, of shape (n, channels), and z and p, of shape (K, channels).
+        // Accelerated fits also need s and q (n, channels), and z and p (K, channels).
         let more = if params.accelerate { 2 * (n + size) * channels } else { 0 };
         let arrays = 8 * (n * channels + (size + 4 * widest) * channels + if weighted { n } else { 0 } + more);
         // If a source provides the Gram matrices, threads neither sum Gram matrices nor pack chunks for them, but

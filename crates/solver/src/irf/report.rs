@@ -91,11 +91,11 @@ pub(super) fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Records the passes of a fit and shows its progress.
+/// Records the passes of a fit and reports progress to the monitor.
 pub(super) struct Recorder<'a> {
-    /// Columns of each target.
+    /// Range of columns of each target.
     groups: &'a [Range<usize>],
-    /// Marks rows that are excluded from residual norms, (n).
+    /// Flags (n) of the rows that are excluded from residual norms.
     unread: Option<Vec<bool>>,
     pub(super) monitor: &'a dyn Monitor,
     pub(super) seconds: IrfSeconds,
@@ -130,7 +130,7 @@ impl<'a> Recorder<'a> {
         self.monitor.check()
     }
 
-    /// Reports progress by the number of a block's columns. Blocks of refinements aren't counted, since the number of
+    /// Advances the progress by a block's number of columns. Blocks of refinements aren't counted, since the number of
     /// refinements isn't known beforehand.
     pub(super) fn end_block(&self, columns: usize) {
         if !self.refinement {

@@ -18,7 +18,7 @@ use crate::{SolverError, check};
 /// The result of iterative residual fitting.
 #[derive(Debug, Clone)]
 pub struct IrfFit {
-    /// Canonical coefficients, (K, c).
+    /// Canonical coefficients (K, c).
     pub coefficients: Coefficients,
     /// Report on blocks, passes, residuals, times and memory.
     pub report: IrfReport,
@@ -32,7 +32,7 @@ pub struct IrfSolver<'o> {
     channels: usize,
     pub(super) blocks: Vec<RangeInclusive<usize>>,
     pub(super) plan: IrfPlan,
-    /// Square roots of the weights, (n).
+    /// Square roots (n) of the weights.
     pub(super) root_weights: Option<Vec<f64>>,
     pub(super) block_solver: BlockSolver<'o>,
 }
@@ -42,21 +42,21 @@ impl<'o> IrfSolver<'o> {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Budget`] for too little memory; [`SolverError::Degree`], [`SolverError::StartDegree`],
-    /// [`SolverError::TooSmall`], [`SolverError::Rows`] and [`SolverError::Weight`] for parameters that are out of
-    /// range.
+    /// [`SolverError::Budget`] if the memory budget is too small; [`SolverError::Degree`],
+    /// [`SolverError::StartDegree`], [`SolverError::TooSmall`], [`SolverError::Rows`] or [`SolverError::Weight`] if a
+    /// parameter is invalid.
     pub fn new(operator: &'o dyn BlockOperator, channels: usize, params: IrfParams) -> Result<Self, SolverError> {
         Self::planned(operator, channels, params, None)
     }
 
-    /// Creates a solver as [`IrfSolver::new`] does, but takes the blocks' Gram matrices from `gram`. It must be the
+    /// Creates a solver as [`IrfSolver::new`] does, but takes the blocks' Gram matrices from `gram`. `gram` must be the
     /// Gram matrix of the operator's basis, in f64, with the weights of `params`. Every pass, including the first, then
     /// only computes right-hand sides and updates.
     ///
     /// # Errors
     ///
-    /// The errors of [`IrfSolver::new`], and [`SolverError::Degree`] if the highest degree of `gram` is below that of
-    /// the fit.
+    /// The errors of [`IrfSolver::new`], and [`SolverError::Degree`] if the highest degree of `gram` is below the fit's
+    /// highest degree.
     pub fn with_gram(
         operator: &'o dyn BlockOperator,
         channels: usize,
@@ -107,16 +107,16 @@ impl<'o> IrfSolver<'o> {
         &self.blocks
     }
 
-    /// Fits targets, (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
+    /// Fits targets (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
     /// Reports one stage, `fit`, to the monitor, counted in columns of the basis over all passes. Also sends a status
     /// for each block and a detail for each pass.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Store`] if the basis is damaged or changes, [`SolverError::Interrupted`] if the monitor asks to
-    /// stop, [`SolverError::Rows`], [`SolverError::Channels`] and [`SolverError::NotFinite`] for targets that can't be
-    /// fitted, [`SolverError::Singular`] and [`SolverError::NoConvergence`] for a block that can't be solved.
+    /// [`SolverError::Store`] if the basis is damaged or changes during the fit; [`SolverError::Interrupted`] if the
+    /// monitor cancels the fit; [`SolverError::Rows`], [`SolverError::Channels`] or [`SolverError::NotFinite`] if the
+    /// targets are invalid; [`SolverError::Singular`] or [`SolverError::NoConvergence`] if a block can't be solved.
     pub fn fit(
         &mut self,
         targets: ChunkedRows,
@@ -162,7 +162,7 @@ impl<'o> IrfSolver<'o> {
     }
 }
 
-/// Fits one batch of targets by [`IrfSolver::new`] and [`IrfSolver::fit`].
+/// Fits one batch of targets (n, c), with [`IrfSolver::new`] and [`IrfSolver::fit`].
 ///
 /// # Errors
 ///

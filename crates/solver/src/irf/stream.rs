@@ -1,4 +1,4 @@
-//! Opens the blocks of a pass one after another, while the next block is being read from disk.
+//! Opens the blocks of a pass one after another, and meanwhile reads the next block from disk.
 
 use std::ops::{Range, RangeInclusive};
 

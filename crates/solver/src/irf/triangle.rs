@@ -2,22 +2,22 @@
 //!
 //! Each chunk is stacked below the R of the previous chunks, and the stack is factorised again. This is the sequential
 //! tall-skinny QR of Demmel, Grigori, Hoemmen and Langou (SIAM J. Sci. Comput. 34, 2012, section 3). For k columns it
-//! holds a few times k x k numbers and takes 2 n k^2 flops. Unlike a Gram matrix, R preserves singular values down to
-//! eps times the largest.
+//! keeps a small multiple of k^2 numbers in memory and takes 2 n k^2 flops. Unlike a Gram matrix, R preserves singular
+//! values down to eps times the largest.
 
 use spharm_harmonics::product::Matrix;
 
 use crate::dense::triangularise;
 
-/// The triangular factor R of the rows so far, (height, columns) with height at most columns, and the rows that aren't
-/// yet folded into R.
+/// The triangular factor R (height, columns) of the rows so far, with height at most columns, and the rows that haven't
+/// been folded into R yet.
 #[derive(Debug, Clone)]
 pub(super) struct Triangle {
     values: Vec<f64>,
     height: usize,
     columns: usize,
-    /// Runs of rows, column-major. They are folded into R when there are about as many rows as columns; folding fewer
-    /// doesn't pay off.
+    /// Runs of rows, column-major, with their numbers of rows. They are folded into R when there are about as many rows
+    /// as columns; folding fewer rows at a time doesn't pay off.
     waiting: Vec<(usize, Vec<f64>)>,
 }
 
@@ -67,8 +67,9 @@ impl Triangle {
         self.height = height;
     }
 
-    /// Splits the factor of `[A | r]`, with k columns of A, into R, (m, k), and the transformed right-hand sides z, (m,
-    /// c), with m = min(height, k); both column-major. `min |A x - r|` has the solution of `min |R x - z|`.
+    /// Splits the triangular factor of `[A | r]`, where A has k columns, into R (m, k) and the transformed right-hand
+    /// sides z (m, c), with m = min(height, k), both column-major. `min |A x - r|` and `min |R x - z|` have the same
+    /// solution. Also returns m.
     pub(super) fn split(self, k: usize) -> (Vec<f64>, Vec<f64>, usize) {
         let this = self.folded();
         let m = this.height.min(k);

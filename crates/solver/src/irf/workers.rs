@@ -1,7 +1,7 @@
 //! Divides the residual among threads: each thread owns a fixed run of chunks and its own sums.
 //!
-//! Runs and the order of summation depend only on the number of threads. Results are therefore bit-identical for the
-//! same number of threads.
+//! The runs and the order of summation depend only on the number of threads, so results are bit-identical for the same
+//! number of threads.
 
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ const MANY_CHANNELS: usize = 8;
 pub(super) struct Workers<'r> {
     workers: Vec<Worker<'r>>,
     channels: usize,
-    /// Square roots of the weights, (n), if there are weights.
+    /// Square roots (n) of the weights, if there are weights.
     root_weights: Option<&'r [f64]>,
 }
 
@@ -79,13 +79,13 @@ impl<'r> Workers<'r> {
         self.root_weights
     }
 
-    /// Computes the block's right-hand sides `A^T W r`, (k, c) row-major.
+    /// Computes the block's right-hand sides `A^T W r` (k, c), row-major.
     pub(super) fn right_hand_sides(&mut self, block: &OpenBlock<'_>, k: usize) -> Result<Vec<f64>, SolverError> {
         Ok(self.sums(block, k, false)?.0)
     }
 
-    /// Computes the block's right-hand sides `A^T W r`, (k, c) row-major, and the lower triangle of its Gram matrix
-    /// `A^T W A`, (k, k).
+    /// Computes the block's right-hand sides `A^T W r` (k, c), row-major, and the lower triangle of the block's Gram
+    /// matrix `A^T W A` (k, k).
     pub(super) fn normal_equations(
         &mut self,
         block: &OpenBlock<'_>,
@@ -105,7 +105,7 @@ impl<'r> Workers<'r> {
         Ok((std::mem::take(&mut first.adjoint), std::mem::take(&mut first.gram)))
     }
 
-    /// Updates the residual by `r -= A x`, with the block's columns A and x (k, c) row-major.
+    /// Updates the residual: `r -= A x`, where A contains the block's columns and x (k, c) is row-major.
     pub(super) fn subtract(&mut self, block: &OpenBlock<'_>, x: &[f64]) -> Result<(), SolverError> {
         self.workers.par_iter_mut().try_for_each(|worker| worker.subtract(block, x))
     }
@@ -201,7 +201,7 @@ impl Worker<'_> {
     }
 }
 
-/// Packs matrices side by side into one matrix, with rows scaled by `root_weights`, if any.
+/// Packs matrices side by side into one matrix, with each row multiplied by its root weight if `root_weights` is given.
 pub(super) fn pack<'p>(parts: &[Matrix<'_>], root_weights: Option<&[f64]>, packed: &'p mut Vec<f64>) -> Matrix<'p> {
     let rows = parts[0].rows();
     packed.clear();

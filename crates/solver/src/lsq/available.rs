@@ -1,4 +1,4 @@
-//! Collects the data from which the strategy chooses steps, and creates the preconditioner of a step.
+//! Collects the data on which the choice of steps depends, and creates the preconditioner of a step.
 
 use spharm_transform::InverseDensity;
 
@@ -62,8 +62,8 @@ impl LsqSolver<'_> {
         }
     }
 
-    /// Returns the inverse of the sampling density for preconditioning. Returns `None` without moments, for even
-    /// samples, and if the density must not precondition.
+    /// Returns the inverse of the sampling density for preconditioning. Returns `None` if there are no moments, if the
+    /// samples are even, or if the density must not be used as a preconditioner.
     pub(super) fn inverse_density(&self) -> Option<&InverseDensity> {
         let normal = match self.source {
             Source::Samples(_) => &*self.moments.as_ref()?.normal,

@@ -32,13 +32,13 @@ use super::problem::{Problem, ProductError, Sampled};
 use super::progress::Progress;
 use crate::SolverError;
 
-/// Largest estimated error of the optimality, relative to the tolerance, for which the gradient isn't recomputed.
+/// Largest estimated error of the optimality, relative to the tolerance, at which the gradient needn't be recomputed.
 const ERROR_SHARE: f64 = 0.2;
 
 /// Stopping rules of conjugate gradients.
 #[derive(Debug, Clone, Copy)]
 pub struct CgParams {
-    /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
+    /// Optimality `|A^T W r - P x| / |A^T W f|` that every column must reach; default 1e-10.
     pub tolerance: f64,
     /// Maximum number of iterations; default 3000.
     pub max_iterations: usize,
@@ -55,9 +55,9 @@ impl Default for CgParams {
 /// The result of conjugate gradients.
 #[derive(Debug, Clone)]
 pub struct CgFit {
-    /// Solution x, (K, c).
+    /// Solution x (K, c).
     pub solution: Array2<f64>,
-    /// Residual `f - A x`, (n, c).
+    /// Residual `f - A x` (n, c).
     pub residual: Array2<f64>,
     /// Reason why the iteration ended.
     pub stop: Stop,
@@ -67,14 +67,14 @@ pub struct CgFit {
     pub optimality: f64,
 }
 
-/// Solves the normal equations for targets f, (n, c), from x = 0.
+/// Solves the normal equations for targets f (n, c), starting from x = 0.
 ///
 /// Reports a step and a status to the monitor for each iteration.
 ///
 /// # Errors
 ///
-/// [`SolverError::Interrupted`], and errors of the operator and the preconditioner. An iteration that doesn't converge
-/// isn't an error.
+/// [`SolverError::Interrupted`] if the monitor cancels the iteration, and the errors of the operator and the
+/// preconditioner. An iteration that doesn't converge isn't an error.
 pub fn solve(
     equations: &NormalEquations<'_>,
     targets: &Array2<f64>,
@@ -106,7 +106,7 @@ pub enum Stop {
 
 /// State of an iteration that can be resumed with another preconditioner.
 pub(crate) struct Cg {
-    /// Solution, (K, c).
+    /// Solution (K, c).
     pub(crate) x: Array2<f64>,
     /// Gradient `A^T W (f - A x) - P x`, as updated by the iteration.
     pub(crate) gradient: Array2<f64>,
@@ -115,9 +115,9 @@ pub(crate) struct Cg {
     pub(crate) iterations: usize,
     /// Number of the iteration at which the optimality last halved.
     pub(crate) best_at: usize,
-    /// Estimated condition number of N, the largest of all columns: the condition number of the preconditioned matrix,
-    /// estimated from alpha and beta of the iterations, times the condition number of the preconditioner. NaN if the
-    /// latter is unknown.
+    /// Estimated condition number of N, the maximum over all columns: the condition number of the preconditioned
+    /// matrix, estimated from alpha and beta, times the preconditioner's condition number. NaN if the preconditioner's
+    /// condition number is unknown.
     pub(crate) condition: f64,
     /// Estimated error of the optimality if the gradient was updated by the iteration rather than recomputed; else 0.
     pub(crate) doubt: f64,
@@ -131,7 +131,7 @@ impl Cg {
         Ok(Self::from_right_sides(problem.right_sides()?))
     }
 
-    /// Creates the state of an iteration at x = 0 from right-hand sides, (K, c).
+    /// Creates the state of an iteration at x = 0 from right-hand sides (K, c).
     pub(crate) fn from_right_sides(gradient: Array2<f64>) -> Self {
         let scale = norms(&gradient);
         let x = Array2::zeros(gradient.dim());
@@ -154,8 +154,8 @@ impl Cg {
         self.run_while(problem, preconditioner, params, None, monitor)
     }
 
-    /// Iterates until a stopping rule applies or `progress` is too slow. Slow progress also returns
-    /// [`Stop::IterationLimit`].
+    /// Iterates until a stopping rule applies or `progress` is too slow. Returns [`Stop::IterationLimit`] in the case
+    /// of slow progress, too.
     pub(crate) fn run_while(
         &mut self,
         problem: &dyn Problem,
@@ -233,10 +233,10 @@ impl Cg {
         Ok(Stop::IterationLimit)
     }
 
-    /// Recomputes the gradient from the samples, and resumes the iteration if the tolerance isn't met after all. The
-    /// gradient isn't recomputed if the errors of products are small. Without samples, recomputing it takes one more
-    /// product, which is no more accurate than the previous ones. Returns the reason why the iteration ended, and the
-    /// residual, (n, c), if there are samples.
+    /// Recomputes the gradient from the samples, and resumes the iteration if the recomputed gradient doesn't meet the
+    /// tolerance. The gradient isn't recomputed if the errors of products are small. Without samples, recomputing the
+    /// gradient takes one more product, which is no more accurate than the previous products. Returns the reason why
+    /// the iteration ended, and the residual (n, c) if there are samples.
     pub(crate) fn confirm(
         &mut self,
         mut stop: Stop,
@@ -264,11 +264,11 @@ impl Cg {
         }
     }
 
-    /// Accepts the iteration's own gradient if it is accurate enough, and returns the residual, (n, c), if there are
+    /// Accepts the iteration's own gradient if it is accurate enough, and returns the residual (n, c) if there are
     /// samples. Returns `None` if the gradient must be recomputed, at twice the cost of the residual.
     ///
     /// Products with an error of e relative to the norm of N cause an error of up to `e |N| |x|` in the gradient,
-    /// `b - N x`. Rounding adds an error of some eps times `|N| |x|` in each iteration. Divided by `|b|`, these errors
+    /// `b - N x`. Rounding adds an error of about eps times `|N| |x|` in each iteration. Divided by `|b|`, these errors
     /// are errors of the optimality, and must be small compared with the tolerance. If there are samples, they serve to
     /// verify the accuracy of products in the direction of x: the residual r and the gradient g satisfy
     /// `(A x)^T W r = x^T g`.

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 /// Number of rows that are summed together; fixed, so that sums don't depend on the number of threads.
 const RUN: usize = 4096;
 
-/// Returns the inner products of the columns of two arrays.
+/// Returns the inner products of corresponding columns of two arrays.
 pub(crate) fn dots(a: &Array2<f64>, b: &Array2<f64>) -> Vec<f64> {
     assert_eq!(a.dim(), b.dim(), "arrays of inner products");
     let c = a.ncols();

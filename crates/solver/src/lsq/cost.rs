@@ -1,9 +1,9 @@
 //! Models the costs of products with the normal matrix, by samples and by moments, and of factors.
 //!
-//! Costs are in nanoseconds of one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
-//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100 a product of the normal
-//! operator with three channels takes 8.4 ms by samples and 2.0 ms by moments; computing the moments takes 20 ms. At
-//! 10^6 samples and L = 1,000 a product with one channel takes 0.33 s by either method.
+//! Costs are in nanoseconds on one thread, from measurements on a Xeon of 2023 (`examples/rates.rs` of
+//! `spharm-transform`); only their ratios matter. At 40,962 samples and L = 100 a product of the normal operator with
+//! three channels takes 8.4 ms by samples and 2.0 ms by moments; computing the moments takes 20 ms. At 10^6 samples and
+//! L = 1,000 a product with one channel takes 0.33 s by either method.
 
 use spharm_harmonics::basis_size;
 
@@ -20,8 +20,8 @@ pub(super) struct Cost {
 }
 
 impl Cost {
-    /// Returns the cost of a product by samples: computing the kernels, which channels share, summing them, and the
-    /// transforms of a grid.
+    /// Returns the cost of a product with the normal matrix by samples: computing the kernels, which all channels
+    /// share, summing over them, and transforming a grid.
     fn by_samples(&self) -> f64 {
         let (n, l, c) = self.sizes();
         n * (50.0 + 50.0 * c) + c * (25.0 * l * l * l.log2() + 0.1 * l.powi(3))
@@ -33,7 +33,7 @@ impl Cost {
         c * (0.2 * l.powi(3) + 13.0 * l * l * l.log2())
     }
 
-    /// Returns the cost of a product by moments and a product with the inverse of the density.
+    /// Returns the cost of a product with the normal matrix by moments, plus a product with the inverse of the density.
     pub(super) fn preconditioned(&self) -> f64 {
         PRODUCTS_PER_DENSITY_ITERATION * self.by_moments()
     }
@@ -70,7 +70,7 @@ impl Cost {
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
     }
 
-    /// Returns whether moments pay off within the expected number of iterations.
+    /// Returns whether moments pay off so early in the expected iterations that they should be computed first.
     pub(super) fn at_once(&self, tolerance: f64) -> bool {
         self.paid_after() <= PAYING_PER_EXPECTED_ITERATIONS * self.expected_iterations(tolerance)
     }
@@ -80,11 +80,12 @@ impl Cost {
     }
 }
 
-/// Returns whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, by a model
-/// of costs. Its grid is larger, since operator and moments share it. For one channel it saves 10 to 25 % on two
-/// conditions: iterations on n = `rows` samples to `tolerance` use moments from the start, and n is so large that
-/// sorting the samples twice costs more than the larger grid. With fewer samples the larger grid's memory costs more
-/// time than it saves. For 6 to 48 channels the shared grid took 10 to 40 % longer at degrees from 50 to 400.
+/// Returns whether [`MatrixFreeOperator::with_moments`](crate::MatrixFreeOperator::with_moments) saves time, according
+/// to the cost model. The operator and the moments then share a grid, which is larger than the operator's own grid. For
+/// one channel this saves 10 to 25 % under two conditions: iterations on n = `rows` samples to `tolerance` use moments
+/// from the start, and n is so large that sorting the samples twice costs more than the larger grid. With fewer samples
+/// the larger grid's memory costs more time than it saves. For 6 to 48 channels the shared grid took 10 to 40 % longer
+/// at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     let many = rows >= SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID * max_degree * max_degree;
     channels == 1 && many && Cost { rows, max_degree, channels }.at_once(tolerance)

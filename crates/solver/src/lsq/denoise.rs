@@ -1,4 +1,4 @@
-//! Denoises within the fit, by a ridge penalty on each degree. Its strength is derived from the noise of the targets.
+//! Denoises within the fit, by a ridge penalty on each degree. The penalties are derived from the noise of the targets.
 //!
 //! Targets are modelled as the sum of a smooth function and noise, which is independent from row to row and of variance
 //! sigma^2, or sigma^2 divided by the row's precision if precisions differ. An estimate of coefficients that is linear
@@ -15,11 +15,12 @@
 //!
 //! This is empirical Bayes (C. N. Morris, "Parametric empirical Bayes inference", JASA 78, 1983): coefficients of
 //! degree l have the prior variance tau_l = h_l / (1 - h_l) sigma^2 B_l / (2l + 1), and `p_l = sigma^2 / tau_l`.
-//! Without pooling tau_l is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and degree l of the
-//! fit is the plain fit's times h_l, which is Wiener's filter. On an uneven sampling degrees mix, and the penalised fit
-//! removes less where the vertices contain more information. The non-increasing sequence is computed by pooling
-//! adjacent violators (R. E. Barlow et al., "Statistical inference under order restrictions", 1972). There is only one
-//! round: a second round, with the penalised fit's own powers in place of P_l, would gain 0.02 dB.
+//! Without pooling tau_l is `(P_l - N_l) / (c (2l + 1))`. On an even sampling N is `n / 4 pi I`, and the fit's
+//! coefficients of degree l are h_l times the plain fit's coefficients, which is Wiener's filter. On an uneven sampling
+//! degrees mix, and the penalised fit removes less where the vertices contain more information. The non-increasing
+//! sequence is computed by pooling adjacent violators (R. E. Barlow et al., "Statistical inference under order
+//! restrictions", 1972). There is only one round: a second round, with the penalised fit's own powers in place of P_l,
+//! would gain 0.02 dB.
 //!
 //! Noise and detail are distinguished only by degree: detail of a surface beyond the fit's degree is treated as noise.
 //!
@@ -48,8 +49,8 @@ pub const NOISE_COLUMNS: usize = 12;
 /// fit.
 const LEAST_GAIN: f64 = 1e-6;
 
-/// Generates columns of noise of variance 1, (n, columns): random signs that depend only on row and column. With
-/// `precision`, (n), the variance of a row is the inverse of its precision, or zero if the precision is zero.
+/// Generates noise (n, columns) of variance 1: random signs that depend only on row and column. With `precision` (n),
+/// the variance of a row is the inverse of its precision, or zero if the precision is zero.
 #[must_use]
 pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>) -> Array2<f64> {
     let first = columns.start;
@@ -66,7 +67,8 @@ pub fn white_noise(rows: usize, columns: Range<usize>, precision: Option<&[f64]>
     noise
 }
 
-/// Computes the sum of the squares of a residual, (n, c), with each row multiplied by its precision.
+/// Computes the sum of the squares of a residual (n, c). With `precision` (n), the squares of a row are multiplied by
+/// the row's precision.
 #[must_use]
 pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>) -> f64 {
     let rows = residual.rows().into_iter().enumerate();
@@ -76,7 +78,7 @@ pub fn residual_square(residual: ArrayView2<'_, f64>, precision: Option<&[f64]>)
 /// Power that noise of variance 1 has after a fit: in the coefficients of each degree, and in the residual.
 #[derive(Debug, Clone)]
 pub struct NoisePower {
-    /// Power in the coefficients of each degree, summed over the columns of noise, (L + 1).
+    /// Power (L + 1) in the coefficients of each degree, summed over the columns of noise.
     by_degree: Vec<f64>,
     residual: f64,
     columns: f64,
@@ -89,7 +91,7 @@ impl NoisePower {
         Self { by_degree: vec![0.0; max_degree + 1], residual: 0.0, columns: 0.0 }
     }
 
-    /// Adds a fit of columns of [`white_noise`]: the coefficients, (K, columns), and the [`residual_square`] of all
+    /// Adds a fit of columns of [`white_noise`]: the coefficients (K, columns) and the [`residual_square`] of all
     /// columns.
     ///
     /// # Panics
@@ -109,7 +111,8 @@ impl NoisePower {
     ///
     /// # Errors
     ///
-    /// [`SolverError::NoResidual`] unless n is above K, and [`SolverError::Interrupted`].
+    /// [`SolverError::NoResidual`] if n isn't greater than K, and [`SolverError::Interrupted`] if the monitor cancels
+    /// the computation.
     pub fn of_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Self, SolverError> {
         const CG: CgParams = CgParams { tolerance: 1e-7, max_iterations: 1000, patience: 100 };
         let (max_degree, rows) = (problem.max_degree(), problem.rows());
@@ -131,20 +134,20 @@ impl NoisePower {
         })
     }
 
-    /// Returns B_l, the noise power of each degree for a column of noise of variance 1, (L + 1).
+    /// Returns the noise powers B_l (L + 1): the power in each degree of the fit of one column of noise of variance 1.
     #[must_use]
     pub fn by_degree(&self) -> Vec<f64> {
         self.by_degree.iter().map(|power| power / self.columns).collect()
     }
 
-    /// Returns D, the power in the residual after the fit of a column of noise of variance 1: n - K for the plain least
+    /// Returns D, the power in the residual of the fit of one column of noise of variance 1: n - K for the plain least
     /// squares.
     #[must_use]
     pub fn residual(&self) -> f64 {
         self.residual / self.columns
     }
 
-    /// Estimates noise, gains and penalties from the coefficients, (K, c), and the [`residual_square`] of a target's
+    /// Estimates noise, gains and penalties from the coefficients (K, c) and the [`residual_square`] of a target's
     /// plain fit.
     ///
     /// # Panics
@@ -177,9 +180,9 @@ pub struct Denoise {
     /// Effective number of coefficients per channel, `sum_l (2l + 1) h_l`, at most K. On an even sampling this is the
     /// trace of the hat matrix.
     pub degrees_of_freedom: f64,
-    /// Gain of each degree, h_l, (L + 1): between 0 and 1, non-increasing.
+    /// Gains h_l (L + 1) of the degrees: between 0 and 1, non-increasing.
     pub gain: Vec<f64>,
-    /// Penalty of each degree, p_l, (L + 1), for [`LsqParams::penalty`](crate::LsqParams::penalty).
+    /// Penalties p_l (L + 1) of the degrees, for [`LsqParams::penalty`](crate::LsqParams::penalty).
     #[serde(skip)]
     pub penalty: Vec<f64>,
 }

@@ -17,8 +17,8 @@ pub(super) struct MadeFactor {
     pub(super) breaks_at: Option<[usize; 2]>,
 }
 
-/// Factorises `G + diag(penalty)`. If this matrix is numerically singular, its diagonal is shifted by the smallest
-/// amount that makes it definite.
+/// Factorises `G + diag(penalty)`. If this matrix is numerically singular, its diagonal is shifted: the shift is
+/// increased by factors of 10 until the matrix is positive definite.
 pub(super) fn factorise_shifted(
     gram: &dyn GramMatrix,
     penalty: &[f64],
@@ -38,7 +38,7 @@ pub(super) fn factorise_shifted(
         Err(SolverError::NotPositiveDefinite { column, degree }) => breaks_at = Some([column, degree]),
         Err(error) => return Err(error),
     }
-    // Begin with a shift of the size of the matrix's rounding errors.
+    // Begin with a shift that is about as large as the matrix's rounding errors.
     let largest = largest_diagonal(gram, penalty)?;
     let mut shift = f64::EPSILON * gram.size() as f64;
     loop {
@@ -54,7 +54,7 @@ fn largest_diagonal(gram: &dyn GramMatrix, penalty: &[f64]) -> Result<f64, Solve
     Ok(diagonal(gram)?.iter().zip(penalty).fold(0.0, |largest: f64, (value, p)| largest.max(value + p)))
 }
 
-/// Returns the diagonal of a Gram matrix, (K).
+/// Returns the diagonal (K) of a Gram matrix.
 fn diagonal(gram: &dyn GramMatrix) -> Result<Vec<f64>, SolverError> {
     let mut values = Vec::with_capacity(gram.size());
     for l in 0..=max_degree_of(gram.size()).unwrap_or(0) {

@@ -10,7 +10,7 @@
 //! G. Wahba, "Generalized cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979).
 //! The columns of a target share a lambda: their residuals are summed.
 //!
-//! Cost: for each of some 25 values of lambda, one solve for the columns of the target and of the probes by conjugate
+//! Cost: for each of 23 values of lambda, one solve for the columns of the target and of the probes by conjugate
 //! gradients.
 
 use ndarray::{Array2, ArrayView2, s};
@@ -27,13 +27,13 @@ use super::signs::sign;
 use crate::SolverError;
 use crate::gram::smoothness_penalty;
 
-/// Number of probes z for the trace. The noise of GCV, some percent of `tr(P N^-1)`, decreases with the square root of
+/// Number of probes z for the trace. The noise of GCV, a few percent of `tr(P N^-1)`, decreases with the square root of
 /// this number.
 pub const PROBES: usize = 3;
 /// Number of values of lambda on the coarse grid.
 const COARSE: usize = 13;
-/// Number of steps of the golden-section search that follows the coarse grid. It reduces the ratio of neighbouring
-/// lambdas from 30 on the grid to 1.1.
+/// Number of values of lambda in the golden-section search that follows the coarse grid. The search reduces the ratio
+/// of neighbouring lambdas from 30 on the grid to 1.1.
 const FINE: usize = 10;
 
 /// The search for a smoothness, and its result.
@@ -47,14 +47,14 @@ pub struct Gcv {
     pub at_the_end: bool,
 }
 
-/// Chooses the smoothness lambda for a problem given by its moments; all columns share it. Trying some 25 values costs
+/// Chooses the smoothness lambda for a problem given by its moments; all columns share lambda. Trying 23 values costs
 /// about as much as a few hundred products of [`MomentProblem::operator`].
 ///
 /// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
 ///
 /// # Errors
 ///
-/// [`SolverError::Interrupted`].
+/// [`SolverError::Interrupted`] if the monitor cancels the search.
 pub fn choose_smoothness_by_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
     let adjoint = Summed { problem, penalty: None }.right_sides()?;
     search(problem, adjoint, monitor)
@@ -67,7 +67,7 @@ pub(super) trait Validated {
     fn rows(&self) -> usize;
     /// Returns the sum of the weights.
     fn weight(&self) -> f64;
-    /// Solves the normal equations with the penalty's diagonal `penalty`, (K), for right-hand sides, (K, c).
+    /// Solves the normal equations for right-hand sides (K, c), with a penalty whose diagonal is `penalty` (K).
     fn solve(&self, right: Array2<f64>, penalty: &[f64], monitor: &dyn Monitor) -> Result<Array2<f64>, SolverError>;
     /// Returns `|W^(1/2) (f - A x)|^2`, summed over all columns.
     fn square(&self, x: ArrayView2<'_, f64>) -> Result<f64, SolverError>;
@@ -100,7 +100,7 @@ impl Validated for MomentProblem {
     }
 }
 
-/// Chooses the smoothness lambda for a problem with the right-hand sides `adjoint`, (K, c).
+/// Chooses the smoothness lambda for a problem with the right-hand sides `adjoint` (K, c).
 pub(super) fn search(problem: &dyn Validated, adjoint: Array2<f64>, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
     let probes = probes(problem.max_degree());
     let terms = |smoothness: f64| terms(problem, &adjoint, &probes, smoothness, &OnlyCancel(monitor));
@@ -114,7 +114,7 @@ pub struct GcvTerms {
     pub square: f64,
     /// Trace of the hat matrix.
     pub trace: f64,
-    /// Number of data, n.
+    /// Number of data points, n.
     pub rows: f64,
 }
 
@@ -185,7 +185,7 @@ pub fn choose_smoothness_by<E>(
     Ok(Gcv { smoothness: least, tried, at_the_end })
 }
 
-/// Returns the terms of GCV for a problem with the right-hand sides `adjoint`, (K, c).
+/// Returns the terms of GCV for a problem with the right-hand sides `adjoint` (K, c).
 fn terms(
     problem: &dyn Validated,
     adjoint: &Array2<f64>,
@@ -207,7 +207,7 @@ fn terms(
     Ok(GcvTerms { square, trace: basis_size(max_degree) as f64 - lost, rows: problem.rows() as f64 })
 }
 
-/// Returns the probes, (K, PROBES): signs generated from a counter.
+/// Returns the probes (K, PROBES): signs generated from a counter.
 fn probes(max_degree: usize) -> Array2<f64> {
     Array2::from_shape_fn((basis_size(max_degree), PROBES), |(k, c)| sign((k * PROBES + c) as u64))
 }

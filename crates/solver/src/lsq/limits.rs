@@ -7,9 +7,9 @@
 pub(super) const ITERATIONS_BEFORE_FACTOR: usize = 60;
 /// Number of iterations over which progress is measured.
 pub(super) const ITERATIONS_OF_PROGRESS: usize = 30;
-/// With a stored factor: minimum number of iterations before switching to the factor, and number of iterations over
-/// which progress is measured. Three iterations suffice to predict the remaining number. A batch of 32 cortices then
-/// takes a third less time.
+/// Minimum number of iterations before switching to a stored factor, and number of iterations over which progress is
+/// then measured. Three iterations suffice to predict the number of remaining iterations. With this value, a batch of
+/// 32 cortices takes a third less time.
 pub(super) const ITERATIONS_BESIDE_FACTOR: usize = 3;
 /// Largest cost of the predicted remaining iterations, relative to the cost of a factor, for which iterations continue.
 /// It is far below 1 because the prediction tends to be too low.
@@ -24,8 +24,8 @@ pub(super) const WELL_CONDITIONED_RECIPROCAL: f64 = 1e-2;
 /// surface takes 16 ms by iterations, 17 ms with the factor.
 pub(super) const FEW_COLUMNS: usize = 12;
 
-/// Largest share of the expected iterations within which moments must pay off to be computed immediately. Even
-/// samplings take half of the expected iterations (`Cost::expected_iterations`).
+/// Moments are computed immediately if they pay off within this share of the expected iterations. Even samplings take
+/// half of the expected iterations (`Cost::expected_iterations`).
 pub(super) const PAYING_PER_EXPECTED_ITERATIONS: f64 = 0.6;
 /// Accuracy of moments relative to the tolerance. If the density is at most ten times its mean, the error of the
 /// gradient due to moments is then small compared with the tolerance. The gradient needn't be recomputed from the
@@ -33,8 +33,8 @@ pub(super) const PAYING_PER_EXPECTED_ITERATIONS: f64 = 0.6;
 pub(super) const MOMENT_ACCURACY_PER_TOLERANCE: f64 = 0.02;
 /// Least number of iterations of a search for the smoothness: four for each of its 23 values.
 pub(super) const LEAST_ITERATIONS_OF_SEARCH: f64 = 92.0;
-/// Accuracy of moments for a search for the smoothness. The weakest penalties, which alone determine coefficients in
-/// gaps, are 1e-9 of the normal matrix's diagonal at a quarter of the degree.
+/// Accuracy of moments for a search for the smoothness. The weakest penalties, which alone determine the coefficients
+/// where the sampling has gaps, are 1e-9 of the normal matrix's diagonal at a quarter of the degree.
 pub(super) const MOMENT_ACCURACY_OF_SEARCH: f64 = 1e-11;
 /// Coarsest useful accuracy of moments: moments of lower accuracy aren't cheaper.
 pub(super) const COARSEST_MOMENT_ACCURACY: f64 = 1e-8;

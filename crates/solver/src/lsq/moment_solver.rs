@@ -17,20 +17,20 @@ use crate::gram::GramMatrix;
 /// A fit from moments.
 #[derive(Debug, Clone)]
 pub struct MomentFit {
-    /// Canonical coefficients, (K, c).
+    /// Canonical coefficients (K, c).
     pub coefficients: Coefficients,
-    /// Weighted sum of squares of each column's residual, `sum w (f - A x)^2`, (c).
+    /// Weighted sum of squares (c) of each column's residual, `sum w (f - A x)^2`.
     pub residual_squares: Vec<f64>,
-    /// Report on the fit. It has no residuals of targets, since these would need the samples.
+    /// Report on the fit, without norms of residuals by target, since these would need the samples.
     pub report: LsqReport,
-    /// Standard errors of the coefficients, (K, c), if requested.
+    /// Standard errors (K, c) of the coefficients, if requested.
     pub standard_errors: Option<Array2<f64>>,
 }
 
 /// The fit of one of several groups of columns that share their moments.
 #[derive(Debug, Clone)]
 pub struct GroupFit {
-    /// Canonical coefficients, (K, c).
+    /// Canonical coefficients (K, c).
     pub coefficients: Coefficients,
     /// Report on the fit.
     pub report: LsqReport,
@@ -43,9 +43,10 @@ pub struct GroupFit {
 ///
 /// # Errors
 ///
-/// [`SolverError::Smoothness`] and [`SolverError::Interrupted`]; an error if a factor is requested and the budget is
-/// too small for it; [`SolverError::Underdetermined`] if standard errors are requested and the samples don't determine
-/// the coefficients. A fit that doesn't converge isn't an error.
+/// [`SolverError::Smoothness`] if the smoothness is negative or not finite; [`SolverError::Interrupted`] if the monitor
+/// cancels the fit; an error if a factor is requested and the budget is too small for it;
+/// [`SolverError::Underdetermined`] if standard errors are requested and the samples don't determine the coefficients.
+/// A fit that doesn't converge isn't an error.
 ///
 /// ```
 /// use ndarray::Array2;
@@ -55,7 +56,7 @@ pub struct GroupFit {
 /// use spharm_solver::lsq::{MomentProblem, solve_moments};
 /// use spharm_transform::{FINEST, SampleSums};
 ///
-/// // Two functions of degree 10, sampled at 600 directions, are found again from sums over the samples.
+/// // The fit recovers two functions of degree 10 from sums over samples at 600 directions.
 /// let directions = Directions::fibonacci(600)?;
 /// let known = Array2::from_shape_fn((121, 2), |(k, c)| ((7 * k + c) as f64).sin());
 /// let samples = synthesis(&directions, known.view())?;
@@ -83,8 +84,9 @@ pub fn solve_moments(
     Ok(MomentFit { coefficients, residual_squares, report, standard_errors })
 }
 
-/// Solves for groups of columns one after another, each to its own optimality. The result is bit-identical to
-/// [`solve_moments`] of the group alone, unless a factor is computed, which is also used for the following groups.
+/// Solves for groups of columns in parallel, each to its own optimality. Groups that need a factor follow one after
+/// another. The result for a group is bit-identical to the result of [`solve_moments`] for the group alone, unless a
+/// factor is computed, which is also used for the following groups.
 ///
 /// # Errors
 ///

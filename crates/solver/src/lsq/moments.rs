@@ -9,7 +9,7 @@
 //! ```
 //!
 //! cross-validation, and, with the Gram matrix from the same moments, factors and standard errors. The residual at each
-//! sample is unknown. Rounding errors of moments are some eps times `sum w`, and no pass over the samples corrects
+//! sample is unknown. Rounding errors of moments are a few eps times `sum w`, and no pass over the samples corrects
 //! them: if the condition number of A approaches 1e7, digits of the solution are lost.
 
 use std::ops::Range;
@@ -124,9 +124,9 @@ impl MomentProblem {
         Ok(MomentGram::new(self.max_degree(), self.normal.moments())?)
     }
 
-    /// Computes `sum w (f - A x)^2` of each column, at least zero, for coefficients x, (K, c).
+    /// Computes `sum w (f - A x)^2` of each column, at least zero, for coefficients x (K, c).
     ///
-    /// The result is a difference of sums, whose error is some eps times `sum w f^2`.
+    /// The result is a difference of sums, whose error is a few eps times `sum w f^2`.
     ///
     /// # Errors
     ///
@@ -142,7 +142,7 @@ impl MomentProblem {
 /// A problem given by its moments, with a penalty.
 pub(crate) struct Summed<'a> {
     pub(crate) problem: &'a MomentProblem,
-    /// Diagonal of the penalty P, (K).
+    /// Diagonal (K) of the penalty P.
     pub(crate) penalty: Option<&'a [f64]>,
 }
 

@@ -14,9 +14,9 @@ use crate::operator::Operator;
 pub struct NormalEquations<'a> {
     /// Operator of the basis, A.
     pub operator: &'a dyn Operator,
-    /// Weights w, (n); all 1 by default.
+    /// Weights w (n); all 1 if `None`.
     pub weights: Option<&'a [f64]>,
-    /// Diagonal of the penalty P, (K); zero by default.
+    /// Diagonal (K) of the penalty P; zero if `None`.
     pub penalty: Option<&'a [f64]>,
 }
 
@@ -31,18 +31,18 @@ impl NormalEquations<'_> {
     }
 
     /// Returns the inverse of the diagonal that N would have on an even sampling. Iterations that are called
-    /// unpreconditioned use it as their preconditioner.
+    /// unpreconditioned use this diagonal preconditioner.
     pub fn diagonal(&self) -> Diagonal {
         let weight = self.weights.map_or(self.operator.rows() as f64, |weights| weights.iter().sum());
         Diagonal::new(self.operator.max_degree(), weight, self.penalty)
     }
 
-    /// Computes `A^T W s` for samples s, (n, c).
+    /// Computes `A^T W s` for samples s (n, c).
     pub(crate) fn adjoint(&self, samples: &Array2<f64>) -> Result<Array2<f64>, SolverError> {
         self.operator.apply_adjoint(self.weighted(samples).view())
     }
 
-    /// Computes `W s`: samples s, (n, c), with each row multiplied by its weight.
+    /// Computes `W s`: multiplies each row of the samples s (n, c) by the row's weight.
     pub(crate) fn weighted<'s>(&self, samples: &'s Array2<f64>) -> Cow<'s, Array2<f64>> {
         let mut samples = Cow::Borrowed(samples);
         if let Some(weights) = self.weights {

@@ -4,33 +4,34 @@
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Strategy {
-    /// Conjugate gradients first, preconditioned with the density if moments of an uneven sampling are used. If they
-    /// are slow, a Cholesky factor with refinement, shifted if the normal matrix is singular.
+    /// Runs conjugate gradients, preconditioned with the density if moments of an uneven sampling are used. If the
+    /// iterations are slow, switches to a Cholesky factor with refinement, shifted if the normal matrix is singular. If
+    /// a factor is already available, mostly uses that factor from the start.
     Auto,
-    /// Conjugate gradients without a preconditioner.
+    /// Runs conjugate gradients without a preconditioner.
     Cg,
-    /// Conjugate gradients by moments, preconditioned with the density of an uneven sampling. If there is no memory for
-    /// moments, there is a warning and no preconditioner.
+    /// Runs conjugate gradients by moments, preconditioned with the density of an uneven sampling. If moments aren't
+    /// available or don't fit in memory, no preconditioner is used, and the report contains a warning.
     DensityCg,
-    /// A Cholesky factor with refinement, shifted if the normal matrix is singular.
+    /// Uses a Cholesky factor with refinement, shifted if the normal matrix is singular.
     Cholesky,
 }
 
 /// Parameters of a least-squares fit.
 #[derive(Debug, Clone)]
 pub struct LsqParams {
-    /// Weight of each row (vertex), (n), finite and not negative; `None` for equal weights.
+    /// Weights (n) of the rows (vertices), finite and not negative; default `None`, for equal weights.
     pub weights: Option<Vec<f64>>,
-    /// Marks rows that are excluded from the norms of residuals, (n); default `None`, for all rows included.
+    /// Flags (n) of the rows that are excluded from the norms of residuals; default `None`, which includes all rows.
     pub unread: Option<Vec<bool>>,
     /// Smoothness penalty, lambda, at least 0; default 0. Adds `lambda sum (l (l + 1))^2 a^2` to the squared residual.
     pub smoothness: f64,
-    /// Penalty of each degree, (L + 1), finite and not negative; none by default. Adds `sum_l p_l |a_l|^2` to the
+    /// Penalties (L + 1) of the degrees, finite and not negative; none by default. Adds `sum_l p_l |a_l|^2` to the
     /// squared residual, with a_l the coefficients of degree l.
     pub penalty: Option<Vec<f64>>,
     /// Method; default [`Strategy::Auto`].
     pub strategy: Strategy,
-    /// Optimality to reach, `|A^T W r - P x| / |A^T W f|`, of every column; default 1e-10.
+    /// Optimality `|A^T W r - P x| / |A^T W f|` that every column must reach; default 1e-10.
     pub tolerance: f64,
     /// Maximum number of iterations; default 3000.
     pub max_iterations: usize,

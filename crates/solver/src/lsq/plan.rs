@@ -1,4 +1,4 @@
-//! The steps of a fit, and the data by which `strategy` chooses them.
+//! The steps of a fit, and the data from which `strategy` chooses the steps.
 
 use std::fmt;
 
@@ -6,13 +6,15 @@ use spharm_monitor::{Level, Monitor};
 
 use super::params::Strategy;
 
-/// Sizes of a problem: `rows_with_weight` of the rows (samples) have a nonzero weight; `columns` is the number of
-/// columns of the targets.
+/// Sizes of a problem.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sizes {
+    /// Number of rows (samples).
     pub(super) rows: usize,
+    /// Number of rows with nonzero weight.
     pub(super) rows_with_weight: usize,
     pub(super) max_degree: usize,
+    /// Number of columns of the targets.
     pub(super) columns: usize,
 }
 
@@ -23,22 +25,28 @@ pub(super) struct Available {
     pub(super) factor: Factor,
 }
 
-/// Moments of the samples: unavailable, computable or computed. Problems without samples already have them. If the
-/// samples are `uneven`, iterations can be preconditioned with the inverse of their density.
+/// Availability of moments of the samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moments {
+    /// There are no moments, and they can't be computed.
     None,
+    /// Moments can be computed.
     Makeable,
+    /// Moments have been computed, or were given in place of samples. If the samples are `uneven`, iterations can be
+    /// preconditioned with the inverse of the sampling density.
     Made { uneven: bool },
 }
 
-/// A factor of the normal matrix: unavailable, computable from the Gram matrix, computed, or stored with its reciprocal
-/// condition number.
+/// Availability of a factor of the normal matrix.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Factor {
+    /// There is no factor, and none can be computed.
     None,
+    /// A factor can be computed from the Gram matrix.
     Makeable,
+    /// A factor has been computed for an earlier batch.
     Made,
+    /// A stored factor was passed to the solver; `reciprocal` is its reciprocal condition number.
     Stored { reciprocal: f64 },
 }
 
@@ -71,16 +79,18 @@ pub(super) enum Step {
     Refine,
 }
 
+/// The preconditioner of a step of conjugate gradients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Precondition {
+    /// The inverse of the diagonal that the normal matrix would have on an even sampling.
     Diagonal,
-    /// Preconditions with the inverse of the density, if the samples are uneven.
+    /// The inverse of the sampling density if the samples are uneven, otherwise the same as `Diagonal`.
     Density,
 }
 
-/// The rule for switching from iterations to a factor. After `after` iterations, the remaining number is predicted from
-/// the progress of the last `every` iterations. Iterations end if it exceeds `most`, or `most_with_density` if the
-/// density preconditions.
+/// The rule for switching from iterations to a factor. After `after` iterations, the number of remaining iterations is
+/// predicted from the progress of the last `every` iterations. The iterations end if the predicted number exceeds
+/// `most`, or `most_with_density` if the density is the preconditioner.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Leave {
     pub(super) after: usize,
@@ -115,7 +125,7 @@ impl fmt::Display for Step {
                 )
             }
             Self::Factor { from: Factor::Stored { reciprocal }, .. } => {
-                write!(f, "the stored factor, of a reciprocal condition number of {reciprocal:.1e}")
+                write!(f, "the stored factor (reciprocal condition number {reciprocal:.1e})")
             }
             Self::Factor { from: Factor::Made, .. } => f.write_str("the factor of an earlier batch"),
             Self::Factor { required: true, .. } => f.write_str("a factor"),

@@ -1,4 +1,4 @@
-//! Preconditioners: approximate inverses of the normal equations, symmetric and positive definite.
+//! Preconditioners: approximate inverses of the normal matrix, symmetric and positive definite.
 
 use ndarray::Array2;
 use spharm_harmonics::index::order_count;
@@ -25,7 +25,7 @@ pub trait Preconditioner: Sync {
         false
     }
 
-    /// Computes `M r`, r (K, c).
+    /// Computes `M r` for r (K, c).
     ///
     /// # Errors
     ///
@@ -59,7 +59,7 @@ pub struct Diagonal {
 }
 
 impl Diagonal {
-    /// Computes the inverse from the sum of the weights and the penalty's diagonal, (K).
+    /// Computes the inverse from the sum of the weights and the diagonal (K) of the penalty.
     pub fn new(max_degree: usize, weight: f64, penalty: Option<&[f64]>) -> Self {
         let even = weight / (4.0 * std::f64::consts::PI);
         let inverse = match penalty {
@@ -116,7 +116,7 @@ impl Preconditioner for Density<'_> {
     }
 }
 
-/// A factor of N that has too few digits for refinement, but serves as a preconditioner.
+/// A factor of N that isn't accurate enough for refinement, but serves as a preconditioner.
 #[cfg(feature = "dense")]
 pub(crate) struct ByFactor<'a>(pub(crate) &'a dyn CholeskyFactor);
 

@@ -11,13 +11,13 @@ use crate::{MomentNormal, SolverError};
 
 /// Products with the normal matrix, and the gradient by which a solution is finally verified.
 pub(crate) trait Problem: Sync {
-    /// Returns the right-hand sides `A^T W f`, (K, c).
+    /// Returns the right-hand sides `A^T W f` (K, c).
     fn right_sides(&self) -> Result<Array2<f64>, SolverError>;
 
     /// Computes the product `N x` with the normal matrix, for iterations.
     fn product(&self, x: &Array2<f64>) -> Result<Array2<f64>, SolverError>;
 
-    /// Computes the gradient `A^T W (f - A x) - P x` as accurately as possible, and the residual `f - A x`, (n, c), if
+    /// Computes the gradient `A^T W (f - A x) - P x` as accurately as possible, and the residual `f - A x` (n, c) if
     /// there are samples.
     fn gradient(&self, x: &Array2<f64>) -> Result<(Array2<f64>, Option<Array2<f64>>), SolverError>;
 
@@ -49,9 +49,9 @@ pub(crate) struct ProductError {
 
 /// A residual r, with the slope of each column.
 pub(crate) struct Residual {
-    /// Residual `f - A x`, (n, c).
+    /// Residual `f - A x` (n, c).
     pub(crate) values: Array2<f64>,
-    /// Slope `(A x)^T W r` of each column, (c).
+    /// Slopes `(A x)^T W r` (c) of the columns.
     pub(crate) slopes: Vec<f64>,
 }
 
@@ -59,7 +59,7 @@ pub(crate) struct Residual {
 #[derive(Clone, Copy)]
 pub(crate) struct Sampled<'a> {
     pub(crate) equations: NormalEquations<'a>,
-    /// Targets f, (n, c).
+    /// Targets f (n, c).
     pub(crate) targets: &'a Array2<f64>,
     pub(crate) moments: Option<&'a Moments>,
 }

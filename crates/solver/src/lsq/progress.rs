@@ -3,23 +3,24 @@
 #[cfg(feature = "dense")]
 use super::plan::Leave;
 
-/// Convergence rate of an iteration.
+/// Measures whether iterations converge fast enough to continue.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     tolerance: f64,
-    /// Minimum number of iterations before the iteration may be abandoned; `every` is the number of iterations over
-    /// which progress is measured.
+    /// Minimum number of iterations before the iteration may be abandoned.
     after: usize,
+    /// Number of iterations over which progress is measured.
     every: usize,
     /// Largest predicted number of remaining iterations for which the iteration continues.
     most: f64,
+    /// Optimality at the last measurement.
     before: f64,
 }
 
 #[cfg(feature = "dense")]
 impl Progress {
-    /// Creates a measurement of progress for iterations that start at an optimality of `before`. `density` is set if
-    /// the density preconditions them.
+    /// Creates a measurement of progress for iterations that start at an optimality of `before`. `density` states
+    /// whether the density is the preconditioner.
     pub(super) fn new(leave: &Leave, density: bool, tolerance: f64, before: f64) -> Self {
         let &Leave { after, every, most, most_with_density } = leave;
         Self { tolerance, after, every, most: if density { most_with_density } else { most }, before }

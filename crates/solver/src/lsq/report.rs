@@ -31,19 +31,20 @@ pub struct LsqReport {
     pub optimality: f64,
     /// Reason why the fit ended.
     pub stop: Stop,
-    /// Estimated condition number of the basis matrix, with its weights and penalty, or a bound on it if the density of
-    /// moments preconditions; infinite (null in JSON) if the matrix is numerically singular, NaN (null) if unknown.
+    /// Estimated condition number of the basis matrix, with its weights and penalty, or a bound on it if the density
+    /// from moments is the preconditioner; infinite (null in JSON) if the matrix is numerically singular, NaN (null) if
+    /// unknown.
     pub condition: f64,
     /// Shift of the diagonal of a singular normal matrix, relative to the largest diagonal entry; zero otherwise.
     pub shift: f64,
     /// Column, counted from 0, at which the factorisation of a singular normal matrix broke down, and the column's
     /// degree.
     pub breaks_at: Option<[usize; 2]>,
-    /// Norm of the coefficients of a column: the largest of all columns.
+    /// Largest norm of the coefficients of a column.
     pub norm: f64,
     /// Smoothness penalty, lambda.
     pub smoothness: f64,
-    /// Possible problems of the result.
+    /// Possible problems with the result.
     pub warnings: Vec<LsqWarning>,
     /// Norms of the residual of each target; empty without samples.
     pub residuals: Vec<ResidualNorms>,
@@ -56,8 +57,9 @@ pub struct LsqReport {
 #[non_exhaustive]
 pub struct StepReport {
     /// Name of the step: `moments`, `iterations by samples`, `iterations by moments`, `factor`, `refinement`,
-    /// `iterations with the factor`; `confirmation` of the gradient, with further iterations if the confirmed gradient
-    /// requires them; `iterations from zero`, which repeat iterations that rounding errors had dominated.
+    /// `iterations with the factor`; `confirmation`, which recomputes the gradient if necessary and resumes the
+    /// iterations if the tolerance isn't met; `iterations from zero`, which repeats iterations that were dominated by
+    /// rounding errors.
     pub name: &'static str,
     /// Preconditioner of the step, as in [`LsqReport::preconditioner`].
     pub preconditioner: &'static str,
@@ -107,7 +109,7 @@ pub struct LsqSeconds {
     pub total: f64,
 }
 
-/// A possible problem of a result; its text describes the problem.
+/// A possible problem with a result.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LsqWarning {
@@ -120,7 +122,7 @@ pub enum LsqWarning {
     /// Iterations should have been preconditioned with the density of the samples, but weren't.
     #[error("iterations weren't preconditioned with the density of the samples: {reason}")]
     NoDensity {
-        /// Reason why the density didn't precondition.
+        /// Reason why the density wasn't used.
         reason: String,
     },
     /// Moments weren't accurate enough for the requested optimality.

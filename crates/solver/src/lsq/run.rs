@@ -79,7 +79,7 @@ impl LsqSolver<'_> {
                 &Step::Cg { precondition, at_most, leave_for_factor, .. } => {
                     let stop = self.iterate(&mut cg, precondition, at_most, leave_for_factor, given, monitor)?;
                     ended = (stop, precondition);
-                    // The user's limit of iterations applies to the entire fit: no factor follows.
+                    // The user's limit on iterations applies to the entire fit: if it is reached, no factor follows.
                     let over = stop != Stop::IterationLimit || cg.iterations >= self.params.max_iterations;
                     let left = match (stop, over) {
                         (Stop::Converged, _) => None,
@@ -126,7 +126,8 @@ impl LsqSolver<'_> {
         cg.run_while(&*self.problem(given), &*self.preconditioner(precondition), &params, progress, monitor)
     }
 
-    /// Confirms the result of iterations: recomputes the gradient if necessary, and corrects errors that it reveals.
+    /// Confirms the result of iterations: recomputes the gradient if necessary, and corrects errors that the gradient
+    /// reveals.
     fn confirm(
         &mut self,
         cg: &mut Cg,
@@ -188,8 +189,8 @@ impl LsqSolver<'_> {
         CgParams { tolerance, max_iterations, patience: ITERATIONS_WITHOUT_GAIN }
     }
 
-    /// Computes the moments of a fit, and the inverse of the density if the fit needs it. Returns the right-hand sides,
-    /// (K, c), of targets if they were computed together with the moments.
+    /// Computes the moments of a fit, and the inverse of the density if the fit needs it. Returns the right-hand sides
+    /// (K, c) of the targets if they were computed together with the moments.
     fn take_moments_of_fit(
         &mut self,
         targets: Option<&Array2<f64>>,
@@ -204,7 +205,7 @@ impl LsqSolver<'_> {
         Ok(right_sides)
     }
 
-    /// Computes moments of at least the given accuracy. Returns the right-hand sides, (K, c), of targets if they were
+    /// Computes moments of at least the given accuracy. Returns the right-hand sides (K, c) of the targets if they were
     /// computed together with the moments.
     pub(super) fn take_moments(
         &mut self,

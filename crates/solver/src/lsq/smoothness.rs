@@ -15,15 +15,15 @@ use super::solver::{Given, LsqSolver, Source};
 use crate::{SolverError, check};
 
 impl LsqSolver<'_> {
-    /// Chooses the smoothness lambda for targets, (n, c), by generalised cross-validation. The solver's own smoothness
-    /// and penalty are ignored. Moments that are computed for the search are kept for the fit that follows.
+    /// Chooses the smoothness lambda for targets (n, c) by generalised cross-validation. The solver's own smoothness
+    /// and penalty are ignored. Moments that are computed for the search are kept for the following fit.
     ///
     /// Reports one stage, `smoothness`, counted in values of lambda, to the monitor.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`] and [`SolverError::NotFinite`] for invalid targets, [`SolverError::Interrupted`], and
-    /// errors of the operator and the moments.
+    /// [`SolverError::Rows`] or [`SolverError::NotFinite`] if the targets are invalid, [`SolverError::Interrupted`] if
+    /// the monitor cancels the search, and the errors of the operator and the moments.
     pub fn choose_smoothness(&mut self, targets: &Array2<f64>, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
         let Source::Samples(operator) = self.source else { return Err(SolverError::NoGram) };
         check::targets(targets, operator.rows())?;

@@ -28,9 +28,9 @@ pub(super) const FIT: Stage = Stage::counted("fit", "steps");
 /// The result of a least-squares fit.
 #[derive(Debug, Clone)]
 pub struct LsqFit {
-    /// Canonical coefficients, (K, c).
+    /// Canonical coefficients (K, c).
     pub coefficients: Coefficients,
-    /// Targets minus synthesis, (n, c).
+    /// Targets minus synthesis (n, c).
     pub residual: Array2<f64>,
     /// Report on the fit.
     pub report: LsqReport,
@@ -43,17 +43,19 @@ pub type MakeGram<'a> = dyn Fn() -> Result<Box<dyn GramMatrix>, SolverError> + S
 pub type CheckLimits<'a> = dyn Fn(usize) -> Result<(), SolverError> + Sync + 'a;
 
 /// Function that computes the normal matrix from moments of at least the given relative accuracy; called when
-/// iterations are faster with it. Also returns the right-hand sides `A^T W f` of the given targets, (n, c), if they are
-/// obtained at the same time.
+/// iterations are faster with moments. Also returns the right-hand sides `A^T W f` of the given targets (n, c) if they
+/// are obtained at the same time.
 pub type MakeMoments<'a> = dyn Fn(f64, Option<&Array2<f64>>) -> Result<MomentsAndRightSides, SolverError> + Sync + 'a;
 
-/// The normal matrix from moments, and right-hand sides, (K, c), if they were computed with it.
+/// The normal matrix from moments, and the right-hand sides (K, c) if they were computed at the same time.
 pub type MomentsAndRightSides = (Arc<MomentNormal>, Option<Array2<f64>>);
 
-/// The data source of a solver: an operator on samples, or moments.
+/// The data source of a solver.
 #[derive(Clone, Copy)]
 pub(super) enum Source<'a> {
+    /// An operator at the directions of the samples.
     Samples(&'a dyn Operator),
+    /// Moments of samples that aren't available themselves.
     Moments(&'a MomentProblem),
 }
 
@@ -73,10 +75,12 @@ impl Source<'_> {
     }
 }
 
-/// The problem to solve: targets at an operator's samples, or sums over samples.
+/// The problem to solve.
 #[derive(Clone, Copy)]
 pub(super) enum Given<'a> {
+    /// Targets (n, c) at the directions of an operator.
     Targets(&'a dyn Operator, &'a Array2<f64>),
+    /// Sums over samples.
     Sums(&'a MomentProblem),
 }
 
@@ -88,7 +92,7 @@ pub struct LsqSolver<'a> {
     check_limits: Option<&'a CheckLimits<'a>>,
     pub(super) stored: Option<&'a dyn CholeskyFactor>,
     pub(super) params: LsqParams,
-    /// Diagonal of the penalty P, (K); `None` without a penalty.
+    /// Diagonal (K) of the penalty P; `None` without a penalty.
     pub(super) penalty: Option<Vec<f64>>,
     pub(super) made: Option<MadeFactor>,
     pub(super) moments: Option<Moments>,
@@ -106,18 +110,18 @@ pub(super) struct Solution {
     pub(super) preconditioner: &'static str,
     /// Number of refinements with a factor; `None` without a factor.
     pub(super) refinements: Option<usize>,
-    /// Targets minus synthesis, (n, c), if there are samples.
+    /// Targets minus synthesis (n, c), if there are samples.
     pub(super) residual: Option<Array2<f64>>,
 }
 
 impl<'a> LsqSolver<'a> {
-    /// Creates a solver for an operator. With `make_gram` it can compute factors; the Gram matrix must include the
-    /// weights of `params`, but not the penalty.
+    /// Creates a solver for an operator. With `make_gram`, the solver can compute factors; the Gram matrix must include
+    /// the weights of `params`, but not the penalty.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`], [`SolverError::Weight`], [`SolverError::Smoothness`] and [`SolverError::Penalty`] for
-    /// parameters that are out of range.
+    /// [`SolverError::Rows`], [`SolverError::Weight`], [`SolverError::Smoothness`] or [`SolverError::Penalty`] if a
+    /// parameter is invalid.
     pub fn new(
         operator: &'a dyn Operator,
         make_gram: Option<&'a MakeGram<'a>>,
@@ -155,16 +159,16 @@ impl<'a> LsqSolver<'a> {
         })
     }
 
-    /// Uses an existing factor. It must have been computed for the operator's directions and degree, and for the
-    /// weights and penalty of the parameters.
+    /// Uses an existing factor. The factor must have been computed for the operator's directions and degree, and for
+    /// the weights and penalty of the parameters.
     #[must_use]
     pub fn with_factor(mut self, factor: &'a dyn CholeskyFactor) -> Self {
         self.stored = Some(factor);
         self
     }
 
-    /// Lets iterations use the normal matrix from moments, if they are faster with it. It must be computed for the
-    /// operator's directions and degree, and for the weights of the parameters.
+    /// Lets iterations use the normal matrix from moments if that is faster. `make` must compute the normal matrix for
+    /// the operator's directions and degree, and for the weights of the parameters.
     #[must_use]
     pub fn with_moments(mut self, make: &'a MakeMoments<'a>) -> Self {
         self.make_moments = Some(make);
@@ -179,11 +183,11 @@ impl<'a> LsqSolver<'a> {
         self
     }
 
-    /// Changes the smoothness for the fits that follow. Keeps moments, and drops a computed factor.
+    /// Changes the smoothness for the fits that follow. Moments are kept, and a computed factor is dropped.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Smoothness`].
+    /// [`SolverError::Smoothness`] if `smoothness` is negative or not finite.
     pub fn set_smoothness(&mut self, smoothness: f64) -> Result<(), SolverError> {
         let params = LsqParams { smoothness, ..self.params.clone() };
         self.penalty = penalty(self.source.max_degree(), &params)?;
@@ -191,17 +195,18 @@ impl<'a> LsqSolver<'a> {
         Ok(())
     }
 
-    /// Solves for targets, (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
+    /// Solves for targets (n, c). `groups` gives the columns of each target: three for a surface, one for a signal.
     ///
     /// Reports the stage `fit` to the monitor, counted in steps whose number is unknown, with a status for each step.
     /// If a factor is computed, also reports the stage `factor`, counted in flops.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`] and [`SolverError::NotFinite`] for invalid targets, [`SolverError::Interrupted`], and
-    /// errors of the operator, the Gram matrix and the stored factor. For a strategy that needs a Gram matrix, also
-    /// [`SolverError::NoGram`], [`SolverError::Limit`] and errors for too small a budget. A fit that doesn't converge
-    /// isn't an error.
+    /// [`SolverError::Rows`] or [`SolverError::NotFinite`] if the targets are invalid, [`SolverError::Interrupted`] if
+    /// the monitor cancels the fit, and the errors of the operator, the Gram matrix and the stored factor. If the
+    /// strategy requires a factor, also [`SolverError::NoGram`] if there is no Gram matrix to compute the factor from,
+    /// and an error if the memory budget or a limit of the process is too low for the factor. A fit that doesn't
+    /// converge isn't an error.
     pub fn fit(
         &mut self,
         targets: &Array2<f64>,
@@ -216,7 +221,7 @@ impl<'a> LsqSolver<'a> {
         Ok(LsqFit { coefficients, residual: residual.unwrap_or_default(), report })
     }
 
-    /// Solves a problem. Returns the coefficients, (K, c), the residual, (n, c), if there are samples, and a report.
+    /// Solves a problem. Returns the coefficients (K, c), the residual (n, c) if there are samples, and a report.
     pub(super) fn solve(
         &mut self,
         given: Given<'_>,
@@ -259,8 +264,8 @@ impl<'a> LsqSolver<'a> {
         }
     }
 
-    /// Computes a factor unless there is one. Returns false if memory or the process's limits don't suffice; if the
-    /// factor is `required`, returns an error instead.
+    /// Computes a factor unless there is one. If the memory budget or the process's limits don't suffice, returns an
+    /// error if the factor is `required`, otherwise false.
     pub(super) fn make_factor(&mut self, required: bool, monitor: &dyn Monitor) -> Result<bool, SolverError> {
         if self.stored.is_some() || self.made.is_some() {
             return Ok(true);
@@ -320,7 +325,7 @@ impl<'a> LsqSolver<'a> {
     }
 }
 
-/// Returns the diagonal of the penalty P, (K): the sum of the smoothness penalty and the penalties by degree. Returns
+/// Returns the diagonal (K) of the penalty P: the sum of the smoothness penalty and the penalties by degree. Returns
 /// `None` without a penalty.
 fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, SolverError> {
     if !(params.smoothness >= 0.0 && params.smoothness.is_finite()) {
@@ -340,7 +345,7 @@ fn penalty(max_degree: usize, params: &LsqParams) -> Result<Option<Vec<f64>>, So
     Ok(Some(all))
 }
 
-/// Fits the columns of targets, (n, c), as one target, by [`LsqSolver::new`] without a Gram matrix and
+/// Fits the columns of targets (n, c) as one target. Calls [`LsqSolver::new`] without a Gram matrix, then
 /// [`LsqSolver::fit`].
 ///
 /// # Errors

@@ -8,14 +8,15 @@ use super::solver::LsqSolver;
 use crate::SolverError;
 
 impl LsqSolver<'_> {
-    /// Computes the standard errors of the coefficients, (K, c): `sigma sqrt(diag N^-1)`. `sigma^2` is the weighted sum
-    /// of squares of the residual, (n, c), divided by the number of rows with nonzero weight minus the trace of the hat
+    /// Computes the standard errors (K, c) of the coefficients: `sigma sqrt(diag N^-1)`. `sigma^2` is the weighted sum
+    /// of squares of the residual (n, c), divided by the number of rows with nonzero weight minus the trace of the hat
     /// matrix `A N^-1 A^T W`, which is K without a penalty. `diag N^-1` needs the entire factor, and `K^3 / 3` flops.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Underdetermined`], [`SolverError::NoGram`], [`SolverError::Interrupted`], and errors of computing
-    /// a factor.
+    /// [`SolverError::Underdetermined`] if the samples don't determine the coefficients, [`SolverError::NoGram`] if
+    /// there is neither a factor nor a Gram matrix, [`SolverError::Interrupted`] if the monitor cancels the
+    /// computation, and the errors of computing a factor.
     pub fn standard_errors(
         &mut self,
         residual: &Array2<f64>,
@@ -27,7 +28,7 @@ impl LsqSolver<'_> {
         self.standard_errors_of(&squares, monitor)
     }
 
-    /// Computes the standard errors, (K, c), from the weighted sums of squares of the residual, (c).
+    /// Computes the standard errors (K, c) from the weighted sums of squares (c) of the residual's columns.
     pub(super) fn standard_errors_of(
         &mut self,
         squares: &[f64],

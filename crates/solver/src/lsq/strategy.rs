@@ -1,5 +1,5 @@
-//! Chooses the steps of a least-squares fit: [`choose`] returns them as data, and computes nothing else. The solver
-//! executes the steps one after another (`run`) and reports on them.
+//! Chooses the steps of a least-squares fit: [`choose`] only returns a list of steps, and doesn't execute them. The
+//! solver executes the steps one after another (`run`) and reports on them.
 //!
 //! | request | available | steps |
 //! |---|---|---|
@@ -11,11 +11,11 @@
 //! | any | no moments that pay off | iterations by samples |
 //!
 //! The exception: a stored factor of a well-conditioned matrix isn't used for few columns, or if moments and a few
-//! iterations cost less than its use. The density preconditions iterations by moments if it is requested or if the
-//! choice is left to the solver, provided that there is no penalty and there are enough rows. With auto, iterations end
-//! early if a factor seems faster, provided that there are at most as many columns as rows, and a factor or a Gram
-//! matrix. They are then followed by factor and refinement, or by further iterations if the factor can't be computed.
-//! The constants are in `limits`.
+//! iterations cost less than using the factor. Iterations by moments are preconditioned with the density if the density
+//! is requested or the choice is left to the solver, provided that there is no penalty and there are enough rows. With
+//! auto, iterations end early if a factor seems faster, provided that there are at most as many basis functions as
+//! rows, and that there is a factor or a Gram matrix. The iterations are then followed by factor and refinement, or by
+//! further iterations if the factor can't be computed. The constants are in `limits`.
 
 #[cfg(test)]
 mod tests;
@@ -89,7 +89,7 @@ fn iterations_before_moments(cost: &Cost, moments: Moments, request: &Request) -
     }
 }
 
-/// Returns whether it pays off to begin with iterations by moments although there is a stored factor of a
+/// Returns whether it pays off to begin with iterations by moments even though there is a stored factor of a
 /// well-conditioned matrix.
 fn pays_beside_factor(cost: &Cost, moments: Moments, before_moments: Option<usize>) -> bool {
     let (making, each) = match (moments, before_moments) {

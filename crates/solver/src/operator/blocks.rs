@@ -10,9 +10,9 @@ use crate::SolverError;
 /// The part of an open block that is held in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Residency {
-    /// The entire block, which is then read only once.
+    /// Holds the entire block, which is then read only once.
     Whole,
-    /// Only the chunks in use; the block is then read again for each use.
+    /// Holds only the chunks in use; the block is then read again for each use.
     Chunks,
 }
 
@@ -72,7 +72,8 @@ pub trait Block: Sync {
     /// Returns the bytes read from the store since the block was opened.
     fn bytes_read(&self) -> u64;
 
-    /// Checks that the basis didn't change while it was read. If it did, results computed from the block are invalid.
+    /// Checks that the basis didn't change while it was read. If the check fails, results computed from the block are
+    /// invalid.
     ///
     /// # Errors
     ///

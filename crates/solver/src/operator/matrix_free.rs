@@ -10,12 +10,11 @@ use super::Operator;
 use crate::gram::{check_count, moment_normal};
 use crate::{MomentNormal, SolverError};
 
-/// A basis at scattered directions, whose products are computed by [`Transform`] to the accuracy of the transform's
-/// plan.
+/// A basis at scattered directions, whose products are computed by a [`Transform`] to the accuracy of its parameters.
 #[derive(Debug)]
 pub struct MatrixFreeOperator {
     transform: Transform,
-    /// Transform of twice the degree at the same directions, for moments; `None` if transforms aren't shared.
+    /// Transform of twice the degree at the same directions, for moments; `None` unless created by `with_moments`.
     twice: Option<Transform>,
     accuracy: f64,
 }
@@ -44,7 +43,7 @@ impl MatrixFreeOperator {
     }
 
     /// Returns the bytes that [`with_moments`](Self::with_moments) needs in addition to [`new`](Self::new), for calls
-    /// of `channels` channels, including the normal operator from moments on `threads` threads.
+    /// with `channels` channels, including the normal operator from moments on `threads` threads.
     ///
     /// # Errors
     ///
@@ -62,13 +61,15 @@ impl MatrixFreeOperator {
         Ok(grids + MomentNormal::bytes(max_degree, channels, threads))
     }
 
-    /// Computes the normal matrix from moments at `directions`, which must be the operator's directions, with weights
-    /// (n), all 1 by default, to at least the given relative accuracy. If the operator has shared transforms, it also
-    /// computes the right-hand sides of targets, (n, c), in the same pass over the samples.
+    /// Computes the normal matrix from moments at `directions`, which must be the operator's directions, to at least
+    /// the given relative accuracy. The weights (n) are all 1 by default. If the operator was created by
+    /// [`with_moments`](Self::with_moments) and is accurate enough, also computes the right-hand sides of the targets
+    /// (n, c), in the same pass over the samples.
     ///
     /// # Errors
     ///
-    /// [`SolverError::Rows`] for the wrong number of weights, and the errors of [`MomentNormal::new`].
+    /// [`SolverError::Rows`] if the number of weights is wrong, and the errors of the transforms and of
+    /// [`MomentNormal::new`].
     pub fn moments(
         &self,
         directions: &Directions,

@@ -1,4 +1,4 @@
-//! The basis held in memory, for small problems, and as the reference for the streamed basis.
+//! A basis held in memory, for small problems and as a reference for streamed bases.
 
 use std::ops::RangeInclusive;
 
@@ -12,10 +12,10 @@ use super::products::{apply_adjoint_by_blocks, apply_by_blocks};
 use super::{Block, BlockOperator, Operator, Residency, Scratch};
 use crate::SolverError;
 
-/// The entire basis, `8 n (L + 1)^2` bytes, in chunks of rows.
+/// An entire basis in memory, `8 n (L + 1)^2` bytes, in chunks of rows.
 #[derive(Debug, Clone)]
 pub struct MemoryOperator {
-    /// Values of each chunk: its blocks A_0, A_1, .., one per degree, one after another, each column-major.
+    /// Values of each chunk: the matrices A_0, A_1, .. of the degrees, one after another, each column-major.
     chunks: Vec<Vec<f64>>,
     rows: usize,
     max_degree: usize,
@@ -27,7 +27,7 @@ impl MemoryOperator {
     ///
     /// # Errors
     ///
-    /// [`HarmonicsError::DegreeTooHigh`].
+    /// [`HarmonicsError::DegreeTooHigh`] if the harmonics don't support `max_degree`.
     pub fn new(directions: &Directions, max_degree: usize, chunk_rows: usize) -> Result<Self, HarmonicsError> {
         let recurrence = Recurrence::new(max_degree)?;
         let evaluate = |run: &[[f64; 3]]| {

@@ -1,4 +1,4 @@
-//! Computes products with a basis that is read by blocks: one degree after another, in bounded memory.
+//! Computes products with a basis that is read in blocks: one degree after another, in bounded memory.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};

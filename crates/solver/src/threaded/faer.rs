@@ -1,24 +1,24 @@
-//! Implements the threaded operations by faer: large matrices are halved until they have the size of tiles, which
-//! rayon's threads process.
+//! Implements the threaded operations with faer: large matrices are halved repeatedly into tiles, which rayon's threads
+//! process.
 //!
 //! The halving of a matrix depends only on its size, so results don't depend on the number of threads. faer's own
-//! parallelism isn't used: it is a feature of the entire program that would also make the sequential calls elsewhere
-//! parallel.
+//! parallelism isn't used: it is a compile-time feature of the entire program, which would also make sequential calls
+//! elsewhere parallel.
 
 use spharm_harmonics::product::Matrix;
 use spharm_linalg::{Accum, MatMut, MatRef, NotPositiveDefinite, add_gram, cholesky_in_place, matmul, solve_lower};
 
 use super::{ThreadedKernels, assert_extent};
 
-/// Largest number of rows and columns of a tile. Larger tiles are multiplied no faster, and with smaller tiles factors
-/// are packed more often.
+/// Largest number of rows and columns of a tile. Products of larger tiles run no faster, and with smaller tiles the
+/// factors of products are packed more often.
 const TILE: usize = 512;
 /// Largest order of a matrix that is factorised by one thread.
 const FACTOR: usize = 256;
 /// Largest number of rows that one thread divides by a triangle.
 const DIVIDED_ROWS: usize = 256;
 
-/// faer on the threads of the caller's rayon pool.
+/// Runs faer on the threads of the caller's rayon pool.
 #[derive(Debug)]
 pub struct Faer {
     parallel: bool,
@@ -26,8 +26,8 @@ pub struct Faer {
 
 impl ThreadedKernels for Faer {
     const RESERVED_PER_THREAD: usize = 0;
-    /// Bytes of the copies that a thread makes of factors: for two tiles with runs of columns as long as in
-    /// `cholesky/factorise.rs`, and for a tile of a Gram matrix with 2,048 rows.
+    /// Bytes of the copies that a thread makes of the factors of a product: for two tiles with as many columns as
+    /// `cholesky/factorise.rs` subtracts at a time, and for a tile of a Gram matrix with 2,048 rows.
     const TOUCHED_PER_THREAD: usize = 20 << 20;
 
     fn version() -> String {
@@ -60,7 +60,7 @@ impl ThreadedKernels for Faer {
 }
 
 impl Faer {
-    /// Runs two independent tasks, on two threads if there are several.
+    /// Runs two independent tasks, in parallel if there is more than one thread.
     fn join(&self, first: impl FnOnce() + Send, second: impl FnOnce() + Send) {
         if self.parallel {
             rayon::join(first, second);
@@ -118,8 +118,9 @@ impl Faer {
         self.join(|| self.divide(c, above), || self.divide(c, below));
     }
 
-    /// Computes the lower Cholesky factor by halves: factorises the first half, divides the rows below it by its
-    /// factor, subtracts their product from the second half, and factorises the second half.
+    /// Computes the lower Cholesky factor by halves: factorises the first diagonal block, divides the block below it by
+    /// that factor, subtracts the product of the result with its transpose from the second diagonal block, and
+    /// factorises the second diagonal block.
     fn factorise(&self, matrix: MatMut<'_, f64>) -> Result<(), usize> {
         let k = matrix.nrows();
         if k <= FACTOR {
@@ -134,7 +135,8 @@ impl Faer {
     }
 }
 
-/// Returns the number of rows of the first half: a multiple of 64, so that tiles of larger matrices are aligned alike.
+/// Returns the number of rows of the first half: a multiple of 64, so that the tiles of larger matrices are all aligned
+/// in the same way.
 fn half(rows: usize) -> usize {
     (rows / 2).next_multiple_of(64)
 }

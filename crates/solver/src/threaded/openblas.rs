@@ -1,8 +1,8 @@
-//! Implements the threaded operations by OpenBLAS. All calls of OpenBLAS are in this file.
+//! Implements the threaded operations with OpenBLAS. All calls to OpenBLAS are in this file.
 //!
 //! All callers of OpenBLAS in a process share one number of threads and one set of buffers, and OpenBLAS reserves
 //! [`RESERVED_PER_THREAD`](ThreadedKernels::RESERVED_PER_THREAD) bytes for each calling thread and each of its worker
-//! threads. So it is used by one caller at a time, which holds [`OpenBlas`].
+//! threads. Therefore only one caller at a time, the holder of an [`OpenBlas`], may use OpenBLAS.
 //!
 //! `unsafe` is needed because cblas-sys and lapack-sys are foreign functions; each method checks the extents that its
 //! function accesses.
@@ -25,8 +25,8 @@ unsafe extern "C" {
 
 static IN_USE: Mutex<()> = Mutex::new(());
 
-/// Exclusive use of OpenBLAS with some number of threads. A process has at most one value of this type at a time. Other
-/// callers wait until it is dropped, which restores the previous number of threads.
+/// Exclusive use of OpenBLAS with some number of threads. A process has at most one value of this type at a time: other
+/// callers wait until the value is dropped. Dropping it restores the previous number of threads.
 ///
 /// Don't hold this value while waiting for other threads: they may also need OpenBLAS.
 #[derive(Debug)]
@@ -42,15 +42,15 @@ impl ThreadedKernels for OpenBlas {
 
     /// Returns version, kernels and build options of OpenBLAS.
     fn version() -> String {
-        // SAFETY: OpenBLAS returns a static text that ends in a zero.
+        // SAFETY: OpenBLAS returns a static string that ends with a NUL byte.
         unsafe { std::ffi::CStr::from_ptr(openblas_get_config()) }.to_string_lossy().trim().to_owned()
     }
 
     /// Waits until OpenBLAS is free, and sets its number of threads to `threads`.
     fn with_threads(threads: usize) -> Self {
         let only = IN_USE.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: OpenBLAS accepts any number and clamps it to the maximum of its build. Nothing else sets it
-        // meanwhile.
+        // SAFETY: OpenBLAS accepts any number and clamps it to the maximum of its build. The lock keeps other callers
+        // from setting it meanwhile.
         let threads_before = unsafe {
             let before = openblas_get_num_threads();
             openblas_set_num_threads(threads.clamp(1, 1024) as c_int);
@@ -62,7 +62,7 @@ impl ThreadedKernels for OpenBlas {
     fn accumulate_gram(&mut self, block: Matrix<'_>, gram: &mut [f64], leading: usize) {
         let k = block.columns();
         assert_extent(gram, k, k, leading);
-        // SAFETY: `Matrix` has checked the block's extent, the assertion the Gram matrix's.
+        // SAFETY: `Matrix` has checked the block's extent, and the assertion has checked the Gram matrix's extent.
         unsafe {
             cblas_sys::cblas_dsyrk(
                 CBLAS_LAYOUT::CblasColMajor,
@@ -84,7 +84,7 @@ impl ThreadedKernels for OpenBlas {
         assert_extent(matrix, k, k, leading);
         const LOWER: c_char = b'L' as c_char;
         let (order, stride, mut info) = (int(k), int(leading), 0);
-        // SAFETY: the matrix is k by k with that leading dimension, as asserted.
+        // SAFETY: the assertion has checked that the slice contains a k by k matrix with this leading dimension.
         unsafe { lapack_sys::dpotrf_(&LOWER, &order, matrix.as_mut_ptr(), &stride, &mut info) };
         if info > 0 { Err(info as usize - 1) } else { Ok(()) }
     }
@@ -93,7 +93,7 @@ impl ThreadedKernels for OpenBlas {
         let k = c.columns();
         assert_eq!(c.rows(), k, "a triangle");
         assert_extent(out, rows, k, leading);
-        // SAFETY: extents as asserted, `Matrix` has checked the triangle.
+        // SAFETY: the assertions have checked the extent of `out`, and `Matrix` that of the triangle.
         unsafe {
             cblas_sys::cblas_dtrsm(
                 CBLAS_LAYOUT::CblasColMajor,
@@ -116,7 +116,7 @@ impl ThreadedKernels for OpenBlas {
         let (rows, columns, k) = (a.rows(), b.rows(), a.columns());
         assert_eq!(b.columns(), k, "columns of both factors");
         assert_extent(out, rows, columns, leading);
-        // SAFETY: extents as asserted, `Matrix` has checked both factors.
+        // SAFETY: the assertions have checked the extent of `out`, and `Matrix` those of both factors.
         unsafe {
             cblas_sys::cblas_dgemm(
                 CBLAS_LAYOUT::CblasColMajor,
@@ -140,7 +140,7 @@ impl ThreadedKernels for OpenBlas {
 
 impl Drop for OpenBlas {
     fn drop(&mut self) {
-        // SAFETY: the number was returned by OpenBLAS itself; the lock is released after this.
+        // SAFETY: OpenBLAS itself returned this number, and the lock is only released afterwards.
         unsafe { openblas_set_num_threads(self.threads_before) };
     }
 }

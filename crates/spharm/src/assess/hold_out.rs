@@ -31,7 +31,7 @@ impl HoldOut {
     ///
     /// # Errors
     ///
-    /// [`Error::HoldOut`] if the fraction selects no vertex, [`Error::Setting`] if it selects all.
+    /// [`Error::HoldOut`] if the fraction selects no vertex, [`Error::Setting`] if it selects all vertices.
     pub(crate) fn new(n: usize, fraction: f64) -> Result<Self, Error> {
         let mut random = SplitMix64::new(0);
         let found = Self { held: (0..n).map(|_| random.between(0.0, 1.0) < fraction).collect() };
@@ -60,8 +60,8 @@ impl HoldOut {
         weights
     }
 
-    /// Returns the distances between the model with the given coefficients, of shape (K, c), and the targets, of shape
-    /// (n, c). Vertices marked in `unread` are excluded.
+    /// Returns the distances between the model with `coefficients` (K, c) and `targets` (n, c), at the held-out
+    /// vertices and at the fitted vertices. Vertices marked in `unread` are excluded.
     pub(crate) fn assess(
         &self,
         directions: &Directions,

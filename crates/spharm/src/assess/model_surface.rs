@@ -1,4 +1,5 @@
-//! Measures the distances between a model and its surface as distances of two surfaces, without corresponding points.
+//! Measures the distances between a model and its surface as distances between two surfaces, without corresponding
+//! points.
 //!
 //! The paper's msd and xsd compare each vertex with the model's value in the vertex's own direction. Finely meshed
 //! parts of a surface have more vertices and therefore more influence. For a shape, the relevant quantity is the
@@ -72,7 +73,7 @@ const LEVELS: [u32; 2] = [4, 8];
 /// Accuracy of the model's values on the icosphere, relative to its coefficients.
 const ACCURACY: f64 = 1e-9;
 
-/// An icosphere on which models of a degree are compared with their surfaces.
+/// An icosphere on which models of one degree are evaluated, to compare the models with their surfaces.
 pub(crate) struct ModelSurface {
     sphere: Mesh,
     transform: Transform,
@@ -88,8 +89,8 @@ fn vertices(level: u32) -> usize {
 }
 
 impl ModelSurface {
-    /// Returns the level of the icosphere for models of a degree, within a memory of `bytes` bytes; `None` if no level
-    /// fits.
+    /// Returns the number of subdivisions of the icosphere for models of degree `max_degree`, reduced if necessary so
+    /// that `bytes` bytes of memory suffice. Returns `None` if they don't suffice for the smallest number.
     pub(crate) fn level(max_degree: usize, faces: usize, bytes: usize) -> Option<u32> {
         let wanted = VERTICES_PER_FUNCTION * basis_size(max_degree);
         let level = (LEVELS[0]..LEVELS[1]).find(|&level| vertices(level) >= wanted).unwrap_or(LEVELS[1]);
@@ -118,9 +119,8 @@ impl ModelSurface {
         Ok(Self { sphere, transform, points: POINTS_PER_FUNCTION * basis_size(max_degree) })
     }
 
-    /// Returns the distances between two surfaces: the model with the given coefficients, of shape (K, 3), and the
-    /// surface with the given vertices, of shape (n, 3), and the triangles of `read`. Returns `None` if the surface
-    /// has no area or its bounding box has no volume.
+    /// Returns the distances between the model with `coefficients` (K, 3) and the surface with `vertices` (n, 3) and
+    /// the triangles of `read`. Returns `None` if the surface has no area or its bounding box has no volume.
     pub(crate) fn assess(
         &self,
         coefficients: ArrayView2<'_, f64>,
@@ -140,8 +140,8 @@ impl ModelSurface {
             Err(SurfaceError::Argument { .. }) => return Ok(None),
             found => found?,
         };
-        // If a part of the surface is excluded, the model has no counterpart there, so distances from the model are
-        // excluded.
+        // If a part of the surface is excluded, the model can't be compared with it, so only distances from the surface
+        // to the model are used.
         let (rms, percentile95, hausdorff, points) = if read.whole {
             let points = found.forward.samples + found.backward.samples;
             (found.rms, found.percentile95, found.hausdorff, points)

@@ -17,6 +17,8 @@ const PLACES: [usize; 2] = [200, 2000];
 /// rms distance at the vertices, and also more than [`LEAST`] times the rms of the triangles' longest edges. A smooth
 /// model bulges over a flat triangle by less.
 const OSCILLATION: f64 = 10.0;
+/// Smallest rms distance at the triangle centres, relative to the rms of the triangles' longest edges, at which a model
+/// is reported as oscillating; see [`OSCILLATION`].
 const LEAST: f64 = 0.3;
 
 /// Centres of triangles of a sphere, chosen at equal steps in the list of triangles.
@@ -53,15 +55,14 @@ impl OffVertex {
         &self.centres
     }
 
-    /// Evaluates the model with the given coefficients, of shape (K, 3), at the p triangle centres. The result has
-    /// shape (p, 3).
+    /// Evaluates the model with `coefficients` (K, 3) at the p triangle centres. Returns the values (p, 3).
     pub(crate) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(synthesis(&self.centres, coefficients)?)
     }
 
-    /// Returns the distances of the model's values at the triangle centres, of shape (p, 3), from the centres of the
-    /// surface's triangles. If the model oscillates, also returns the rms of these distances divided by the rms of
-    /// `at`, the distances at the vertices.
+    /// Returns the distances between the model's values (p, 3) at the triangle centres and the centres of the surface's
+    /// triangles. If the model oscillates, also returns the rms of these distances divided by the rms of `at`, the
+    /// distances at the vertices.
     pub(crate) fn assess(
         &self,
         model: ArrayView2<'_, f64>,

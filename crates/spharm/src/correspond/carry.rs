@@ -26,7 +26,7 @@ impl Group {
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for a nonexistent member, or a point that isn't finite.
+    /// [`Error::Setting`] if a member doesn't exist, or a point isn't finite.
     pub fn carry(&self, points: &[Vec3], source: usize, target: usize) -> Result<Vec<Carried>, Error> {
         for found in [source, target] {
             if found >= self.places.len() {

@@ -10,8 +10,8 @@
 //!
 //! `group.json` is written after all other files of the group, and `members/NAME.json` after the member's other files.
 //! If one of these files exists, the files written before it are complete. Members can also be added to a finished
-//! group one by one, possibly on several machines. The `group.json` of the folder for added members lists no members:
-//! its members are all those with a file in `members`.
+//! group one by one, possibly on several machines. The `group.json` of a folder for added members lists no members: the
+//! folder's members are those with a file in `members`.
 
 mod read;
 #[cfg(test)]
@@ -124,7 +124,7 @@ fn check_names(names: &[&str], count: usize) -> Result<(), Error> {
     let bad =
         |name: &&&str| name.is_empty() || name.starts_with('.') || name.contains(['/', '\\', '\0']) || **name == "mean";
     if let Some(name) = names.iter().find(bad) {
-        return refused("names of files, none of them `mean`", format!("{name:?}"));
+        return refused("names that are valid as file names, other than `mean`", format!("{name:?}"));
     }
     let mut sorted = names.to_vec();
     sorted.sort_unstable();

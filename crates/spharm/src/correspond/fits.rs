@@ -75,7 +75,7 @@ impl Fitted {
         };
         let members: Vec<ArrayView2<'_, f64>> = channels.iter().map(|own| own.view()).collect();
         let found = groupwise(&members, &sphere, Some(&weights), settings, monitor)?;
-        // The template is only used for its triangles, so its drift isn't prepared.
+        // Only the template's triangles are used, so its drift isn't prepared.
         let no_drift = RegisterParams { drift: Vec::new(), ..params.register.clone() };
         let shape = mesh_of(self.places[0].clone(), &sphere.faces);
         let template = Template::new(&shape, Some(masked), &no_drift, &OnlyCancel(monitor))?;
@@ -120,9 +120,9 @@ impl Fitted {
     }
 
     /// Returns a member's points at the directions to which a flow carries the sphere's directions, and whether each
-    /// point is reached. A point is the model's value plus the model's residual, which is interpolated linearly within
-    /// triangles. Therefore points don't move if the flow is zero. Elsewhere they have no kinks, which linear
-    /// interpolation of the points themselves would cause.
+    /// point is reached. A point is the model's value plus the residual, which is interpolated linearly within
+    /// triangles. If the flow is zero, points therefore don't move. Linear interpolation of the points themselves would
+    /// cause kinks.
     fn carried(
         &self,
         index: usize,
@@ -134,7 +134,7 @@ impl Fitted {
         let model = self.coefficients[index].values().view();
         let carried = flow.apply(sphere.directions.as_slice())?;
         let before = at_sphere.synthesis(model)?;
-        // Columns 0 to 2 have the model's residual. Column 3 is 1 for points that aren't reached, and 0 for others.
+        // Columns 0 to 2 contain the model's residual. Column 3 is 1 for points that aren't reached, and 0 for others.
         let left = Array2::from_shape_fn((before.nrows(), 4), |(v, k)| match k {
             3 => f64::from(u8::from(!reached[v])),
             _ => self.places[index][v][k] - before[[v, k]],

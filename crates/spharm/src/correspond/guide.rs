@@ -73,9 +73,9 @@ impl GuideLandmarks {
         self.members[index].iter().map(|point| similarities[index].apply(*point)).collect()
     }
 
-    /// Computes a member's pose from its landmarks and improves it by the surfaces. Returns the pose if it differs
-    /// from `found`, the pose computed from the surfaces alone. `moving` and `fixed` are the surfaces of the member
-    /// and the template.
+    /// Computes a member's pose from its landmarks `own` and the template's landmarks `theirs`, and improves the pose
+    /// by comparing the surfaces of the member, `moving`, and of the template, `fixed`. Returns the pose and the
+    /// distance between the surfaces, if the pose differs from `found`, the pose computed from the surfaces alone.
     pub(super) fn turned(
         &self,
         (moving, own): (&PoseSurface, &[Vec3]),
@@ -140,8 +140,8 @@ impl<'a> Guided<'a> {
         pairs.map(|(place, point)| Guide { place: *place, point: similarity.apply(*point) }).collect()
     }
 
-    /// Divides a member's p landmarks into parts, and registers the template again without each part. Returns the
-    /// distance of each landmark when its part is left out.
+    /// Divides a member's p landmarks into parts, and repeats the registration with each part left out. Returns each
+    /// landmark's distance in the registration without its part.
     pub(super) fn left_out(
         &self,
         guides: &[Guide],

@@ -32,7 +32,7 @@ pub struct NewMember {
     pub report: MemberReport,
 }
 
-/// Data of a group that is prepared once for all new members.
+/// Data of a group, prepared once for all new members.
 pub struct Joining {
     group: GroupTemplate,
     template: Template,
@@ -44,12 +44,14 @@ pub struct Joining {
 
 impl Joining {
     /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
-    /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by
-    /// their mean and modes.
+    /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by the
+    /// mean and the modes of `members`.
     ///
     /// # Errors
     ///
-    /// The errors of [`Template::new`] in [`Error::Register`]; [`Error::Shape`]; [`Error::Interrupted`].
+    /// [`Error::Register`] if the template can't be prepared; [`Error::NoArea`] if the mean has no area;
+    /// [`Error::Shape`] if the group's statistics can't be computed; [`Error::is_interrupted`] if the monitor stopped
+    /// the call.
     pub fn new(
         group: GroupTemplate,
         members: &[Coefficients],
@@ -92,7 +94,8 @@ impl Joining {
     ///
     /// # Errors
     ///
-    /// [`Error::NoArea`], [`Error::Register`], any error of the fit of the surface, and [`Error::Interrupted`].
+    /// [`Error::NoArea`] if the surface has no area; [`Error::Register`] if the template can't be registered to the
+    /// surface; the errors of [`fit_many`](crate::fit_many); [`Error::is_interrupted`] if the monitor stopped the call.
     pub fn add(&self, surface: &Mesh, monitor: &dyn Monitor) -> Result<NewMember, Error> {
         let quiet = OnlyCancel(monitor);
         let moving = PoseSurface::new(surface).ok_or(Error::NoArea)?;

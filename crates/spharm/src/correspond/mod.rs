@@ -20,7 +20,7 @@
 //! let paths = ["s01.ply", "s02.ply", "s03.ply"];
 //! let read = |index: usize| Ok(read_mesh(paths[index])?);
 //! let group = correspond(paths.len(), &read, &CorrespondParams::up_to(15), &Silent)?;
-//! // The place of s01's tenth vertex on s03, in the coordinates of each file.
+//! // The position on s03 that corresponds to vertex 10 of s01, each in the coordinates of its own file.
 //! let place = group.carry(&[read(0)?.vertices[10]], 0, 2)?;
 //! # Ok::<(), spharm::Error>(())
 //! ```
@@ -67,7 +67,8 @@ pub struct Group {
     /// Corresponding points of each member, one for each of the sphere's n directions. They are on the member's
     /// surface and in the group's frame.
     pub places: Vec<Vec<Vec3>>,
-    /// Whether each member has a counterpart at each of the n directions. If not, the point is a guess.
+    /// For each member and each of the n directions, whether the member has a counterpart there. If not, the point is a
+    /// guess.
     pub reached: Vec<Vec<bool>>,
     /// The group's data that are needed to add new members.
     pub template: GroupTemplate,
@@ -82,7 +83,8 @@ pub struct GroupTemplate {
     pub sphere: Sphere,
     /// The group's mean, in the group's frame.
     pub mean: Coefficients,
-    /// Whether each of the n directions has no counterpart on members, as in the filled holes of the first template.
+    /// For each of the n directions, whether it has no counterpart on members, as in the filled holes of the first
+    /// template.
     pub masked: Vec<bool>,
     /// Root mean square distance of the members from the mean, weighted by area.
     pub spread: f64,
@@ -114,9 +116,9 @@ impl GroupTemplate {
 ///
 /// # Errors
 ///
-/// [`Error::Setting`] for fewer than two surfaces; [`Error::Member`] for an error of one surface;
-/// [`Error::Parametrize`] if the template can't be mapped; the errors of [`fit_many`](crate::fit_many);
-/// [`Error::Interrupted`].
+/// [`Error::Setting`] if there are fewer than two surfaces or a setting is invalid; [`Error::Member`] if one surface
+/// can't be read or registered; [`Error::Parametrize`] if the template can't be mapped; the errors of
+/// [`fit_many`](crate::fit_many); [`Error::is_interrupted`] if the monitor stopped the call.
 pub fn correspond(
     count: usize,
     read: &(dyn Fn(usize) -> Result<Mesh, Error> + Sync),

@@ -11,8 +11,8 @@ use super::resume::Resume;
 use super::signals::Signals;
 use crate::Error;
 
-/// Settings of [`correspond`](super::correspond()), created by [`up_to`](Self::up_to). Each setter returns the
-/// settings with another value of one field.
+/// Settings of [`correspond`](super::correspond()), created by [`up_to`](Self::up_to). Each setter returns the settings
+/// with one field changed.
 #[derive(Debug, Clone, Setters)]
 #[setters(prefix = "with_")]
 #[non_exhaustive]
@@ -25,8 +25,8 @@ pub struct CorrespondParams {
     /// Landmarks that guide the registration; none by default.
     #[setters(into)]
     pub guide: Option<GuideLandmarks>,
-    /// Whether each surface is mirrored (x to -x) first, such as right hemispheres in a group of left ones. Empty if
-    /// no surface is mirrored. The similarities to the group's frame include the reflection.
+    /// For each surface, whether it is mirrored (x to -x) first, like right hemispheres in a group of left hemispheres.
+    /// Empty if no surface is mirrored. The similarities to the group's frame include the reflection.
     pub mirrored: Vec<bool>,
     /// Signals on the surfaces that the refinement matches in addition to positions; none by default.
     #[setters(into)]
@@ -85,7 +85,7 @@ impl CorrespondParams {
         })
     }
 
-    /// Returns the reflection that is applied to a surface first, if the surface is mirrored.
+    /// Returns the reflection to apply to a surface first, or `None` if the surface isn't mirrored.
     pub(super) fn reflection(&self, index: usize) -> Option<Similarity> {
         (self.mirrored.get(index) == Some(&true)).then(Similarity::reflection)
     }

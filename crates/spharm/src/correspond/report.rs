@@ -113,7 +113,8 @@ impl CorrespondWarning {
         }
     }
 
-    /// Returns the warning's text without the member's number; `name` returns the name of another member.
+    /// Returns the warning's message without the member's number. `name` returns the name of the member with a given
+    /// index.
     #[must_use]
     pub fn of_member(&self, name: impl Fn(usize) -> String) -> String {
         match self {

@@ -28,12 +28,12 @@ pub struct Resume {
 }
 
 impl Resume {
-    /// Opens or creates a folder. `key` identifies the group's surfaces by their hashes, and its settings.
+    /// Opens or creates a folder. `key` identifies the group's surfaces, by their hashes, and the group's settings.
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a folder with another key, or with unrelated files; [`Error::Surface`] if it can't be
-    /// written.
+    /// [`Error::GroupFile`] if the folder has another key or contains unrelated files; [`Error::Surface`] if it can't
+    /// be read or written.
     pub fn open(folder: &Path, key: &str) -> Result<Self, Error> {
         let path = folder.join("key.json");
         let io = |action| {
@@ -75,8 +75,8 @@ impl Resume {
         self.folder.join(format!("{round}-{index}.npz"))
     }
 
-    /// Reads a stored registration to a template of n vertices, with the distances of left-out landmarks. `landmarks`
-    /// is the number of these distances. Returns `None` if the file of the registration is missing or unreadable.
+    /// Reads a stored registration of a template with n vertices, and the distances of left-out landmarks. `landmarks`
+    /// is the number of these distances. Returns `None` if the file is missing or unreadable.
     pub(super) fn read(
         &self,
         round: usize,

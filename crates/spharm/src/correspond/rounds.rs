@@ -19,9 +19,9 @@ use super::together::{mesh_of, spread, together, weights};
 use super::{Group, GroupTemplate};
 use crate::Error;
 
-/// Share of the template's directions without a counterpart on a member above which a warning is given.
+/// Largest share of the template's directions that may lack a counterpart on a member without a warning.
 const LACKING: f64 = 0.05;
-/// Largest relative difference in area and volume between copies of the same surface.
+/// Largest relative difference in area and in volume at which two surfaces are treated as the same.
 const SAME: f64 = 1e-6;
 
 /// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
@@ -109,7 +109,7 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     })
 }
 
-/// Returns the poses of the surfaces. Mirrored surfaces are reflected first.
+/// Returns the poses of the surfaces. Surfaces that are to be mirrored are reflected first.
 fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monitor) -> Result<Posed, Error> {
     let surface = |index: usize, mesh: Mesh| {
         monitor.check()?;
@@ -153,7 +153,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     })
 }
 
-/// Returns the landmarks, reflected if their surface is mirrored.
+/// Returns the landmarks. Those of surfaces that are to be mirrored are reflected.
 fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLandmarks {
     let mut landmarks = landmarks.clone();
     for (index, points) in landmarks.members.iter_mut().enumerate() {
@@ -164,8 +164,8 @@ fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLand
     landmarks
 }
 
-/// Replaces the poses of members whose landmarks give a different rotation than their surfaces. Returns the indices of
-/// these members.
+/// Replaces the poses of members for which the landmarks give a different rotation than the surfaces. Returns the
+/// indices of these members.
 fn turned(
     landmarks: &GuideLandmarks,
     params: &CorrespondParams,
@@ -187,7 +187,7 @@ fn turned(
 }
 
 /// Registers a template to all members. In the last round, each registration is repeated with parts of the guiding
-/// landmarks left out. The distances of the left-out landmarks are returned, too.
+/// landmarks left out. Returns the registrations and the distances of the left-out landmarks.
 fn register_all(
     subjects: &Subjects<'_>,
     similarities: &[Similarity],

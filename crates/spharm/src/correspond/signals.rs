@@ -1,9 +1,9 @@
 //! Adds signals on the surfaces, such as thickness, to the channels of the refinement, which are positions and
 //! normals.
 //!
-//! A signal is interpolated at the nearest point of its surface to each corresponding point, and fitted over the
-//! group's sphere. It is scaled so that its standard deviation over all members and their area is `weight` times the
-//! square root of the mean area. Differences of a signal are then comparable with distances.
+//! For each corresponding point, a signal is interpolated at the nearest point of its surface. The result is fitted
+//! over the group's sphere. A signal is scaled so that its standard deviation over the area of all members is `weight`
+//! times the square root of the mean area. Differences of a signal are then comparable with distances.
 
 use std::fmt;
 use std::sync::Arc;
@@ -50,8 +50,8 @@ impl Signals {
         }
     }
 
-    /// Returns the coefficients of the signals of each member, of shape (K, signals), in units of length. Masked
-    /// directions don't contribute to the standard deviations.
+    /// Returns the coefficients (K, signals) of each member's signals, scaled to units of length. Masked directions
+    /// don't contribute to the standard deviations.
     pub(super) fn fitted(
         &self,
         subjects: &Subjects<'_>,
@@ -64,7 +64,7 @@ impl Signals {
             monitor.check()?;
             let values = (self.read)(index)?;
             self.check_values(&values, mesh.vertices.len())?;
-            // Barycentric coordinates are those of the moved triangles, whose corners a reflection reorders.
+            // Barycentric coordinates refer to the moved triangles, since a reflection reorders their corners.
             let moved = similarities[index].apply_mesh(&mesh);
             let tree = TriangleTree::new(&moved);
             let of = |place: &Vec3| -> Vec<f64> {
@@ -108,8 +108,8 @@ impl Signals {
         }
     }
 
-    /// Subtracts from each signal its mean over all members, and scales it to the standard deviation that its weight
-    /// demands. A signal is one column of each member's values, of shape (n, channels).
+    /// Subtracts from each signal its mean over all members, and scales it to the standard deviation given by its
+    /// weight. `values` contains an array (n, channels) for each member, with one column per signal.
     fn scale(
         &self,
         values: &mut [Vec<f64>],
@@ -141,7 +141,7 @@ impl Signals {
     }
 }
 
-/// Appends the coefficients of signals to those of positions. The result has shape (K, 3 + signals).
+/// Appends the coefficients of signals to those of positions. Returns an array (K, 3 + signals).
 pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result<Array2<f64>, Error> {
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {

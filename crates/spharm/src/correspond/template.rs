@@ -13,8 +13,8 @@ use crate::parametrize::parametrize_with;
 /// Minimum degree for which the map is made, even for models of lower degrees, so that enough directions lie on thin
 /// parts.
 const DEGREE: usize = 40;
-/// A point at this distance or more from the original surface lies on a cut or a filled hole. The distance is relative
-/// to the square root of the surface's area.
+/// Points at this distance or more from the original surface are treated as lying on a cut or a filled hole. The
+/// distance is relative to the square root of the surface's area.
 const FILLED: f64 = 0.005;
 
 /// A surface resampled at the directions of an icosphere.
@@ -22,7 +22,7 @@ const FILLED: f64 = 0.005;
 pub struct MappedTemplate {
     /// Mesh whose vertices are the surface's points at the icosphere's directions.
     pub mesh: Mesh,
-    /// Whether each of the n directions is on a cut or a filled hole.
+    /// For each of the n directions, whether it lies on a cut or a filled hole.
     pub masked: Vec<bool>,
     /// Repairs that were made to the surface.
     pub changes: Vec<String>,
@@ -38,7 +38,7 @@ impl MappedTemplate {
     pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
         let input = Input::Mesh(surface.clone()).mended(monitor)?;
         if let Some(repair) = input.mesh_repair().filter(|repair| repair.filled_area > crate::FILLED) {
-            let expected = "a closed surface, or one with small holes: close it, or take another as the template";
+            let expected = "a closed surface, or one with only small holes; fill its holes, or choose another template";
             let found = repair.drops_and_fills();
             return Err(ParametrizeError::Argument { what: "template", expected, found }.into());
         }

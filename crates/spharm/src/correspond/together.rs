@@ -53,8 +53,8 @@ fn step_to(mean: &[Vec3], members: &mut [Vec<Vec3>], motions: &mut [Similarity],
     }
 }
 
-/// Returns each point's area divided by the members' variance about the mean at the point. The results are normalised
-/// to sum 1.
+/// Returns a weight for each point: its area divided by the members' variance about the mean there. The weights are
+/// normalised to sum 1.
 fn by_variance(members: &[Vec<Vec3>], mean: &[Vec3], areas: &[f64]) -> Vec<f64> {
     let square = |member: &Vec<Vec3>, v: usize| {
         let off = sub(member[v], mean[v]);
@@ -86,7 +86,8 @@ fn rigid(from: &[Vec3], to: &[Vec3], weights: &[f64]) -> Similarity {
 }
 
 /// Returns the motion that best aligns the points `from` with the points `to`. `weights` have sum 1; `None` gives all
-/// points equal weights.
+/// points equal weights. The motion includes a change of size if `scaled` is set, and may include a reflection if
+/// `mirror` is set.
 pub(super) fn motion(from: &[Vec3], to: &[Vec3], weights: Option<&[f64]>, scaled: bool, mirror: bool) -> Similarity {
     let equal = || vec![1.0 / from.len().max(1) as f64; from.len()];
     let weights = weights.map_or_else(|| Cow::Owned(equal()), Cow::Borrowed);

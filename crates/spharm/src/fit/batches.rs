@@ -1,4 +1,4 @@
-//! Reads targets a few at a time, fits them in batches, assesses the fits and passes the fits on.
+//! Reads targets a few at a time, fits them in batches, assesses the fits and passes them to the caller.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -35,8 +35,9 @@ pub(crate) struct Run<'a, T, E> {
     pub(crate) readers: usize,
     read: Read<'a, E>,
     done: Done<'a, T, E>,
-    /// Index of the next target to read. `ready` contains the targets that were read but aren't in a batch yet.
+    /// Index of the next target to read.
     next: usize,
+    /// Targets that were read but aren't in a batch yet.
     ready: VecDeque<Ready>,
 }
 
@@ -58,11 +59,11 @@ pub(crate) struct Batch {
 
 /// The solution of a batch by a method.
 pub(crate) struct Solved {
-    /// Canonical coefficients of all columns of the batch, of shape (K, columns).
+    /// Canonical coefficients (K, columns) of the batch.
     pub(crate) coefficients: Array2<f64>,
     /// For each sweep: whether it was a refinement, and the norms of each target's residual.
     pub(crate) sweeps: Vec<(bool, Vec<ResidualNorms>)>,
-    /// Standard errors of the coefficients, in the same layout, if requested.
+    /// Standard errors (K, columns) of the coefficients, if requested.
     pub(crate) standard_errors: Option<Array2<f64>>,
     /// For each target, the noise removed from it or from each of its channels. Empty without denoising.
     pub(crate) denoised: Vec<Vec<Denoised>>,
@@ -72,8 +73,7 @@ pub(crate) struct Solved {
     pub(crate) warnings: Vec<FitWarning>,
     /// Results of each target, if targets were solved one after another. Empty if targets were solved together.
     pub(crate) per_target: Vec<PerTarget>,
-    /// Values of each target's model at the centres of p triangles, of shape (p, c). Empty if the method doesn't
-    /// compute them.
+    /// Values (p, c) of each target's model at the centres of p triangles. Empty if the method doesn't compute them.
     pub(crate) at_centres: Vec<Array2<f64>>,
     pub(crate) report: BatchReport,
 }
@@ -106,18 +106,18 @@ impl Batch {
         self.groups.last().map_or(0, |group| group.end)
     }
 
-    /// Iterates over the targets and their columns. The values of a target have shape (n, c).
+    /// Iterates over the targets. Yields each target's columns in the batch and its values (n, c).
     pub(crate) fn targets(&self) -> impl Iterator<Item = (Range<usize>, ArrayView2<'_, f64>)> {
         self.groups.iter().cloned().zip(self.targets.iter().map(values))
     }
 
-    /// Iterates over the targets, each with its columns divided into parts that share their noise.
+    /// Iterates over the targets. Yields the parts of each target's columns for which noise is estimated together.
     pub(crate) fn parts(&self) -> impl Iterator<Item = Vec<Range<usize>>> {
         self.groups.iter().zip(&self.targets).map(|(group, target)| parts(group, target.kind))
     }
 
-    /// Measures the distances of models from their surfaces. `coefficients` has shape (K, columns). Models are
-    /// measured one after another, since each measurement uses all threads.
+    /// Measures the distances between surfaces and their models with `coefficients` (K, columns). Models are measured
+    /// one after another, since each measurement uses all threads.
     pub(crate) fn surface_distances(
         &self,
         model_surface: &ModelSurface,
@@ -132,7 +132,7 @@ impl Batch {
         self.groups.iter().zip(&self.targets).map(of).collect()
     }
 
-    /// Returns the columns of all targets side by side, as an array of shape (n, columns).
+    /// Returns the columns of all targets side by side, as an array (n, columns).
     pub(crate) fn side_by_side(&self) -> Array2<f64> {
         let rows = self.targets.first().map_or(0, |target| target.values.len() / target.channels.max(1));
         let mut all = Array2::zeros((rows, self.columns()));
@@ -283,8 +283,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         Ok(())
     }
 
-    /// Takes as many targets as possible with at most `columns` columns in total, but at least one target. All of them
-    /// have the same exponents of scaling, and either all or none are fitted as surfaces.
+    /// Takes as many targets as possible with at most `columns` columns in total, but at least one target. All targets
+    /// taken have the same scaling exponents, and either all or none are fitted as surfaces.
     fn next_batch(&mut self, columns: usize) -> Result<Batch, E> {
         let (mut taken, mut width): (Vec<Ready>, usize) = (Vec::new(), 0);
         let surface = self.next_is_surface()?;

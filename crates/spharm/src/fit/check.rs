@@ -10,11 +10,12 @@ use crate::{Error, FitParams, Method};
 
 /// Checks that memory suffices to fit a surface over a sphere with the same vertices, before that sphere exists.
 ///
-/// The memory plan of a method over a store depends on the store. Such methods are only checked when the fit starts.
+/// The memory plan of a method over a store depends on the store, so that such a method is checked only when its fit
+/// starts.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the smallest sufficient budget.
+/// [`Error::Memory`], with the smallest sufficient budget, if memory doesn't suffice.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
     check_sizes(surface.vertices.len(), surface.faces.len(), params)
 }
@@ -32,12 +33,12 @@ pub(crate) fn check_sizes(vertices: usize, faces: usize, params: &FitParams) -> 
     }
 }
 
-/// Checks that memory suffices to map a surface of `vertices` vertices to a sphere, as
+/// Checks that memory suffices to map a surface with `vertices` vertices to a sphere, as
 /// [`fit_mesh`](crate::fit_mesh()) does.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the smallest sufficient budget.
+/// [`Error::Memory`], with the smallest sufficient budget, if memory doesn't suffice.
 pub fn check_mapping(vertices: usize, params: &FitParams) -> Result<(), Error> {
     let method = MapMethod::Auto(params.map());
     let mapping = usize::try_from(method.bytes(vertices)).unwrap_or(usize::MAX);

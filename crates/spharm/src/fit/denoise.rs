@@ -1,4 +1,4 @@
-//! Estimates the noise of targets from the response of fits to noise over the same sphere.
+//! Estimates the noise of targets by comparing their fits with fits of pure noise over the same sphere.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ use super::job::Job;
 use crate::report::Denoised;
 use crate::{Error, FitParams, Method, Smoothness, Weights};
 
-/// Response to noise of plain fits (fits without a penalty) over one sphere.
+/// The response of plain fits (fits without a penalty) over one sphere to noise.
 pub(crate) struct Denoiser {
     power: NoisePower,
     /// Precisions of the n vertices, if they differ.
@@ -22,8 +22,8 @@ pub(crate) struct Denoiser {
 }
 
 impl Denoiser {
-    /// Measures the response by fits of noise, `at_a_time` columns at a time. `fit` returns the coefficients of a
-    /// plain fit, of shape (K, c), and its residual at the vertices, of shape (n, c).
+    /// Measures the response by fits of noise, `at_a_time` columns at a time. `fit` makes a plain fit, and returns its
+    /// coefficients (K, c) and its residual (n, c) at the vertices.
     pub(crate) fn new(
         job: &Job<'_>,
         at_a_time: usize,
@@ -51,13 +51,13 @@ impl Denoiser {
         Ok(Self { power, precision })
     }
 
-    /// Estimates the noise of a target, or of one of its channels, from the coefficients of its plain fit, of shape
-    /// (K, c), and the residual at the vertices, of shape (n, c).
+    /// Estimates the noise of a target, or of one of its channels, from the coefficients (K, c) and the residual (n, c)
+    /// of its plain fit.
     pub(crate) fn denoise(&self, coefficients: ArrayView2<'_, f64>, residual: ArrayView2<'_, f64>) -> Denoise {
         self.power.denoise(coefficients, residual_square(residual, self.precision.as_deref()))
     }
 
-    /// Estimates the share of detail beyond the degree in the noise estimated for a target of shape (n, c).
+    /// Estimates how much of the noise found in `target` (n, c) is detail beyond the degree of the fit.
     pub(crate) fn assess(
         &self,
         job: &Job<'_>,
@@ -70,8 +70,8 @@ impl Denoiser {
     }
 }
 
-/// Returns the precision of each vertex, if precisions differ. These are the given weights, and 0 at held-out
-/// vertices. Area weights aren't used, since a vertex's share of the sphere is unrelated to its noise.
+/// Returns the precision of each vertex, or `None` if all precisions are equal. Precisions are the given weights, and 0
+/// at held-out vertices. Area weights aren't used, since a vertex's share of the sphere is unrelated to its noise.
 fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
     let weights = job.weights.as_ref()?;
     match (&job.params.weights, &job.hold_out) {
@@ -81,8 +81,8 @@ fn precision(job: &Job<'_>) -> Option<Vec<f64>> {
     }
 }
 
-/// Returns groups of a target's columns that share their noise: all columns of a surface together, but each channel of
-/// a signal separately, since channels may have different units.
+/// Returns the groups of a target's columns for which noise is estimated together: all columns of a surface, but each
+/// channel of a signal separately, since channels may have different units.
 pub(crate) fn parts(group: &Range<usize>, kind: Kind) -> Vec<Range<usize>> {
     match kind {
         Kind::Surface => vec![group.clone()],
@@ -132,7 +132,7 @@ impl FitParams {
         Ok(())
     }
 
-    /// Returns the choice of the penalty, as models record it: `denoise`, or the name of the smoothness.
+    /// Returns the name of the penalty that is recorded in models: `denoise`, or the name of the smoothness.
     #[must_use]
     pub fn penalty_name(&self) -> &'static str {
         if self.denoise { "denoise" } else { self.smoothness.name() }

@@ -1,8 +1,8 @@
 //! Estimates the detail beyond the degree of a denoised fit, at held-out vertices.
 //!
 //! The part of a target beyond the degree of the fit is in the residual, and is treated as noise. If it is larger than
-//! the noise, denoising removes detail. Held-out vertices show whether it is: a second fit to 1.5 times the degree,
-//! with the penalties extrapolated by a power of the degree, has a smaller error at the held-out vertices,
+//! the noise, denoising removes detail. Such detail shows at held-out vertices. There a second fit to 1.5 times the
+//! degree, with the penalties extrapolated by a power law, has a smaller error than the fit:
 //!
 //! ```text
 //! detail^2 = e_L^2 - e_L'^2,    L' = 3 L / 2, with at most 4/5 as many functions as vertices
@@ -26,7 +26,7 @@ use super::lsq_plan::transform;
 use crate::Error;
 use crate::assess::HoldOut;
 
-/// Gain of the highest degree below which noise is assumed to dominate all higher degrees as well.
+/// If the gain of the highest degree is below this value, noise is assumed to dominate all higher degrees as well.
 const COVERED: f64 = 0.05;
 /// Fraction of the vertices that are held out.
 const HELD_OUT: f64 = 0.1;
@@ -80,7 +80,7 @@ pub(crate) fn left_out(
     Ok(Some((lower - higher).max(0.0).sqrt()))
 }
 
-/// Returns the mean square per channel of the residual, of shape (n, c), at the held-out vertices.
+/// Returns the mean square of `residual` (n, c) over the held-out vertices and all channels.
 fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]>) -> f64 {
     let held_out = |i: usize| weights[i] == 0.0 && precision.is_none_or(|precision| precision[i] > 0.0);
     let rows = residual.rows().into_iter().enumerate().filter(|(i, _)| held_out(*i));
@@ -88,9 +88,9 @@ fn at_held_out(residual: &Array2<f64>, weights: &[f64], precision: Option<&[f64]
     sum / count.max(1) as f64
 }
 
-/// Extrapolates penalties to higher degrees by a power of the degree. The power is fitted to the penalties of the
-/// upper half of the degrees, by least squares of the logarithms. Returns `None` if fewer than three of these
-/// penalties are positive.
+/// Extrapolates penalties to higher degrees by a power law in the degree. The power is fitted to the penalties of the
+/// upper half of the degrees, by least squares of the logarithms. Returns `None` if fewer than three of these penalties
+/// are positive.
 fn continued(penalty: &[f64], degree: usize) -> Option<Vec<f64>> {
     let last = penalty.len() - 1;
     let upper = penalty.iter().enumerate().skip((last / 2).max(1));

@@ -25,9 +25,9 @@ use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 /// A fit from moments.
 #[derive(Debug, Clone)]
 pub struct MomentsFit {
-    /// Canonical coefficients of shape (K, c).
+    /// Canonical coefficients (K, c).
     pub coefficients: Coefficients,
-    /// Standard errors of the coefficients, of shape (K, c), if requested.
+    /// Standard errors (K, c) of the coefficients, if requested.
     pub standard_errors: Option<Array2<f64>>,
     /// Report on the fit.
     pub report: MomentsReport,
@@ -69,13 +69,11 @@ pub struct MomentsReport {
     pub warnings: Vec<FitWarning>,
 }
 
-/// Condition number of the basis at the samples above which the samples leave some functions of the degree
-/// undetermined.
+/// Condition number of the basis at the samples above which some functions of the degree are treated as undetermined.
 const UNDETERMINED: f64 = 1e6;
 
-/// Fits samples, given by their moments, to any degree up to that of the moments. The settings used from `params` are
-/// degree, smoothness, denoising, standard errors, tolerance, iterations, preconditioner, strictness, memory and
-/// threads.
+/// Fits samples, given by their moments, to any degree up to that of the moments. Of `params`, only degree, smoothness,
+/// denoising, standard errors, tolerance, iterations, preconditioner, strictness, memory and threads are used.
 ///
 /// ```
 /// use spharm::moments::{Request, accumulate};
@@ -99,8 +97,9 @@ const UNDETERMINED: f64 = 1e6;
 ///
 /// # Errors
 ///
-/// [`Error::Solver`] for a degree above that of the moments, and for standard errors of undetermined coefficients;
-/// [`Error::Memory`]; [`Error::NotConverged`] if `params` are strict; settings out of range.
+/// [`Error::Solver`] if the degree is above that of the moments, or standard errors of undetermined coefficients are
+/// requested; [`Error::Memory`] if memory doesn't suffice; [`Error::NotConverged`] if `params` are strict and the
+/// tolerance isn't met; [`Error::Setting`] if a setting or a sum of squares is out of range.
 pub fn fit_moments(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result<MomentsFit, Error> {
     params.check()?;
     in_pool(params.threads, || solve(moments, params, monitor))
@@ -111,7 +110,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let functions = basis_size(max_degree);
     let budget = params.memory_budget();
     let threads = rayon::current_num_threads();
-    // Memory of the sums, of the copies of the sums in the problem, and of the vectors of conjugate gradients.
+    // Memory of the sums, of the copies of the sums in the problem, and of the vectors of the conjugate gradients.
     let sums = 8 * (moments.sums.moments.len() + moments.sums.right_sides.len());
     let held = 2 * sums + 64 * functions * channels + MomentNormal::bytes(max_degree, channels, threads);
     if held > budget {

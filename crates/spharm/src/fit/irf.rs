@@ -12,6 +12,7 @@ use spharm_transform::MomentGram;
 
 use super::batches::{Run, Solved};
 use super::job::Job;
+use super::shared::counted;
 use crate::machine::check_limits;
 use crate::report::BatchReport;
 use crate::{Error, FitWarning, defaults};
@@ -118,9 +119,9 @@ impl<'o> Planner<'o> {
         Ok(fitter)
     }
 
-    /// Returns the source of Gram matrices from moments, for a basis in f64. Returns `None` if memory doesn't suffice
-    /// to compute the source, or if the memory it takes would force blocks to be read more often or factors to be
-    /// recomputed.
+    /// Returns the moments from which Gram matrices are computed. Returns `None` if the basis isn't in f64, if memory
+    /// doesn't suffice to compute the moments, or if their memory would force blocks to be read more often or factors
+    /// to be recomputed.
     fn moments(&self, job: &Job<'_>, channels: usize, reuse: bool) -> Result<Option<MomentGram>, Error> {
         let max_degree = job.params.max_degree;
         // The moments need transforms of twice the degree, which may be above the highest degree of transforms.
@@ -148,8 +149,8 @@ impl<'o> Planner<'o> {
         Ok(Some(moment_gram(&job.sphere.directions, job.weights.as_deref(), max_degree)?))
     }
 
-    /// Returns the number of surfaces that fit the budget together if every block is held entirely in memory. If that
-    /// number is zero, returns the number that fit with blocks read in parts.
+    /// Returns the largest number of surfaces that can be fitted together within the budget if every block is held in
+    /// memory as a whole. If that number is zero, returns the largest number with blocks read in parts.
     fn surfaces_together(
         &self,
         job: &Job<'_>,
@@ -174,8 +175,8 @@ impl<'o> Planner<'o> {
         }
     }
 
-    /// Returns the largest number of threads that fits the budget, at least one. Each thread accumulates its own sums;
-    /// on a node with many cores, these sums alone may exceed the budget.
+    /// Returns the largest number of threads for which the budget suffices, at least one. Each thread accumulates its
+    /// own sums; on a node with many cores, these sums alone may exceed the budget.
     fn fitting_threads(&self, job: &Job<'_>, channels: usize, monitor: &dyn Monitor) -> usize {
         let asked = job.threads;
         let fits = |&threads: &usize| {
@@ -201,7 +202,8 @@ impl<'o> Planner<'o> {
     ) {
         let (plan, blocks) = (fitter.plan(), fitter.blocks().len());
         let text = format_args!(
-            "{surfaces} of n = {}, L = {}: {} with {} of {}, {together} at a time, {} of {} MiB planned",
+            "{} with {} vertices, degree {}: {} with {} of {}, {together} at a time, {} of {} MiB planned",
+            counted(surfaces, "target", "targets"),
             self.operator.rows(),
             job.params.max_degree,
             self.method.name(),
@@ -217,8 +219,4 @@ impl<'o> Planner<'o> {
             monitor.note(Level::Info, format_args!("{blocks} fit in memory and must be read again for each use"));
         }
     }
-}
-
-fn counted(count: usize, one: &str, many: &str) -> String {
-    format!("{count} {}", if count == 1 { one } else { many })
 }

@@ -18,11 +18,11 @@ use super::batches::{Batch, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
-use super::shared::{NestedMonitor, allowed, check_auto, converged, note_solution, strategy};
+use super::shared::{NestedMonitor, allowed, check_auto, converged, counted, note_solution, strategy};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
-/// Fits targets at their vertices, until the next target is one to be fitted as a surface.
+/// Fits targets at their vertices, until the next target must be fitted as a surface.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -39,8 +39,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     note_plan(job, &plan, count, together, monitor);
     let transform = transform(params.max_degree, plan.channels_at_a_time);
     let n = directions.len();
-    // If the size of the moments can't be computed, the moments can't be either.
-    // The search for a smoothness has further columns.
+    // The search for a smoothness needs additional columns. If the size of the moments can't be computed, the moments
+    // can't be computed either.
     let columns = together * channels + if automatic { PROBES } else { 0 };
     let moment_bytes = MatrixFreeOperator::moment_bytes(&transform, n, columns, job.threads);
     let moment_bytes = moment_bytes.unwrap_or(usize::MAX);
@@ -132,11 +132,11 @@ struct Equations<'a> {
     monitor: &'a dyn Monitor,
 }
 
-/// Standard errors of shape (K, c), if requested, and the noise removed from each part of each target.
+/// Standard errors (K, c), if requested, and the noise removed from each part of each target.
 type Removed = (Option<Array2<f64>>, Vec<Vec<Denoised>>);
 
 impl<'a> Equations<'a> {
-    /// Returns a solver for any penalty, which doesn't use a factor in the store.
+    /// Returns a solver that works with any penalty, since it doesn't use a factor from the store.
     fn unfactored(&self, params: LsqParams) -> Result<LsqSolver<'a>, Error> {
         let solver = LsqSolver::new(self.operator, Some(self.make_gram), params)?;
         Ok(solver.with_limits(&allowed).with_moments(self.make_moments))
@@ -237,7 +237,7 @@ impl<'a> Equations<'a> {
     }
 }
 
-/// Targets of shape (n, c), and their residuals after the plain fit.
+/// Targets (n, c) and their residuals (n, c) after the plain fit.
 struct Plain<'b> {
     batch: &'b Batch,
     targets: &'b Array2<f64>,
@@ -260,7 +260,8 @@ fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize),
 
 fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monitor: &dyn Monitor) {
     let text = format_args!(
-        "{count} of n = {}, L = {}: least squares, matrix-free, {together} at a time, {} of {} MiB planned",
+        "{} with {} vertices, degree {}: least squares, matrix-free, {together} at a time, {} of {} MiB planned",
+        counted(count, "target", "targets"),
         job.sphere.directions.len(),
         job.params.max_degree,
         plan.needed(together).div_ceil(1 << 20),
@@ -281,7 +282,7 @@ fn solver_params(job: &Job<'_>, smoothness: f64, plan: &LsqPlan, together: usize
         max_iterations: params.max_iterations,
         memory: plan.budget,
         held: plan.needed(together),
-        // If the size of the matrix can't be computed, the matrix can't be either.
+        // If the size of the matrix can't be computed, the matrix can't be computed either.
         gram_bytes: moment_gram_bytes(job.sphere.directions.len(), params.max_degree).unwrap_or(0),
         moment_bytes,
         threads: job.threads,

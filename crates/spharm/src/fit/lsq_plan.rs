@@ -40,7 +40,7 @@ impl LsqPlan {
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`] if one target doesn't fit the budget.
+    /// [`Error::Memory`] if the budget doesn't suffice for one target.
     pub(crate) fn new(sizes: Sizes, budget: usize) -> Result<Self, Error> {
         let Sizes { vertices, faces, max_degree, channels, denoise } = sizes;
         // Each target needs memory for itself, its residual and intermediate samples, for the samples of the plain fit
@@ -82,12 +82,12 @@ impl LsqPlan {
     }
 }
 
-/// Checks that memory suffices for quadrature of one target after another. Returns the number of threads that may read
+/// Checks that memory suffices for quadrature of targets one after another. Returns the number of threads that may read
 /// targets at the same time.
 ///
 /// # Errors
 ///
-/// [`Error::Memory`] with the smallest sufficient budget.
+/// [`Error::Memory`], with the smallest sufficient budget, if memory doesn't suffice.
 pub(crate) fn quadrature_readers(sizes: Sizes, budget: usize, threads: usize) -> Result<usize, Error> {
     /// Bytes per triangle: for its node in the search tree for the grid's directions, for its corners, and for the
     /// tree's construction.

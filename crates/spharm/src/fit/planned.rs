@@ -9,8 +9,8 @@ use spharm_transform::{Transform, TransformParams};
 
 use crate::{Error, defaults};
 
-/// A sphere with transforms of a degree. Fits of this degree at the sphere's vertices use these transforms instead of
-/// planning their own, if the transforms are accurate enough.
+/// A sphere with planned transforms of one degree. Fits of this degree at the sphere's vertices use these transforms
+/// instead of planning their own, if the transforms are accurate enough.
 ///
 /// ```
 /// use spharm::harmonics::Directions;
@@ -32,8 +32,8 @@ pub struct PlannedSphere {
     sphere: Sphere,
     params: TransformParams,
     plain: Arc<MatrixFreeOperator>,
-    /// Transforms that share the sorting of their directions with the transforms of moments. They are made by the
-    /// first fit that computes moments.
+    /// Transforms that share their sorted directions with the transforms that compute moments. Created by the first fit
+    /// that computes moments.
     with_moments: Mutex<Option<Arc<MatrixFreeOperator>>>,
     key: OnceLock<SchemeKey>,
 }
@@ -43,7 +43,7 @@ impl PlannedSphere {
     ///
     /// # Errors
     ///
-    /// [`Error::Solver`] for a degree or an accuracy out of range.
+    /// [`Error::Solver`] if the degree or the accuracy is out of range.
     pub fn new(sphere: Sphere, params: &TransformParams) -> Result<Self, Error> {
         let plain = Arc::new(MatrixFreeOperator::new(&sphere.directions, params)?);
         Ok(Self { sphere, params: *params, plain, with_moments: Mutex::new(None), key: OnceLock::new() })
@@ -69,8 +69,8 @@ impl PlannedSphere {
         *self.key.get_or_init(|| SchemeKey::of(&self.sphere.directions, Scalar::F64))
     }
 
-    /// Returns the transforms. If `moments` is set, returns those that share their sorting with the transforms of
-    /// moments.
+    /// Returns the transforms. If `moments` is set, returns those that share their sorted directions with the
+    /// transforms that compute moments.
     pub(super) fn operator(&self, moments: bool) -> Result<Arc<MatrixFreeOperator>, Error> {
         if !moments {
             return Ok(Arc::clone(&self.plain));

@@ -75,7 +75,7 @@ impl Quadrature {
     ///
     /// # Errors
     ///
-    /// The errors of [`SphereLocator::new`]; [`Error::Degree`] above [`MAX_DEGREE`].
+    /// The errors of [`SphereLocator::new`]; [`Error::Degree`] if the degree is above [`MAX_DEGREE`].
     pub fn new(sphere: &Mesh, max_degree: usize) -> Result<Self, Error> {
         if max_degree > MAX_DEGREE {
             return Err(Error::Degree { found: max_degree, most: MAX_DEGREE });
@@ -92,12 +92,13 @@ impl Quadrature {
         [rings, 2 * rings]
     }
 
-    /// Returns the canonical coefficients, of shape (K, c), of values on the sphere's vertices, of shape (n, c).
+    /// Returns the canonical coefficients (K, c) of `values` (n, c) at the sphere's vertices.
     ///
     /// # Errors
     ///
-    /// [`NotCovered`](spharm_surface::SurfaceError::NotCovered) if the sphere has holes, and
-    /// [`LengthMismatch`](spharm_surface::SurfaceError::LengthMismatch).
+    /// [`NotCovered`](spharm_surface::SurfaceError::NotCovered) if the sphere has holes,
+    /// [`LengthMismatch`](spharm_surface::SurfaceError::LengthMismatch) if the number of rows isn't the number of
+    /// vertices.
     pub fn fit(&self, values: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         let mut samples = self.locator.interpolate(values, self.grid.as_slice())?;
         for (mut row, weight) in samples.rows_mut().into_iter().zip(&self.weights) {

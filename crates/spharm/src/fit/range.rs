@@ -102,8 +102,8 @@ fn scale_columns(mut values: ArrayViewMut2<'_, f64>, exponents: &[i32]) {
     values.columns_mut().into_iter().zip(exponents).for_each(scale);
 }
 
-/// Converts noise back to the target's unit. If the weights are precisions of the vertices, it is the noise of a
-/// vertex with weight 1.
+/// Converts noise back to the target's unit. If the weights are the vertices' precisions, the noise is that of a vertex
+/// with weight 1.
 fn restore_denoised((denoised, exponent): (&mut Denoised, i32), weights: i32) {
     denoised.noise.sigma = times_within(denoised.noise.sigma, exponent + weights / 2);
     denoised.left_out = denoised.left_out.map(|left_out| times_within(left_out, exponent));
@@ -203,7 +203,8 @@ pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(Samp
     Some((scaled, exponents, weights))
 }
 
-/// Converts a fit from sums back to the unit of the sums, except for the squared residuals of the fit.
+/// Converts a fit that was computed from scaled sums back to the unit of the original sums, except for its squared
+/// residuals.
 pub(crate) fn restore_moments(fit: &mut MomentFit, exponents: &[i32], weights: i32) {
     restore_columns(&mut fit.coefficients, &mut fit.standard_errors, exponents);
     restore_solution(&mut fit.report, largest(exponents), weights);

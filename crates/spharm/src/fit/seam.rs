@@ -9,12 +9,12 @@
 //! integral over the surface  +  density (L / 6)^2 (pi / L)  sum over the seams' vertices  s |f(u) - x|^2
 //! ```
 //!
-//! with s a vertex's share of the seam's length on the sphere, and the density equal to that of the surface. This
-//! corresponds to a strip along the seam, as wide as the resolution of a model of degree L, with weight (L / 6)^2. At
-//! low degrees, a seam takes up a larger part of a model's freedom, so it gets a smaller weight. At L = 60 there are
-//! enough functions that are large only at the seam: for a double torus, the gap between the sides is 4.4e-3 of the
-//! box's size without the added vertices and 6.0e-4 with them. The root mean square error at all vertices is 1.24e-3
-//! without and 1.26e-3 with them.
+//! with s a vertex's share of the seam's length on the sphere, and the density equal to the surface's weight per
+//! steradian. This corresponds to a strip along the seam, as wide as the resolution of a model of degree L, with weight
+//! (L / 6)^2. At low degrees, a seam takes up a larger part of a model's degrees of freedom, so it gets a smaller
+//! weight. At L = 60 there are enough functions that are large only at the seam: for a double torus, the gap between
+//! the sides is 4.4e-3 of the bounding box's size without the added vertices and 6.0e-4 with them. The root mean square
+//! error at all vertices is 1.24e-3 without and 1.26e-3 with them.
 //!
 //! Points between the vertices aren't added: triangles are chords of the surface, and a loop of edges has a corner at
 //! each vertex, which no model can follow. If such points are added, the gap is 2.9e-3.
@@ -54,8 +54,8 @@ impl SeamVertices {
         (!vertices.is_empty()).then_some(Self { vertices, lengths })
     }
 
-    /// Returns the weight of each vertex of the seams, for a surface of weight `density` per steradian. If the
-    /// sphere's vertices have weights, each seam vertex is also multiplied by its weight.
+    /// Returns the weight of each vertex of the seams, for a surface of weight `density` per steradian. `of_vertices`
+    /// are weights of the sphere's vertices. If they are given, each result is multiplied by the weight of its vertex.
     pub(crate) fn weights(&self, density: f64, of_vertices: Option<&[f64]>) -> Vec<f64> {
         let times = |&vertex: &usize| of_vertices.map_or(1.0, |weights| weights[vertex]);
         self.lengths.iter().zip(&self.vertices).map(|(length, vertex)| density * length * times(vertex)).collect()
@@ -71,7 +71,7 @@ impl SeamVertices {
         self.vertices.iter().map(|&vertex| sphere.directions.as_slice()[vertex]).collect()
     }
 
-    /// Returns the rows of `values`, of shape (n, c), at the seams' vertices.
+    /// Returns the rows of `values` (n, c) at the seams' vertices.
     pub(crate) fn rows_of(&self, values: ArrayView2<'_, f64>) -> Array2<f64> {
         values.select(Axis(0), &self.vertices)
     }

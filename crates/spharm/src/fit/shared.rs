@@ -54,8 +54,13 @@ pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
     Err(Error::Setting {
         what: "a smoothness by cross-validation",
         expected: "at least one vertex or sample per 100 coefficients; lower the degree, or give the smoothness",
-        found: format!("{rows} for {functions}"),
+        found: format!("{rows} for {functions} coefficients"),
     })
+}
+
+/// Returns a number with its noun.
+pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
 }
 
 /// Returns whether the tolerance was met, according to a fit's warnings. With strict settings, returns an error if it
@@ -68,7 +73,7 @@ pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<b
     }
 }
 
-/// Merges two reports: `some` is on the targets solved so far, and `other` on the next target.
+/// Merges two reports: `some` covers the targets solved so far, and `other` the next target.
 pub(crate) fn merge_reports(some: LsqReport, other: LsqReport) -> LsqReport {
     let mut warnings = some.warnings;
     for warning in &other.warnings {

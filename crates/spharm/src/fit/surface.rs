@@ -1,5 +1,4 @@
-//! Fits entire surfaces by the full least squares, which minimises the integral over the sphere of the squared
-//! distance.
+//! Fits whole surfaces by the full least squares, which minimises the integral over the sphere of the squared distance.
 //!
 //! A mesh over a sphere is linear on each triangle, and each triangle is sampled as densely as the degree requires.
 //! The fit uses only sums over these samples ([`SurfaceSums`]). With solid angles as weights, the normal matrix is
@@ -21,14 +20,14 @@ use super::batches::{Batch, PerTarget, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
-use super::shared::{NestedMonitor, converged, merge_reports, note_solution, strategy};
+use super::shared::{NestedMonitor, converged, counted, merge_reports, note_solution, strategy};
 use super::surface_plan::SurfacePlan;
 use super::surface_sums::SurfaceSums;
 use crate::assess::{ModelSurface, ReadSurface};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, defaults};
 
-/// Fits surfaces, until the next target is one to be fitted at its vertices.
+/// Fits surfaces, until the next target must be fitted at its vertices.
 pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Result<(), E> {
     let (monitor, channels, count) = (run.monitor, run.channels(), run.count - run.results.len());
     let mark = Instant::now();
@@ -50,7 +49,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let fitter = Fitter::new(job, &plan, sums)?;
     let needed = plan.needed(plan.together).div_ceil(1 << 20);
     let text = format_args!(
-        "{count} of n = {}, L = {}: least squares over {} samples of the surface, {} at a time, {needed} of {} MiB planned",
+        "{} with {} vertices, degree {}: least squares over {} samples of the surface, {} at a time, {needed} of {} MiB planned",
+        counted(count, "target", "targets"),
         sizes.vertices,
         sizes.max_degree,
         samples,
@@ -71,7 +71,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     })
 }
 
-/// Reports a degree for which models have more coefficients than their surfaces have vertices.
+/// Tells the user if a model of the degree has more coefficients per coordinate than its surface has vertices.
 fn note_fine_degree(vertices: usize, max_degree: usize, monitor: &dyn Monitor) {
     let functions = (max_degree + 1).pow(2);
     if functions > vertices {
@@ -84,7 +84,7 @@ fn note_fine_degree(vertices: usize, max_degree: usize, monitor: &dyn Monitor) {
     }
 }
 
-/// Returns the vertices, followed by the triangle centres at which models are assessed.
+/// Returns the directions of the vertices, followed by those of the triangle centres at which models are assessed.
 fn places(job: &Job<'_>) -> Result<Directions, Error> {
     let mut places = job.sphere.directions.as_slice().to_vec();
     if let Some(off_vertex) = &job.off_vertex {
@@ -215,8 +215,8 @@ impl<'a> Fitter<'a> {
         })
     }
 
-    /// Returns the norms of the targets' residuals, and the values of each model at the centres of p triangles, of
-    /// shape (p, c). Each target is given with its columns in the batch.
+    /// Returns the norms of the targets' residuals, and the values (p, c) of each model at the centres of p triangles.
+    /// Each target is given with its columns in the batch.
     fn assess(
         &self,
         targets: &[(Range<usize>, ArrayView2<'_, f64>)],
@@ -241,8 +241,7 @@ impl<'a> Fitter<'a> {
         Ok(assessed.into_iter().unzip())
     }
 
-    /// Returns a target minus its model at the vertices, of shape (n, c), and the model at the centres of p triangles,
-    /// of shape (p, c).
+    /// Returns a target's residual (n, c) at the vertices, and the model's values (p, c) at the centres of p triangles.
     fn residual(
         &self,
         target: ArrayView2<'_, f64>,
@@ -253,7 +252,8 @@ impl<'a> Fitter<'a> {
         Ok((&target - &vertices, centres.to_owned()))
     }
 
-    /// Fits noise at the vertices, of shape (n, c). It is interpolated linearly on each triangle, as targets are.
+    /// Fits noise (n, c) at the vertices. Noise is interpolated linearly on each triangle, as targets are. Returns the
+    /// coefficients (K, c) and the residual (n, c) at the vertices.
     fn fit_noise(&self, noise: &Array2<f64>, monitor: &dyn Monitor) -> Result<(Array2<f64>, Array2<f64>), Error> {
         let problem = self.problem(&[(0..noise.ncols(), noise.view())], monitor)?;
         let columns: Vec<Range<usize>> = (0..noise.ncols()).map(|column| column..column + 1).collect();
@@ -316,7 +316,7 @@ impl<'a> Fitter<'a> {
         self.evaluated
     }
 
-    /// Evaluates models with coefficients of shape (K, c) at the vertices, followed by the centres of some triangles.
+    /// Evaluates the models with `coefficients` (K, c) at the vertices, followed by the centres of some triangles.
     pub(super) fn evaluate(&self, coefficients: ArrayView2<'_, f64>) -> Result<Array2<f64>, Error> {
         Ok(self.evaluation.synthesis(coefficients)?)
     }

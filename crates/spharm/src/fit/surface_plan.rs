@@ -11,15 +11,15 @@ use crate::Error;
 /// Number of samples that are generated and added to the sums at a time.
 pub(crate) const RUN: usize = 1 << 18;
 
-/// Number of samples that are generated at a time if they are sorted by vertices.
+/// Number of samples that are generated at a time if samples are sorted by vertex.
 pub(crate) const NODAL_RUN: usize = 1 << 15;
 
 /// Largest number of columns of coefficients that are evaluated at the vertices together. Kernels and Legendre
 /// functions are computed once for all of these columns.
 const EVALUATED: usize = 12;
 
-/// Largest number of coefficients that are evaluated together, so that their grid fits a cache: 12 columns up to degree
-/// 100, 3 up to degree 200.
+/// Largest number of coefficients that are evaluated together, so that their grid fits in the cache: 12 columns up to
+/// degree 100, 3 up to degree 200.
 const COEFFICIENTS: usize = 12 * 101 * 101;
 
 /// Memory plan of fits of surfaces.
@@ -28,7 +28,7 @@ pub(crate) struct SurfacePlan {
     pub(crate) budget: usize,
     /// Number of surfaces that are fitted together.
     pub(crate) together: usize,
-    /// Number of samples if they are sorted by vertices; else `None`.
+    /// Number of samples, if samples are sorted by vertex; else `None`.
     sorted: Option<usize>,
 }
 
@@ -37,7 +37,7 @@ impl SurfacePlan {
     ///
     /// # Errors
     ///
-    /// [`Error::Memory`] if one surface doesn't fit the budget.
+    /// [`Error::Memory`] if the budget doesn't suffice for one surface.
     pub(crate) fn new(sizes: Sizes, budget: usize, most: usize) -> Result<Self, Error> {
         let mut plan = Self { sizes, budget, together: 1, sorted: None };
         if plan.needed(1) > budget {
@@ -47,7 +47,7 @@ impl SurfacePlan {
         Ok(plan)
     }
 
-    /// Returns the plan with `samples` samples sorted by vertices, or `None` if this plan doesn't fit the budget.
+    /// Returns the plan with `samples` samples sorted by vertex, or `None` if the budget doesn't suffice for it.
     pub(crate) fn by_nodes(&self, samples: usize, most: usize) -> Option<Self> {
         let mut plan = Self { sorted: Some(samples), together: 1, ..*self };
         if plan.needed(1) > plan.budget {
@@ -66,7 +66,7 @@ impl SurfacePlan {
         let Sizes { vertices, faces, max_degree, channels, denoise } = self.sizes;
         let columns = together * channels;
         // The sampling consists of the subdivision of each triangle, and of positions, directions, weights and values
-        // of the samples of a run, or of all samples if they are sorted by vertices.
+        // of the samples of a run, or of all samples if they are sorted by vertex.
         let (sampling, sums) = match self.sorted {
             None => (40 * faces + RUN * (64 + 8 * columns), Accumulator::bytes(max_degree, columns)),
             Some(samples) => (
@@ -74,8 +74,8 @@ impl SurfacePlan {
                 NodalSums::bytes(max_degree, vertices, faces, samples, columns),
             ),
         };
-        // Solving needs the moments, their copy and the operator made from them, two copies of the right-hand sides,
-        // and the vectors of conjugate gradients.
+        // Solving needs the moments, a copy of the moments, the operator made from them, two copies of the right-hand
+        // sides, and the vectors of conjugate gradients.
         let solving = 8 * basis_size(2 * max_degree) + 80 * columns * basis_size(max_degree);
         let operator = MomentNormal::bytes(max_degree, columns, rayon::current_num_threads());
         let evaluated = self.evaluated(together);

@@ -23,7 +23,7 @@ use crate::{Error, FitParams};
 /// Number of vertices whose values one parallel task copies.
 const ROWS: usize = 1024;
 
-/// Sums over the surfaces of one sphere.
+/// Computes the sums for surfaces over one sphere.
 pub(crate) struct SurfaceSums<'a> {
     sphere: &'a Sphere,
     params: &'a FitParams,
@@ -37,7 +37,7 @@ pub(crate) struct SurfaceSums<'a> {
     nodal: Option<Nodal>,
 }
 
-/// Samples sorted by vertices.
+/// Samples sorted by vertex.
 struct Nodal {
     sums: NodalSums,
     /// Total weight of the seams' vertices.
@@ -90,8 +90,8 @@ impl<'a> SurfaceSums<'a> {
         self.nodal.as_ref().map_or(0, |nodal| nodal.kept)
     }
 
-    /// Sorts the samples by vertices if this fits the plan's budget, and stores the patches of the sorted samples if
-    /// `several` surfaces use them. Returns the plan for at most `most` surfaces together.
+    /// Sorts the samples by vertex if the plan's budget allows. Keeps the patches of the sorted samples if `several`
+    /// surfaces use them and the budget allows. Returns the plan for at most `most` surfaces together.
     pub(crate) fn use_nodal_sums(
         &mut self,
         plan: SurfacePlan,
@@ -136,9 +136,9 @@ impl<'a> SurfaceSums<'a> {
     }
 
     /// Returns the samples of some triangles. A sample's weight is its solid angle times the harmonic mean of the
-    /// corners' weights, averaged with the corners' shares in the sample. A sample is a mean of its corners' values,
-    /// and no more certain than the least certain corner. Therefore, if one corner's weight is near 0, the sample's
-    /// weight is small. If one corner's weight is 0, the sample's weight is 0, and the corner's value has no
+    /// corners' weights, in which each corner counts by its share in the sample. A sample is a mean of its corners'
+    /// values, and no more certain than the least certain corner. Therefore, if one corner's weight is near 0, the
+    /// sample's weight is small. If one corner's weight is 0, the sample's weight is 0, and the corner's value has no
     /// influence.
     fn weighted(&self, triangles: Range<usize>) -> Result<SphereSamples, Error> {
         let mut samples = self.sampling.at(&self.sphere.directions, triangles.clone())?;

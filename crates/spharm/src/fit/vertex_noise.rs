@@ -1,4 +1,4 @@
-//! Computes the influence of noise on a fit of a surface: the smoothness by cross-validation, and standard errors.
+//! Computes what depends on the noise of a surface's vertices: the smoothness by cross-validation, and standard errors.
 //!
 //! The data of a surface are its vertices; samples between them are interpolated and contain no further information.
 //! Therefore noise is modelled at the vertices, independent and of equal variance. With S the interpolation to the
@@ -11,7 +11,7 @@
 //! ```
 //!
 //! `tr H` and the diagonal are estimated by fits of independent signs z at the vertices: `E z^T H z = tr H`, and the
-//! mean of `x_k^2` is the k-th entry of the diagonal (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). With 256 fits
+//! mean of `x_k^2` is the k-th entry of the diagonal (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). With 256 fits,
 //! standard errors are within 4.4 % (one standard deviation).
 
 use ndarray::{Array1, Array2, ArrayView2, Axis, Zip, s};
@@ -36,7 +36,7 @@ const PROBES_AT_A_TIME: usize = 16;
 const TOLERANCE_OF_GCV: f64 = 1e-7;
 
 impl Fitter<'_> {
-    /// Chooses the smoothness of a target of shape (n, c) by generalised cross-validation at the vertices.
+    /// Chooses the smoothness of `target` (n, c) by generalised cross-validation at the vertices.
     pub(super) fn choose_smoothness(&self, target: ArrayView2<'_, f64>, monitor: &dyn Monitor) -> Result<Gcv, Error> {
         let (vertices, columns) = (self.vertices_with_weight, target.ncols());
         check_auto(vertices, self.params.max_degree)?;
@@ -57,8 +57,8 @@ impl Fitter<'_> {
         choose_smoothness_by(self.params.max_degree, problem.weight(), terms, monitor)
     }
 
-    /// Returns the standard errors of coefficients, of shape (K, c). `residual` is the residual at the vertices, of
-    /// shape (n, c), of a fit with the settings `solver`.
+    /// Returns the standard errors (K, c) of the coefficients of a fit with the settings `solver`. `residual` (n, c) is
+    /// the fit's residual at the vertices.
     pub(super) fn standard_errors(
         &self,
         solver: &LsqParams,
@@ -88,8 +88,7 @@ impl Fitter<'_> {
         Ok(Array2::from_shape_fn((functions, sigma.len()), |(k, c)| sigma[c] * variances[k].sqrt()))
     }
 
-    /// Returns independent random signs at the vertices, of shape (n, columns). They are 0 at vertices that aren't
-    /// fitted.
+    /// Returns independent random signs (n, columns) at the vertices, with 0 at vertices that aren't fitted.
     fn signs(&self, columns: usize, random: &mut SplitMix64) -> Array2<f64> {
         let mut signs =
             Array2::from_shape_simple_fn((self.vertices(), columns), || (random.between(-1.0, 1.0)).signum());
@@ -103,7 +102,7 @@ impl Fitter<'_> {
         signs
     }
 
-    /// Returns the sum of squares of each column of a residual, of shape (n, c), over the fitted vertices.
+    /// Returns the sum of squares of each column of `residual` (n, c) over the fitted vertices.
     fn squares(&self, residual: &Array2<f64>) -> Array1<f64> {
         let mut squares = Array1::zeros(residual.ncols());
         for (vertex, row) in residual.rows().into_iter().enumerate() {

@@ -3,9 +3,9 @@
 //! Each thread takes one chunk (a run of rows) at a time and evaluates the recurrence degree by degree. It holds the
 //! recurrence state and the values of one chunk, so the memory doesn't grow with the number of directions, n. Degrees
 //! are built in groups. All files of a group are open at the same time. While one group is computed, the files of the
-//! previous group are synced to disk and given their final names. An interrupted build thus keeps all groups except the
-//! last two. In return, each group repeats the recurrence for all degrees below the group, at a quarter of the cost of
-//! computing their files.
+//! previous group are synced to disk and given their final names. A build that is killed thus loses at most the last
+//! three groups. The price is that each group repeats the recurrence for all degrees below the group, at a quarter of
+//! the cost of computing the files of those degrees.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -60,9 +60,9 @@ pub struct BuildReport {
 /// # Errors
 ///
 /// Before anything is written: [`StoreError::ChunkRows`], [`StoreError::Layout`] and [`StoreError::Harmonics`] for
-/// parameters that the format or the harmonics don't support, [`StoreError::Space`] and [`StoreError::Budget`] if the
+/// parameters that the format or the harmonics don't support, [`StoreError::Space`] or [`StoreError::Budget`] if the
 /// disk or the memory budget is too small. During the build, after incomplete files have been removed:
-/// [`StoreError::Io`], [`StoreError::Interrupted`].
+/// [`StoreError::Io`] if a file can't be written, [`StoreError::Interrupted`] if the monitor cancels the build.
 pub fn build(
     store: &Path,
     directions: &Directions,
@@ -188,7 +188,7 @@ struct Computation<'a> {
 }
 
 impl Computation<'_> {
-    /// Computes the files of a group of degrees. On an error, their temporary files are removed.
+    /// Computes the files of a group of degrees. If an error occurs, the group's temporary files are removed.
     fn run(&self, folder: &Path, group: &[Header]) -> Result<Vec<DegreeWriter>, StoreError> {
         let writers: Vec<_> =
             group.iter().map(|header| DegreeWriter::create(folder, header.clone())).collect::<Result<_, _>>()?;

@@ -25,8 +25,9 @@ impl Scheme {
     ///
     /// # Errors
     ///
-    /// [`StoreError::NoSuchScheme`], [`StoreError::DegreeMissing`], [`StoreError::ChunkRowsDiffer`],
-    /// [`StoreError::Harmonics`] for a degree above [`MAX_DEGREE`], and the errors of [`DegreeFile::open`].
+    /// [`StoreError::NoSuchScheme`] if the store has no basis for the scheme, [`StoreError::DegreeMissing`] if a
+    /// degree's file is missing, [`StoreError::ChunkRowsDiffer`] if the files differ in their number of rows per chunk,
+    /// [`StoreError::Harmonics`] if `max_degree` is above [`MAX_DEGREE`], and the errors of [`DegreeFile::open`].
     pub fn open(store: &Path, key: SchemeKey, rows: usize, max_degree: usize) -> Result<Self, StoreError> {
         if max_degree > MAX_DEGREE {
             return Err(HarmonicsError::DegreeTooHigh { degree: max_degree, max: MAX_DEGREE }.into());
@@ -63,7 +64,7 @@ impl Scheme {
     ///
     /// # Errors
     ///
-    /// The errors of [`open`](Self::open); [`StoreError::Io`] when the store can't be opened.
+    /// The errors of [`open`](Self::open); [`StoreError::Io`] if the store can't be opened.
     pub fn open_at(
         store: &Path,
         directions: &Directions,
@@ -108,7 +109,9 @@ impl Scheme {
     ///
     /// # Errors
     ///
-    /// [`StoreError::ChunkDamaged`], [`StoreError::ChangedWhileRead`], [`StoreError::Io`], [`StoreError::Interrupted`].
+    /// [`StoreError::ChunkDamaged`] if a chunk or its padding doesn't pass a check, [`StoreError::ChangedWhileRead`] if
+    /// a file has changed since it was opened, [`StoreError::Io`] if a file can't be read, [`StoreError::Interrupted`]
+    /// if the monitor cancels the verification.
     pub fn verify(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         monitor.begin(Stage::bytes("verify"), self.files.iter().map(DegreeFile::file_len).sum());
         let results: Vec<_> = self.files.par_iter().map(|file| file.verify_within(monitor)).collect();
@@ -144,14 +147,14 @@ fn check(
     Ok(())
 }
 
-/// A basis file of a scheme: its degree, and either the opened and checked file or its error.
+/// A basis file of a scheme: its degree, and either the opened and checked file or the error of opening it.
 pub type FoundDegree = (usize, Result<DegreeFile, StoreError>);
 
 /// Lists and opens the basis files of a scheme, by degree.
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when the scheme's folder can't be listed.
+/// [`StoreError::Io`] if the scheme's folder can't be listed.
 pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<FoundDegree>, StoreError> {
     let folder = folder::of_scheme(store, key);
     let degrees = folder::list(&folder, "cannot open", |name| {

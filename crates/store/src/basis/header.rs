@@ -22,7 +22,7 @@ const CHUNK_ROWS_AT: usize = CODEC_AT + 4;
 const CHUNK_COUNT_AT: usize = CHUNK_ROWS_AT + 8;
 const RESERVED_AT: usize = CHUNK_COUNT_AT + 8;
 
-/// Header of a basis file, which holds the matrix `A_l` of a scheme, (rows, 2 l + 1).
+/// Header of a basis file. The file holds the matrix `A_l` (rows, 2 l + 1) of a scheme.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Header {
     /// Key of the sampling scheme.

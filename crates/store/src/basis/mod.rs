@@ -1,5 +1,5 @@
-//! Builds and reads basis files. The immutable file `A_<l>` holds the harmonics of degree l at n directions, (n, 2 l +
-//! 1), in chunks of rows.
+//! Builds and reads basis files. The immutable file `A_<l>` holds the matrix (n, 2 l + 1) of the harmonics of degree l
+//! at n directions, in chunks of rows.
 //!
 //! | module | contents |
 //! |---|---|

@@ -15,13 +15,16 @@ use crate::folder;
 use crate::format::{MAX_CHUNK_ROWS, ROW_MULTIPLE};
 use crate::scheme::{Scalar, SchemeKey};
 
-/// Default number of rows in a chunk. At degree 100 a chunk (0.8 MB) and the state of its recurrence (1.7 MB) fit a
-/// core's L2 cache. It isn't a multiple of 512, because the columns of a chunk would then compete for the same cache
-/// sets.
+/// Default number of rows in a chunk. At degree 100 a chunk (0.8 MB) and the state of its recurrence (1.7 MB) fit in a
+/// core's L2 cache. The number isn't a multiple of 512, because the columns of a chunk would then compete for the same
+/// cache sets.
 pub const DEFAULT_CHUNK_ROWS: usize = 520;
 
+/// Number of groups that a large build is divided into.
 const GROUPS: u64 = 8;
+/// Size in bytes, before compression, at which a group of a small build is complete.
 const SMALLEST_GROUP: u64 = 256 << 20;
+/// Maximum number of files in a group.
 const MOST_FILES: usize = 256;
 
 /// Parameters of a build.
@@ -33,8 +36,8 @@ pub struct BuildParams {
     pub scalar: Scalar,
     /// Codec of the files to write; existing files aren't converted. Default [`Codec::Raw`].
     pub codec: Codec,
-    /// Number of rows per chunk: a multiple of 8, at most 2^20. If the scheme has files, their number of rows is used
-    /// instead. Default [`DEFAULT_CHUNK_ROWS`].
+    /// Number of rows per chunk: a multiple of 8, at most 2^20. If the scheme already has files, their number of rows
+    /// per chunk is used instead. Default [`DEFAULT_CHUNK_ROWS`].
     pub chunk_rows: usize,
     /// Memory budget in bytes; default 512 MiB.
     pub memory: usize,
@@ -118,7 +121,7 @@ impl Plan {
         };
         let expected = describe(key, scalar, degree, self.rows);
         let found = describe(header.key, header.scalar, header.degree, header.rows);
-        // Compare the keys too: the descriptions contain only their first digits.
+        // Compare the keys, too: the descriptions contain only the keys' first digits.
         if header.key != key || found != expected {
             return Err(StoreError::corrupt(file.path(), "contents", expected, found));
         }
@@ -142,7 +145,7 @@ impl Plan {
         self.missing.iter().map(|&degree| self.header(degree, key, params)).collect()
     }
 
-    /// Returns the largest number of threads that fits the memory budget, at most the requested number.
+    /// Returns the largest number of threads, up to the requested number, for which the memory budget suffices.
     pub(super) fn threads(&self, params: &BuildParams) -> Result<usize, StoreError> {
         let needed = self.memory(params, 1);
         if params.memory < needed {

@@ -21,11 +21,13 @@ pub struct DegreeFile {
 }
 
 impl DegreeFile {
-    /// Opens a file and makes all checks except those of the chunks.
+    /// Opens a file and performs all checks except those of the chunks.
     ///
     /// # Errors
     ///
-    /// [`StoreError::NotAFile`], [`StoreError::Corrupt`], [`StoreError::Version`], [`StoreError::Io`].
+    /// [`StoreError::NotAFile`] if the path names something other than a regular file, [`StoreError::Corrupt`] if the
+    /// file violates the format, [`StoreError::Version`] if the file has another format version, [`StoreError::Io`] if
+    /// the file can't be read.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         Ok(Self { container: Container::open(path)? })
     }
@@ -55,7 +57,7 @@ impl DegreeFile {
     ///
     /// # Errors
     ///
-    /// [`StoreError::Io`].
+    /// [`StoreError::Io`] if the chunks can't be mapped.
     ///
     /// # Panics
     ///
@@ -77,7 +79,9 @@ impl DegreeFile {
     ///
     /// # Errors
     ///
-    /// [`StoreError::ChunkDamaged`], [`StoreError::ChangedWhileRead`], [`StoreError::Io`], [`StoreError::Interrupted`].
+    /// [`StoreError::ChunkDamaged`] if a chunk or its padding doesn't pass a check, [`StoreError::ChangedWhileRead`] if
+    /// the file has changed since it was opened, [`StoreError::Io`] if the file can't be read,
+    /// [`StoreError::Interrupted`] if the monitor cancels the verification.
     pub fn verify(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         monitor.begin(Stage::bytes("verify"), self.file_len());
         self.verify_within(monitor)?;
@@ -85,7 +89,7 @@ impl DegreeFile {
         Ok(())
     }
 
-    /// Makes the checks of [`verify`](Self::verify) without beginning a stage: the caller has begun one.
+    /// Performs the checks of [`verify`](Self::verify) within a stage that the caller has begun.
     pub(crate) fn verify_within(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         self.container.verify(monitor)
     }
@@ -104,14 +108,15 @@ impl ChunkWindow<'_> {
         self.mapped.parts()
     }
 
-    /// Returns the values of a chunk, (rows, 2 l + 1) column-major. Raw f64 values are returned from the map without a
+    /// Returns the values (rows, 2 l + 1) of a chunk, column-major. Raw f64 values are returned from the map without a
     /// copy; other values are decoded into `scratch`. The first read of a chunk verifies its checksum.
     ///
     /// Results computed from the values are valid only once [`check`](Self::check) has passed.
     ///
     /// # Errors
     ///
-    /// [`StoreError::ChunkDamaged`], [`StoreError::ChangedWhileRead`].
+    /// [`StoreError::ChunkDamaged`] if the chunk doesn't match its checksum or can't be decoded,
+    /// [`StoreError::ChangedWhileRead`] if the file has changed or couldn't be read.
     ///
     /// # Panics
     ///
@@ -126,7 +131,7 @@ impl ChunkWindow<'_> {
         }
     }
 
-    /// Returns the values of a chunk from the map, (rows, 2 l + 1) column-major, if they are raw f64; otherwise `None`.
+    /// Returns the values (rows, 2 l + 1) of a chunk from the map, column-major, if they are raw f64; otherwise `None`.
     ///
     /// # Errors
     ///
@@ -162,8 +167,8 @@ impl ChunkWindow<'_> {
             Codec::Raw => widen(stored, scalar, out),
             Codec::Zstd => {
                 let Ok(raw) = decode(stored, entry.raw_len as usize, scalar.size()) else {
-                    // The checksum was correct when it was verified: check whether the file has changed since, before
-                    // reporting damage.
+                    // The checksum was correct when it was verified: before reporting damage, check whether the file
+                    // has changed since.
                     self.check()?;
                     return Err(container.contents().damaged(self.file.path(), chunk, "its zstd frame"));
                 };
@@ -173,7 +178,7 @@ impl ChunkWindow<'_> {
         Ok(())
     }
 
-    /// Maps all pages of a chunk with one system call. A hint: failure is ignored.
+    /// Maps all pages of a chunk with one system call. This is only a hint: failure is ignored.
     ///
     /// # Panics
     ///
@@ -182,7 +187,7 @@ impl ChunkWindow<'_> {
         self.file.container.populate(&self.mapped, chunk);
     }
 
-    /// Asks the system to start reading the entire window from disk. A hint: failure is ignored.
+    /// Asks the system to start reading the entire window from disk. This is only a hint: failure is ignored.
     pub fn will_need(&self) {
         self.file.container.will_need(&self.mapped);
     }
@@ -191,7 +196,7 @@ impl ChunkWindow<'_> {
     ///
     /// # Errors
     ///
-    /// [`StoreError::ChangedWhileRead`].
+    /// [`StoreError::ChangedWhileRead`] in each of these cases.
     pub fn check(&self) -> Result<(), StoreError> {
         self.file.container.check(&self.mapped)
     }

@@ -13,9 +13,9 @@ use crate::bytes::{put, u32_at};
 use crate::container::codec::Codec;
 use crate::error::StoreError;
 
-/// Length of the header in bytes: one page, so that the first part starts at a page.
+/// Length of the header in bytes: one page, so that the first part starts at a page boundary.
 pub(crate) const HEADER_LEN: usize = 4096;
-/// Alignment of parts in bytes: every part starts at a multiple of it.
+/// Alignment of parts: every part starts at a multiple of this number of bytes.
 pub(crate) const ALIGNMENT: u64 = 64;
 
 const MAGIC_AT: usize = 0;

@@ -66,7 +66,7 @@ impl<C: Contents> Container<C> {
         self.table_offset
     }
 
-    /// Maps a run of parts. Panics if it is empty or goes past the last part.
+    /// Maps a run of parts. Panics if the run is empty or goes past the last part.
     pub(crate) fn map(&self, parts: Range<usize>) -> Result<MappedParts, StoreError> {
         let (first, last) = (&self.entries[parts.start], &self.entries[parts.end - 1]);
         let window = Window::new(&self.source, first.offset, (last.end() - first.offset) as usize)?;
@@ -88,18 +88,18 @@ impl<C: Contents> Container<C> {
         Ok(stored)
     }
 
-    /// Asks the system to start reading all mapped parts from disk. A hint: failure is ignored.
+    /// Asks the system to start reading all mapped parts from disk. This is only a hint: failure is ignored.
     pub(crate) fn will_need(&self, mapped: &MappedParts) {
         mapped.window.will_need(0, mapped.window.bytes().len());
     }
 
-    /// Maps all pages of a part with one system call. A hint: failure is ignored.
+    /// Maps all pages of a part with one system call. This is only a hint: failure is ignored.
     pub(crate) fn populate(&self, mapped: &MappedParts, part: usize) {
         let Range { start, end } = self.place(mapped, part);
         mapped.window.populate(start, end - start);
     }
 
-    /// Maps the pages of all mapped parts with one system call. A hint: failure is ignored.
+    /// Maps the pages of all mapped parts with one system call. This is only a hint: failure is ignored.
     pub(crate) fn populate_all(&self, mapped: &MappedParts) {
         mapped.window.populate(0, mapped.window.bytes().len());
     }
@@ -124,7 +124,7 @@ impl MappedParts {
     }
 }
 
-/// Reads the footer and the table of a file whose header has been decoded, and makes all checks except those of the
+/// Reads the footer and the table of a file whose header has been decoded, and performs all checks except those of the
 /// table's entries. Returns the table and its offset.
 fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) -> Result<(Vec<u8>, u64), StoreError> {
     let (path, file_len) = (source.path(), source.len());

@@ -20,7 +20,9 @@ pub(crate) struct Entry {
     pub(crate) hash: [u8; 32],
 }
 
+/// Length of a table entry in bytes.
 pub(crate) const ENTRY_LEN: usize = 64;
+/// Length of the footer in bytes.
 pub(crate) const FOOTER_LEN: usize = 128;
 
 const OFFSET_AT: usize = 0;
@@ -48,7 +50,7 @@ impl Entry {
         self.offset + self.stored_len
     }
 
-    /// Returns the offset of the next part, or of the table after the last one.
+    /// Returns the offset of the next part, or the offset of the table if this is the last part.
     pub(crate) fn next_offset(&self) -> u64 {
         self.end().next_multiple_of(ALIGNMENT)
     }

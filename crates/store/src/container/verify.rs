@@ -1,5 +1,5 @@
 //! Verifies every byte of a file against its hashes. The file is read in pieces of at most 1 MiB, so that a manipulated
-//! file that claims huge parts costs time but no memory.
+//! file that declares huge parts costs time but not memory.
 
 use std::fs::File;
 use std::io;
@@ -76,7 +76,7 @@ fn for_each_piece(
     Ok(())
 }
 
-/// A range of a file as a stream.
+/// A reader over a range of a file.
 struct FileRange<'f> {
     file: &'f File,
     range: Range<u64>,

@@ -2,7 +2,7 @@
 //! name.
 //!
 //! A file is valid if its footer passes all checks and it has its final name. Before that, it has a temporary name,
-//! which readers ignore, and is removed on any error; see "Writing" in `store-format.md`.
+//! which readers ignore. If an error occurs, the temporary file is removed; see "Writing" in `store-format.md`.
 
 use std::fs::File;
 use std::io;
@@ -27,8 +27,8 @@ pub(crate) struct ContainerWriter {
 }
 
 impl ContainerWriter {
-    /// Creates the temporary file for `folder/name`, which will have `parts` parts. Its name begins with `.` and
-    /// `prefix`.
+    /// Creates the temporary file for `folder/name`, which will have `parts` parts. The temporary file's name begins
+    /// with `.` and `prefix`.
     pub(crate) fn create(folder: &Path, name: &str, prefix: &str, parts: usize) -> Result<Self, StoreError> {
         let temporary = temporary::create(folder, &format!(".{prefix}."))
             .map_err(StoreError::io(folder, "cannot create a file in the store"))?;
@@ -60,8 +60,9 @@ impl ContainerWriter {
         Ok(())
     }
 
-    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns its length in
-    /// bytes. If another process has published a file under that name, checks and keeps that file, and returns `None`.
+    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns the file's length
+    /// in bytes. If another process has already published a file under that name, checks and keeps the other file, and
+    /// returns `None`.
     ///
     /// Panics if a part wasn't written.
     pub(crate) fn publish<C: Contents>(self, contents: &C) -> Result<Option<u64>, StoreError> {

@@ -14,14 +14,14 @@ use crate::factor::writer::FactorWriter;
 use crate::scheme::{Scalar, SchemeKey};
 use crate::{folder, temporary};
 
-/// A factor of a scheme: its file name, and either the opened and checked file or its error.
+/// A factor of a scheme: its file name, and either the opened and checked file or the error of opening it.
 pub type FoundFactor = (String, Result<FactorFile, StoreError>);
 
-/// Lists and opens the factors of a scheme, by degree.
+/// Lists and opens the factors of a scheme, in order of degree.
 ///
 /// # Errors
 ///
-/// [`StoreError::Io`] when the scheme's folder can't be listed.
+/// [`StoreError::Io`] if the scheme's folder can't be listed.
 pub fn factors(store: &Path, key: SchemeKey) -> Result<Vec<FoundFactor>, StoreError> {
     let folder = folder::of_scheme(store, key);
     let names = folder::list(&folder, "cannot open", |name| Some((degree_of(name)?, name.to_owned())))?;
@@ -56,7 +56,8 @@ fn degree_of(name: &str) -> Option<usize> {
 ///
 /// # Errors
 ///
-/// [`StoreError::FactorMissing`], [`StoreError::FactorDiffers`], and the errors of [`FactorFile::open`].
+/// [`StoreError::FactorMissing`] if the store has no such factor, [`StoreError::FactorDiffers`] if the file holds
+/// another factor, and the errors of [`FactorFile::open`].
 pub fn open_factor(store: &Path, spec: &FactorSpec, scalar: Option<Scalar>) -> Result<FactorFile, StoreError> {
     let folder = folder::of_scheme(store, spec.key);
     for candidate in [Scalar::F64, Scalar::F32] {
@@ -92,7 +93,7 @@ pub fn open_factor(store: &Path, spec: &FactorSpec, scalar: Option<Scalar>) -> R
 /// Result of [`start_factor`].
 #[derive(Debug)]
 pub enum StartedFactor {
-    /// The factor exists already.
+    /// The factor already exists.
     Present(FactorFile),
     /// The factor doesn't exist and is to be written.
     New {
@@ -112,8 +113,9 @@ pub enum StartedFactor {
 ///
 /// # Errors
 ///
-/// [`StoreError::NotAFile`], [`StoreError::Version`], [`StoreError::Io`]; [`StoreError::Interrupted`] while waiting for
-/// another builder.
+/// [`StoreError::NotAFile`] if the factor's path names something other than a regular file, [`StoreError::Version`] if
+/// the existing file has another format version, [`StoreError::Io`] if the store can't be read or written,
+/// [`StoreError::Interrupted`] if the monitor cancels the wait for another builder.
 pub fn start_factor(
     store: &Path,
     spec: &FactorSpec,
@@ -145,8 +147,11 @@ pub fn start_factor(
 
 /// State of the file at a factor's path.
 enum Existing {
+    /// The file holds the factor.
     Sound(FactorFile),
+    /// The file is damaged or holds another factor.
     Damaged(StoreError),
+    /// There is no file.
     None,
 }
 

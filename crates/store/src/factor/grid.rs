@@ -1,13 +1,13 @@
-//! Divides a lower triangle into tiles: those on and below the diagonal, square except in the last tile row and tile
-//! column.
+//! Divides a lower triangle into square tiles on and below the diagonal. Tiles in the last tile row and tile column may
+//! be smaller.
 
 use std::ops::Range;
 
 use crate::error::StoreError;
 use crate::format::{MAX_TILE, MAX_TILES};
 
-/// A (K, K) lower triangle divided into tiles of `tile` rows and columns. The last row and column of tiles are smaller
-/// if `tile` doesn't divide K.
+/// A lower triangle (K, K) divided into tiles of `tile` rows and columns. Tiles in the last tile row have fewer rows,
+/// and the tile in the last tile column has fewer columns, if `tile` doesn't divide K.
 ///
 /// Tiles are numbered from 0 by tile column; within a tile column, from the diagonal downwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,7 +60,7 @@ impl TileGrid {
         (at * self.tile).min(self.size)..((at + 1) * self.tile).min(self.size)
     }
 
-    /// Returns the number of a tile, by tile row and tile column.
+    /// Returns the number of the tile in the given tile row and tile column.
     ///
     /// # Panics
     ///
@@ -77,7 +77,7 @@ impl TileGrid {
         column * self.columns() - column * column.saturating_sub(1) / 2
     }
 
-    /// Returns the tile row and tile column of the tile with a number. This is the inverse of [`index`](Self::index).
+    /// Returns the tile row and tile column of tile number `index`: the inverse of the method [`index`](Self::index).
     ///
     /// # Panics
     ///

@@ -29,7 +29,7 @@ const NORM_AT: usize = SMOOTHNESS_AT + 8;
 const RCOND_AT: usize = NORM_AT + 8;
 const RESERVED_AT: usize = RCOND_AT + 8;
 
-/// Condition of the normal matrix G of the least-squares problem.
+/// Norm and condition number of the normal matrix G of a least-squares problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// 1-norm of G.

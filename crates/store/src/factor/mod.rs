@@ -1,12 +1,12 @@
 //! Stores the Cholesky factor of a scheme's normal equations in one immutable file beside the scheme's basis.
 //!
-//! G = A^T diag(w) A + lambda diag((l (l + 1))^2), (K, K) with K = (L + 1)^2 columns in the order l^2 + l + m, is
-//! symmetric and, on a sampling that determines the coefficients, positive definite: G = C C^T with C lower triangular.
-//! Computing C costs K^3 / 3 flops, once. With C, fitting another surface on the same scheme costs 2 K^2 flops per
-//! channel. See "A factor" in `store-format.md`.
+//! The normal matrix G = A^T diag(w) A + lambda diag((l (l + 1))^2) has K = (L + 1)^2 rows and columns, in the order
+//! l^2 + l + m. It is symmetric and, if the sampling determines the coefficients, positive definite: G = C C^T with C
+//! lower triangular. Computing C takes K^3 / 3 flops, once. With C, each channel of another surface on the same scheme
+//! takes 2 K^2 flops. See "A factor" in `store-format.md`.
 //!
-//! The file is a container like a basis file. Its parts are the tiles of C's lower triangle by tile column, so that
-//! each of the two triangular solves reads the file sequentially.
+//! The file is a container like a basis file. Its parts are the tiles of C's lower triangle, one tile column after
+//! another, so that each of the two triangular solves reads the file sequentially.
 //!
 //! | module | contents |
 //! |---|---|

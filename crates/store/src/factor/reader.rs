@@ -19,11 +19,13 @@ pub struct FactorFile {
 }
 
 impl FactorFile {
-    /// Opens a file and makes all checks except those of the tiles.
+    /// Opens a file and performs all checks except those of the tiles.
     ///
     /// # Errors
     ///
-    /// [`StoreError::NotAFile`], [`StoreError::Corrupt`], [`StoreError::Version`], [`StoreError::Io`].
+    /// [`StoreError::NotAFile`] if the path names something other than a regular file, [`StoreError::Corrupt`] if the
+    /// file violates the format, [`StoreError::Version`] if the file has another format version, [`StoreError::Io`] if
+    /// the file can't be read.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         Ok(Self { container: Arc::new(Container::open(path)?) })
     }
@@ -47,7 +49,7 @@ impl FactorFile {
     ///
     /// # Errors
     ///
-    /// [`StoreError::FactorDiffers`], which names the first property that differs.
+    /// [`StoreError::FactorDiffers`], with the first property that differs, if the factor has another identity.
     pub fn expect(&self, spec: &FactorSpec) -> Result<(), StoreError> {
         let found = &self.header().spec;
         let differs = |what, expected: &dyn ToString, found: &dyn ToString| {
@@ -76,7 +78,7 @@ impl FactorFile {
     ///
     /// # Errors
     ///
-    /// [`StoreError::Io`].
+    /// [`StoreError::Io`] if the tiles can't be mapped.
     ///
     /// # Panics
     ///
@@ -92,7 +94,9 @@ impl FactorFile {
     ///
     /// # Errors
     ///
-    /// [`StoreError::TileDamaged`], [`StoreError::ChangedWhileRead`], [`StoreError::Io`], [`StoreError::Interrupted`].
+    /// [`StoreError::TileDamaged`] if a tile or its padding doesn't pass a check, [`StoreError::ChangedWhileRead`] if
+    /// the file has changed since it was opened, [`StoreError::Io`] if the file can't be read,
+    /// [`StoreError::Interrupted`] if the monitor cancels the verification.
     pub fn verify(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         monitor.begin(Stage::bytes("verify"), self.file_len());
         self.verify_within(monitor)?;
@@ -100,7 +104,7 @@ impl FactorFile {
         Ok(())
     }
 
-    /// Makes the checks of [`verify`](Self::verify) without beginning a stage: the caller has begun one.
+    /// Performs the checks of [`verify`](Self::verify) within a stage that the caller has begun.
     pub(crate) fn verify_within(&self, monitor: &dyn Monitor) -> Result<(), StoreError> {
         self.container.verify(monitor)
     }
@@ -136,7 +140,8 @@ impl TileWindow {
     ///
     /// # Errors
     ///
-    /// [`StoreError::TileDamaged`], [`StoreError::ChangedWhileRead`].
+    /// [`StoreError::TileDamaged`] if the tile doesn't match its checksum, [`StoreError::ChangedWhileRead`] if the file
+    /// has changed or couldn't be read.
     ///
     /// # Panics
     ///
@@ -151,13 +156,13 @@ impl TileWindow {
         })
     }
 
-    /// Asks the system to start reading the entire window from disk. A hint: failure is ignored.
+    /// Asks the system to start reading the entire window from disk. This is only a hint: failure is ignored.
     pub fn will_need(&self) {
         self.container.will_need(&self.mapped);
     }
 
-    /// Maps all pages of the window with one system call, which costs less than one page fault per page. A hint:
-    /// failure is ignored.
+    /// Maps all pages of the window with one system call, which costs less than one page fault per page. This is only a
+    /// hint: failure is ignored.
     pub fn populate(&self) {
         self.container.populate_all(&self.mapped);
     }
@@ -166,7 +171,7 @@ impl TileWindow {
     ///
     /// # Errors
     ///
-    /// [`StoreError::ChangedWhileRead`].
+    /// [`StoreError::ChangedWhileRead`] in each of these cases.
     pub fn check(&self) -> Result<(), StoreError> {
         self.container.check(&self.mapped)
     }

@@ -15,7 +15,7 @@ impl WeightsHash {
     /// Hash of weights that are all 1.
     pub const ONES: Self = Self([0; 32]);
 
-    /// Computes the hash of weights, (n); `None` means that all weights are 1.
+    /// Computes the hash of weights (n); `None` means that all weights are 1.
     pub fn of(weights: Option<&[f64]>) -> Self {
         let Some(weights) = weights.filter(|weights| weights.iter().any(|&weight| weight != 1.0)) else {
             return Self::ONES;
@@ -39,7 +39,7 @@ impl fmt::Display for WeightsHash {
     }
 }
 
-/// Identity of a factor: everything except the scalar type that the factor's values depend on.
+/// Identity of a factor: everything that the factor's values depend on, except the scalar type.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FactorSpec {
     /// Key of the sampling scheme. The factor's file is in the scheme's folder.
@@ -50,7 +50,7 @@ pub struct FactorSpec {
     pub max_degree: usize,
     /// Hash of the weights of the directions.
     pub weights: WeightsHash,
-    /// Factor lambda of the penalty lambda sum (l (l + 1))^2 c^2; 0 for no penalty.
+    /// Smoothness lambda, the weight of the penalty `lambda sum (l (l + 1))^2 c^2`; 0 for no penalty.
     pub smoothness: f64,
 }
 

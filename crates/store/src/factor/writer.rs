@@ -67,11 +67,11 @@ impl FactorWriter {
     ///
     /// # Errors
     ///
-    /// [`StoreError::Io`].
+    /// [`StoreError::Io`] if the tile can't be written.
     ///
     /// # Panics
     ///
-    /// If `values` don't have the tile's length, or if the tile lies above the diagonal or outside the grid.
+    /// If `values` doesn't have the tile's length, or if the tile lies above the diagonal or outside the grid.
     pub fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), StoreError> {
         assert_eq!(values.len(), self.header.grid.len(row, column), "values of tile ({row}, {column})");
         let at = self.header.grid.index(row, column);
@@ -100,11 +100,11 @@ impl FactorWriter {
     ///
     /// # Errors
     ///
-    /// [`StoreError::Io`].
+    /// [`StoreError::Io`] if the tile can't be read.
     ///
     /// # Panics
     ///
-    /// If `values` don't have the tile's length, or if f32 tiles aren't kept for reading back.
+    /// If `values` doesn't have the tile's length, or if the factor's f32 tiles aren't kept for reading back.
     pub fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), StoreError> {
         assert_eq!(values.len(), self.header.grid.len(row, column), "values of tile ({row}, {column})");
         let at = self.header.grid.index(row, column);
@@ -117,8 +117,8 @@ impl FactorWriter {
         platform::read_exact_at(file, bytes, offset).map_err(StoreError::io(self.file.path(), "cannot read back"))
     }
 
-    /// Asks the system to start reading the tiles of tile column `column`, from tile row `row` downwards, from disk. A
-    /// hint: failure is ignored.
+    /// Asks the system to start reading the tiles of tile column `column`, from tile row `row` downwards, from disk.
+    /// This is only a hint: failure is ignored.
     ///
     /// # Panics
     ///
@@ -135,12 +135,12 @@ impl FactorWriter {
         }
     }
 
-    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns its length in
-    /// bytes. If another builder has published the same factor first, keeps that builder's file and returns `None`.
+    /// Writes header, table and footer, syncs the file to disk, and gives it its final name. Returns the file's length
+    /// in bytes. If another builder has published the same factor first, keeps that builder's file and returns `None`.
     ///
     /// # Errors
     ///
-    /// [`StoreError::Io`]; the temporary file is then removed.
+    /// [`StoreError::Io`] if the file can't be written; the temporary file is then removed.
     ///
     /// # Panics
     ///

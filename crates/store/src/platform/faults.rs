@@ -2,30 +2,31 @@
 //! the process.
 //!
 //! Every guarded range is entered into a table of address ranges. A SIGBUS handler, installed with the first range,
-//! looks up the faulting address. If it lies in a range, the handler maps a page of zeros at the address and marks the
-//! range. The reader continues, and [`FaultGuard::faulted`] reports the fault afterwards. If the address lies outside
-//! all ranges, the handler restores the previous SIGBUS handler and returns, so that the access faults again under the
-//! previous handler.
+//! looks up the faulting address. If the address lies in a range, the handler maps a page of zeros at the address and
+//! marks the range. The reader continues, and [`FaultGuard::faulted`] reports the fault afterwards. If the address lies
+//! outside all ranges, the handler restores the previous SIGBUS handler and returns, so that the access faults again
+//! under the previous handler.
 
 #![allow(unsafe_code)]
 
 use std::sync::Once;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// The guard of a mapped range. Drop it before the range is unmapped: the system may reuse its addresses.
+/// The guard of a mapped range. Drop the guard before the range is unmapped, because the system may then reuse the
+/// range's addresses.
 #[derive(Debug)]
 pub(crate) struct FaultGuard {
     slot: usize,
 }
 
 impl FaultGuard {
-    /// Guards the addresses from `start` to `end`; `None` if too many ranges are guarded.
+    /// Guards the addresses from `start` to `end`, exclusive. Returns `None` if too many ranges are guarded already.
     pub(crate) fn new(start: usize, end: usize) -> Option<Self> {
         install_handler();
         Some(Self { slot: claim_slot(start, end)? })
     }
 
-    /// Returns whether a page was missing when it was accessed.
+    /// Returns whether a page of the range was missing when it was accessed.
     pub(crate) fn faulted(&self) -> bool {
         SLOTS[self.slot].faulted.load(Ordering::Acquire)
     }
@@ -123,7 +124,7 @@ fn put_zero_page(address: usize) -> bool {
     let start = address & !(page - 1);
     let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_FIXED;
     // SAFETY: `start` lies in a window of this process, which stays mapped while its slot is taken. Readers of a window
-    // are prepared for pages replaced by zeros.
+    // check afterwards whether a page was replaced by zeros.
     let result = unsafe { libc::mmap(start as *mut libc::c_void, page, libc::PROT_READ, flags, -1, 0) };
     result != libc::MAP_FAILED
 }

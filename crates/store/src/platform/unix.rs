@@ -11,8 +11,8 @@ use tempfile::NamedTempFile;
 
 pub(crate) use super::faults::FaultGuard;
 
-/// Opens a regular file for reading, without following a symbolic link and without blocking on a FIFO. The inner error
-/// is the kind of a path that isn't a regular file.
+/// Opens a regular file for reading, without following a symbolic link and without blocking on a FIFO. If the path
+/// names something else, the inner error names its kind.
 pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>> {
     let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK | libc::O_CLOEXEC;
     let file = match OpenOptions::new().read(true).custom_flags(flags).open(path) {
@@ -30,13 +30,14 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>
     })
 }
 
-/// Opens a lock file, without following a symbolic link. `write` also creates it.
+/// Opens a lock file, without following a symbolic link. With `write`, also opens the file for writing, and creates it
+/// if it doesn't exist.
 pub(crate) fn open_lock(path: &Path, write: bool) -> io::Result<File> {
     let flags = libc::O_NOFOLLOW | libc::O_NONBLOCK;
     OpenOptions::new().read(true).write(write).create(write).custom_flags(flags).open(path)
 }
 
-/// Reads bytes that begin at `offset`, and returns their number.
+/// Reads bytes from `offset` on into `buffer`, and returns the number of bytes read.
 pub(crate) fn read_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<usize> {
     file.read_at(buffer, offset)
 }
@@ -51,7 +52,7 @@ pub(crate) fn write_all_at(file: &File, bytes: &[u8], offset: u64) -> io::Result
     file.write_all_at(bytes, offset)
 }
 
-/// Asks the system to start reading a range of a file. A hint: failure is ignored.
+/// Asks the system to start reading a range of a file. This is only a hint: failure is ignored.
 pub(crate) fn file_will_need(file: &File, offset: u64, len: NonZeroU64) {
     #[cfg(not(target_vendor = "apple"))]
     let _ = rustix::fs::fadvise(file, offset, Some(len), rustix::fs::Advice::WillNeed);
@@ -59,12 +60,12 @@ pub(crate) fn file_will_need(file: &File, offset: u64, len: NonZeroU64) {
     let _ = (file, offset, len);
 }
 
-/// Asks the system to start reading a range of a map. A hint: failure is ignored.
+/// Asks the system to start reading a range of a map. This is only a hint: failure is ignored.
 pub(crate) fn map_will_need(map: &Mmap, offset: usize, len: usize) {
     let _ = map.advise_range(Advice::WillNeed, offset, len);
 }
 
-/// Makes the pages of a range of a map resident with one system call. A hint: failure is ignored.
+/// Makes the pages of a range of a map resident with one system call. This is only a hint: failure is ignored.
 pub(crate) fn populate_map(map: &Mmap, offset: usize, len: usize) {
     #[cfg(target_os = "linux")]
     let _ = map.advise_range(Advice::PopulateRead, offset, len);
@@ -72,7 +73,7 @@ pub(crate) fn populate_map(map: &Mmap, offset: usize, len: usize) {
     map_will_need(map, offset, len);
 }
 
-/// Syncs a folder to disk, so that created and removed files in it survive a power failure.
+/// Syncs a folder to disk, so that the creation and removal of files in it survive a power failure.
 pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
     match File::open(folder)?.sync_all() {
         // Some network file systems can't sync a folder (EINVAL). Their servers make changes durable on their own.
@@ -87,12 +88,12 @@ pub(crate) fn free_space(folder: &Path) -> io::Result<u64> {
     Ok(statistics.f_bavail.saturating_mul(statistics.f_frsize))
 }
 
-/// Gives a temporary file its final name, without replacing a file that has it.
+/// Gives a temporary file its final name, without replacing an existing file of that name.
 pub(crate) fn publish(temporary: NamedTempFile, path: &Path) -> io::Result<()> {
     temporary.persist_noclobber(path).map(drop).map_err(|error| error.error)
 }
 
-/// Gives new temporary files the usual rights, minus the umask: other users may read a store.
+/// Gives new temporary files the usual permissions, limited by the umask, so that other users can read a store.
 pub(crate) fn with_usual_rights(builder: &mut tempfile::Builder<'_, '_>) {
     builder.permissions(Permissions::from_mode(0o666));
 }

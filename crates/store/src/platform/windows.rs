@@ -10,21 +10,22 @@ use std::time::{Duration, Instant};
 use memmap2::Mmap;
 use tempfile::NamedTempFile;
 
-/// `FILE_FLAG_OPEN_REPARSE_POINT`: a symbolic link is opened itself.
+/// `FILE_FLAG_OPEN_REPARSE_POINT`: opens a symbolic link itself rather than its target.
 const NO_FOLLOW: u32 = 0x0020_0000;
-/// `FILE_ATTRIBUTE_REPARSE_POINT`.
+/// `FILE_ATTRIBUTE_REPARSE_POINT`: the file is a reparse point, such as a symbolic link.
 const REPARSE_POINT: u32 = 0x400;
 /// `FILE_SHARE_READ` and `FILE_SHARE_DELETE`: others may read, rename and delete the file, but not write to it.
 const SHARE_READ_AND_DELETE: u32 = 0x1 | 0x4;
-/// `ERROR_ACCESS_DENIED`: of a folder that is opened as a file, and of a rename while another program reads the file.
+/// `ERROR_ACCESS_DENIED`: returned if a folder is opened as a file, or a file is renamed while another program reads
+/// it.
 const ACCESS_DENIED: i32 = 5;
 /// `ERROR_SHARING_VIOLATION`: another process has the file open for writing.
 const SHARING_VIOLATION: i32 = 32;
-/// `ERROR_LOCK_VIOLATION`: another process has locked the file, which excludes reading as well.
+/// `ERROR_LOCK_VIOLATION`: another process has locked the file, which also prevents reading.
 const LOCK_VIOLATION: i32 = 33;
 
-/// Repeats a call for up to a second while it fails with one of the `passing` errors. A file is visible under its final
-/// name shortly before its writer closes it, and virus scanners open new files for a moment.
+/// Repeats a call for up to a second while it fails with one of the temporary errors `passing`. A file is visible under
+/// its final name shortly before its writer closes it, and virus scanners open new files for a moment.
 fn with_patience<T>(passing: &[i32], mut call: impl FnMut() -> io::Result<T>) -> io::Result<T> {
     let started = Instant::now();
     loop {
@@ -40,8 +41,8 @@ fn with_patience<T>(passing: &[i32], mut call: impl FnMut() -> io::Result<T>) ->
     }
 }
 
-/// Opens a regular file for reading, without following a symbolic link. While it is open, nobody can write to it. The
-/// inner error is the kind of a path that isn't a regular file.
+/// Opens a regular file for reading, without following a symbolic link. While the file is open, nobody can write to it.
+/// If the path names something else, the inner error names its kind.
 pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>> {
     let open = |flags: u32| {
         let mut options = OpenOptions::new();
@@ -55,19 +56,20 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<Result<File, &'static str>
     let metadata = file.metadata()?;
     Ok(match metadata.file_type() {
         k if k.is_symlink() => Err("a symbolic link"),
-        // A file whose bytes a filter supplies, such as one of a volume with deduplication.
+        // This is a file whose bytes a filter supplies, such as a file on a volume with deduplication.
         k if k.is_file() && metadata.file_attributes() & REPARSE_POINT != 0 => Ok(open(0)?),
         k if k.is_file() => Ok(file),
         _ => Err("a device"),
     })
 }
 
-/// Opens a lock file, without following a symbolic link. `write` also creates it.
+/// Opens a lock file, without following a symbolic link. With `write`, also opens the file for writing, and creates it
+/// if it doesn't exist.
 pub(crate) fn open_lock(path: &Path, write: bool) -> io::Result<File> {
     OpenOptions::new().read(true).write(write).create(write).truncate(false).custom_flags(NO_FOLLOW).open(path)
 }
 
-/// Reads bytes that begin at `offset`, and returns their number.
+/// Reads bytes from `offset` on into `buffer`, and returns the number of bytes read.
 pub(crate) fn read_at(file: &File, buffer: &mut [u8], offset: u64) -> io::Result<usize> {
     with_patience(&[LOCK_VIOLATION], || file.seek_read(buffer, offset))
 }
@@ -123,7 +125,7 @@ pub(crate) fn free_space(folder: &Path) -> io::Result<u64> {
     fs4::available_space(folder)
 }
 
-/// Gives a temporary file its final name, without replacing a file that has it.
+/// Gives a temporary file its final name, without replacing an existing file of that name.
 pub(crate) fn publish(temporary: NamedTempFile, path: &Path) -> io::Result<()> {
     let mut unpublished = Some(temporary);
     with_patience(&[ACCESS_DENIED, SHARING_VIOLATION], || match unpublished.take() {
@@ -135,10 +137,11 @@ pub(crate) fn publish(temporary: NamedTempFile, path: &Path) -> io::Result<()> {
     })
 }
 
-/// Does nothing: new files inherit the rights of their folder.
+/// Does nothing: new files inherit the permissions of their folder.
 pub(crate) fn with_usual_rights(_builder: &mut tempfile::Builder<'_, '_>) {}
 
-/// Stands for the guard of Unix: a file that the store has open can't be truncated, so that its map has all its pages.
+/// Replaces the guard of Unix, and does nothing: a file that the store has open can't be truncated, so its map always
+/// has all pages.
 #[derive(Debug)]
 pub(crate) struct FaultGuard;
 

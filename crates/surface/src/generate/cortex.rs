@@ -74,12 +74,13 @@ const WAVE_NUMBERS: (f64, f64) = (13.0, 16.0);
 const DEPTH: f64 = 0.2;
 /// The width s of furrows, in standard deviations of w.
 const WIDTH: f64 = 0.75;
-/// Wave number, amplitude and number of the shears, in the order in which they are applied.
+/// Wave number, amplitude and count of each group of shears, in the order in which the groups are applied.
 const SHEARS: [(f64, f64, usize); 2] = [(2.0, 0.06, 4), (9.0, 0.026, 10)];
 
 impl Folding {
     fn new(variant: u64) -> Self {
-        // `study` generates the numbers that all subjects share, `subject` the subject's deviations from them.
+        // `study` generates the numbers that all subjects share, and `subject` generates this subject's deviations from
+        // those numbers.
         let mut study = SplitMix64::new(0x5350_4841_524d);
         let mut subject = SplitMix64::new(variant.wrapping_mul(0x2545_f491_4f6c_dd1d));
         let mut deviation = |size: f64| {
@@ -119,7 +120,7 @@ impl Folding {
     }
 }
 
-/// Returns the number of bytes that [`cortex`] needs, including both meshes. This is the number for
+/// Returns the number of bytes that [`cortex`] needs, including both meshes: the bytes for
 /// [`icosphere`](super::icosphere), plus 48 per vertex for the surface.
 ///
 /// # Panics

@@ -30,7 +30,7 @@ impl Default for Torus {
 ///
 /// # Panics
 ///
-/// When `around` is below 3, or `tube` isn't between 0 and `ring`.
+/// If `around` is below 3, or `tube` isn't between 0 and `ring`.
 #[must_use]
 pub fn torus(parameters: &Torus) -> Mesh {
     let Torus { ring, tube, bumps, around } = *parameters;
@@ -64,7 +64,7 @@ pub fn torus(parameters: &Torus) -> Mesh {
 ///
 /// # Panics
 ///
-/// When `cells` is below 32.
+/// If `cells` is below 32.
 #[must_use]
 pub fn double_torus(cells: u32) -> Mesh {
     assert!(cells >= 32, "a double torus takes 32 cells, found {cells}");
@@ -83,7 +83,7 @@ pub fn double_torus(cells: u32) -> Mesh {
     })
 }
 
-/// Returns the surface net of a function f, which is negative inside, over a grid of `counts` points.
+/// Returns the surface net of a function f over a grid of `counts` points. f is negative inside the surface.
 fn net(counts: [usize; 3], corner: Vec3, steps: Vec3, f: impl Fn(Vec3) -> f64) -> Mesh {
     let point = |i: [usize; 3]| -> Vec3 { std::array::from_fn(|axis| corner[axis] + steps[axis] * i[axis] as f64) };
     let number = |[x, y, z]: [usize; 3]| (z * counts[1] + y) * counts[0] + x;

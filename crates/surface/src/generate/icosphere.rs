@@ -16,7 +16,7 @@ use super::subdivide::split;
 /// For more than 14 subdivisions, because the number of half-edges would exceed 32 bits.
 #[must_use]
 pub fn icosphere(subdivisions: u32) -> Mesh {
-    assert!(subdivisions <= 14, "{subdivisions} subdivisions of an icosahedron, at most 14");
+    assert!(subdivisions <= 14, "expected at most 14 subdivisions of the icosahedron, found {subdivisions}");
     let mut mesh = icosahedron();
     for _ in 0..subdivisions {
         mesh = split(&mesh, |a, b| unit(add(a, b)));
@@ -24,7 +24,7 @@ pub fn icosphere(subdivisions: u32) -> Mesh {
     mesh
 }
 
-/// Returns the numbers of vertices and of triangles of [`icosphere`].
+/// Returns the number of vertices and the number of triangles of an [`icosphere`].
 ///
 /// # Panics
 ///

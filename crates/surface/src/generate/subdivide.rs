@@ -15,7 +15,7 @@ use crate::mesh::Mesh;
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range, or the number of vertices exceeds 32 bits.
+/// If a triangle's index is out of range, or the number of vertices exceeds 32 bits.
 #[must_use]
 pub fn subdivide(mesh: &Mesh) -> Mesh {
     split(mesh, |a, b| scale(add(a, b), 0.5))

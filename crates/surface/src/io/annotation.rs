@@ -56,8 +56,8 @@ pub(super) fn is_annotation(path: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// [`Io`](SurfaceError::Io); [`Malformed`](SurfaceError::Malformed) for a file of neither format, or without a table
-/// of names; [`VertexCount`](SurfaceError::VertexCount) for an annotation with another number of vertices.
+/// [`Io`](SurfaceError::Io) if the file can't be read; [`Malformed`](SurfaceError::Malformed) if it has neither format,
+/// or no table of names; [`VertexCount`](SurfaceError::VertexCount) if the annotation doesn't have `vertices` vertices.
 pub fn read_annotation(path: impl AsRef<Path>, vertices: usize) -> Result<Annotation, SurfaceError> {
     let path = path.as_ref();
     let bytes = load::load(path)?;
@@ -112,8 +112,8 @@ fn table(cursor: &mut Cursor<'_>) -> Result<Vec<(i64, String)>, Flaw> {
     if numbered && first != -2 {
         return Err(Flaw::new("a table of version 2", format!("version {}", -i64::from(first))));
     }
-    // The newer version begins with the largest region number. The number of regions follows the name of the table's
-    // file.
+    // The newer version begins with the largest region number; the number of regions comes later, after the name of the
+    // file that the table was read from.
     let mut count = if numbered { whole(cursor, "a number of regions")? } else { u64::from(first.unsigned_abs()) };
     text(cursor)?;
     if numbered {
@@ -141,7 +141,7 @@ fn whole(cursor: &mut Cursor<'_>, what: &str) -> Result<u64, Flaw> {
     u64::try_from(found).map_err(|_| Flaw::new(what, found.to_string()))
 }
 
-/// Reads a text that is preceded by its length and terminated by a zero byte.
+/// Reads a string that is preceded by its length and terminated by a zero byte.
 fn text(cursor: &mut Cursor<'_>) -> Result<String, Flaw> {
     let length = whole(cursor, "the length of a name")?;
     let length = bounded(length, 1, cursor.remaining(), "bytes of a name")?;

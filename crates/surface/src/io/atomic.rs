@@ -17,14 +17,15 @@ use crate::error::SurfaceError;
 /// Writes a file with the bytes that `f` writes, completely or not at all.
 ///
 /// Without `overwrite`, an existing file isn't changed, even if it appears while `f` runs. With `overwrite`, the old
-/// file remains readable until the new one is complete, and the new file gets the old one's permissions. For a symbolic
-/// link the link's target is replaced; a dangling link is replaced itself. Directories, pipes and devices are never
-/// replaced. Other new files have the default permissions under the umask.
+/// file remains readable until the new one is complete, and the new file gets the old one's permissions. If the path is
+/// a symbolic link, the link's target is replaced; a dangling link is itself replaced. Directories, pipes and devices
+/// are never replaced. Other new files have the default permissions under the umask.
 ///
 /// # Errors
 ///
-/// [`OutputExists`](SurfaceError::OutputExists), [`NotAFile`](SurfaceError::NotAFile), or [`Io`](SurfaceError::Io) with
-/// the error of `f` or of the system; the target is then unchanged.
+/// [`OutputExists`](SurfaceError::OutputExists) if the file exists and `overwrite` is false;
+/// [`NotAFile`](SurfaceError::NotAFile) if the path is a directory, pipe or device; [`Io`](SurfaceError::Io) if `f` or
+/// the system fails. The target is then unchanged, unless only the last step, synchronising the directory, fails.
 pub fn write_new(
     path: impl AsRef<Path>,
     overwrite: bool,
@@ -36,7 +37,8 @@ pub fn write_new(
     if path.file_name().is_none() {
         return Err(SurfaceError::NotAFile { path: path.to_owned(), found: "a directory" });
     }
-    // This check avoids running `f` for nothing. `persist_noclobber` below repeats it without a race.
+    // This check avoids running `f` if its output can't be kept. `persist_noclobber` below repeats the check without a
+    // race.
     let mut mode = None;
     let target = match fs::metadata(path) {
         Ok(found) if !found.is_file() => {

@@ -1,9 +1,10 @@
-//! Bounds the memory of contents that a small file can make large: by compression, or by placing a part many times.
+//! Limits the memory for contents that can be much larger than their file, because of compression or because a part is
+//! placed many times.
 
 use super::flaw::Flaw;
 use crate::room::{Bytes, check_room, most_expanded};
 
-/// The number of bytes that a file's contents may still take.
+/// The number of bytes of memory that a file's contents may still take.
 #[derive(Debug)]
 pub(super) struct Budget {
     left: u64,
@@ -12,7 +13,7 @@ pub(super) struct Budget {
 }
 
 impl Budget {
-    /// Allows a file of `file` bytes contents of [`most_expanded`] bytes.
+    /// Returns the budget for a file of `file` bytes: [`most_expanded`] bytes of contents.
     pub(super) fn of_file(file: usize) -> Self {
         Self { left: most_expanded(file as u64), file: file as u64 }
     }
@@ -22,8 +23,8 @@ impl Budget {
         self.left
     }
 
-    /// Takes `bytes` from the budget, before memory is allocated for them. `what` names the contents, as in "shapes
-    /// of".
+    /// Takes `bytes` from the budget, before memory is allocated for them. `what` is the beginning of the error
+    /// message, such as "shapes of".
     pub(super) fn spend(&mut self, bytes: u64, what: &str) -> Result<(), Flaw> {
         match self.left.checked_sub(bytes) {
             Some(left) => self.left = left,

@@ -23,8 +23,9 @@ pub(super) fn input(path: &Path, input: &Input) -> Result<(), SurfaceError> {
 ///
 /// # Errors
 ///
-/// [`Empty`](SurfaceError::Empty), [`TooLarge`](SurfaceError::TooLarge), [`NonFinite`](SurfaceError::NonFinite),
-/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange).
+/// [`Empty`](SurfaceError::Empty) if there are no vertices or no triangles; [`TooLarge`](SurfaceError::TooLarge) if
+/// there are too many to count in 32 bits; [`NonFinite`](SurfaceError::NonFinite) if a position isn't finite;
+/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange) if a triangle refers to a missing vertex.
 pub fn mesh(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
     mesh_with_gaps(path, mesh)?;
     for (vertex, position) in mesh.vertices.iter().enumerate() {
@@ -90,7 +91,7 @@ pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), Surfa
     Ok(())
 }
 
-/// Checks that positions stay finite when rounded to 32-bit floats. The loss of digits is accepted in such formats.
+/// Checks that positions stay finite when rounded to 32-bit floats. The loss of digits is accepted.
 pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) -> Result<(), SurfaceError> {
     let values = vertices.as_flattened();
     fits(path, values, 3, format)

@@ -70,8 +70,8 @@ pub(super) fn shown(bytes: &[u8]) -> String {
     format!("\"{}\"{more}", head.escape_ascii())
 }
 
-/// Checks that a count in a header is plausible, before memory is allocated for it: n items must fit into the rest of
-/// the file, and their memory must be free.
+/// Checks that a count in a header is plausible, before memory is allocated for it: that many items must fit into the
+/// rest of the file, and enough memory for them must be free.
 ///
 /// `least` is the smallest size of an item in the file, in bytes. In memory, an item takes at least 8 bytes.
 pub(super) fn bounded(count: u64, least: usize, remaining: usize, what: &str) -> Result<usize, Flaw> {

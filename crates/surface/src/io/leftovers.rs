@@ -42,7 +42,7 @@ pub(super) fn create(folder: &Path) -> io::Result<NamedTempFile> {
 ///
 /// # Errors
 ///
-/// When the folder can't be listed.
+/// If the folder can't be listed.
 pub fn remove_leftovers(folder: impl AsRef<Path>) -> io::Result<Vec<PathBuf>> {
     let mut removed = Vec::new();
     for entry in fs::read_dir(folder)? {

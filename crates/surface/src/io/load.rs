@@ -10,12 +10,12 @@ use super::flaw::Flaw;
 use crate::error::SurfaceError;
 use crate::room::{Bytes, check_room, most_expanded};
 
-/// Reads an entire regular file. Directories, FIFOs and devices are rejected before they are opened, since opening a
-/// FIFO would wait for its writer.
+/// Reads the whole of a regular file. Directories, FIFOs and devices are rejected before they are opened, since opening
+/// a FIFO would wait for its writer.
 pub(super) fn load(path: &Path) -> Result<Vec<u8>, SurfaceError> {
     let io = |action| move |cause| SurfaceError::Io { path: path.to_owned(), action, cause };
     let found = regular(path)?;
-    // The size is checked because a sparse file can be larger than the memory although it needs no space on disk.
+    // The size is checked because a sparse file takes no space on disk but can be larger than the free memory.
     check_room(found.len()).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
     let mut bytes = Vec::new();
     open(path).and_then(|mut file| file.read_to_end(&mut bytes)).map_err(io("read"))?;

@@ -19,9 +19,9 @@ const LABEL: &[u8] = b"#!ascii label";
 ///
 /// # Errors
 ///
-/// The errors of [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) for values on another number of vertices;
-/// [`Malformed`](SurfaceError::Malformed) for more than one value per vertex, or a label with an index out of range;
-/// [`NothingKept`](SurfaceError::NothingKept) if no vertex is selected.
+/// The errors of [`read_signal`]; [`VertexCount`](SurfaceError::VertexCount) if the file doesn't have `vertices`
+/// vertices; [`Malformed`](SurfaceError::Malformed) if it has more than one value per vertex, or is a label with an
+/// index out of range; [`NothingKept`](SurfaceError::NothingKept) if no vertex is selected.
 pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, SurfaceError> {
     let path = path.as_ref();
     let mask = if load::head(path)?.starts_with(LABEL) {

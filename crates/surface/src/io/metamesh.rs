@@ -82,7 +82,7 @@ fn key_and_value(line: &[u8]) -> Option<(&[u8], &[u8])> {
     Some((key.trim_ascii(), value.get(1..)?.trim_ascii()))
 }
 
-/// Returns whether the value of a transform's key is the identity.
+/// Returns whether the value of a key that describes a transform is the identity.
 fn is_identity(key: &[u8], value: &[u8]) -> bool {
     let numbers: Vec<f64> = words(value).filter_map(number).collect();
     match key {

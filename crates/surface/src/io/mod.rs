@@ -104,12 +104,15 @@ pub struct WriteOptions {
 ///
 /// # Errors
 ///
-/// [`Io`](SurfaceError::Io), [`NotAFile`](SurfaceError::NotAFile), [`NotAMesh`](SurfaceError::NotAMesh),
-/// [`VolumeInput`](SurfaceError::VolumeInput), [`UnknownFormat`](SurfaceError::UnknownFormat),
-/// [`Malformed`](SurfaceError::Malformed), [`Unsupported`](SurfaceError::Unsupported); for contents that aren't a valid
-/// surface [`Empty`](SurfaceError::Empty), [`NonFinite`](SurfaceError::NonFinite),
-/// [`IndexOutOfRange`](SurfaceError::IndexOutOfRange), [`TooLarge`](SurfaceError::TooLarge).
-/// [`Topology`](crate::topology::Topology) checks whether the surface is closed.
+/// [`Io`](SurfaceError::Io) if the file can't be read; [`NotAFile`](SurfaceError::NotAFile) if the path isn't a regular
+/// file; [`NotAMesh`](SurfaceError::NotAMesh) if the file holds a signal; [`VolumeInput`](SurfaceError::VolumeInput) if
+/// it holds a volume; [`EmptyFile`](SurfaceError::EmptyFile) or [`UnknownFormat`](SurfaceError::UnknownFormat) if its
+/// format can't be determined; [`Malformed`](SurfaceError::Malformed) if it violates its format;
+/// [`Unsupported`](SurfaceError::Unsupported) if it uses an unsupported part of its format;
+/// [`NoRoom`](SurfaceError::NoRoom) if memory is insufficient; [`Empty`](SurfaceError::Empty),
+/// [`NonFinite`](SurfaceError::NonFinite), [`IndexOutOfRange`](SurfaceError::IndexOutOfRange) or
+/// [`TooLarge`](SurfaceError::TooLarge) if the contents aren't a valid surface. [`Topology`](crate::topology::Topology)
+/// checks whether the surface is closed.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {
@@ -124,7 +127,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
 ///
 /// # Errors
 ///
-/// The errors of [`read_mesh`], and [`NotASignal`](SurfaceError::NotASignal) if the file holds a surface.
+/// The errors of [`read_input`]; [`NotASignal`](SurfaceError::NotASignal) if the file holds a surface.
 pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
     match read_input(path)? {
@@ -141,7 +144,7 @@ pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
 ///
 /// # Errors
 ///
-/// The errors of [`read_mesh`].
+/// The errors of [`read_mesh`], except [`NotAMesh`](SurfaceError::NotAMesh).
 pub fn read_input(path: impl AsRef<Path>) -> Result<Input, SurfaceError> {
     let path = path.as_ref();
     let input = parse(path)?;
@@ -227,7 +230,7 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -
 ///
 /// # Errors
 ///
-/// The errors of [`write_mesh`].
+/// The errors of [`write_mesh`]; [`Argument`](SurfaceError::Argument) for several channels in a curv file.
 pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOptions) -> Result<(), SurfaceError> {
     write_signal_of(path, signal, None, options)
 }
@@ -237,7 +240,7 @@ pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOpti
 ///
 /// # Errors
 ///
-/// The errors of [`write_mesh`].
+/// The errors of [`write_signal`].
 pub fn write_signal_of(
     path: impl AsRef<Path>,
     signal: &Signal,

@@ -15,8 +15,10 @@ pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".vtp", ".shape.gii", ".f
 ///
 /// # Errors
 ///
-/// The errors of [`write_mesh`](super::write_mesh()). Also if the name doesn't end in `.ply`, if an attribute's length
-/// isn't the number of vertices, or if its name isn't a single word.
+/// The errors of [`write_mesh`](super::write_mesh()); [`UnknownFormat`](SurfaceError::UnknownFormat) if the name
+/// doesn't end in `.ply`; [`LengthMismatch`](SurfaceError::LengthMismatch) if an attribute's length isn't the number of
+/// vertices; [`Argument`](SurfaceError::Argument) if the attribute's name isn't a single word, or names a coordinate or
+/// a colour.
 pub fn write_ply(
     path: impl AsRef<Path>,
     mesh: &Mesh,
@@ -40,8 +42,8 @@ pub fn write_ply(
 ///
 /// # Errors
 ///
-/// The errors of [`write_ply`], except those about the ending. Also for a name whose ending isn't in [`PAINTED`], and
-/// for GIfTI without values.
+/// The errors of [`write_ply`], except that [`UnknownFormat`](SurfaceError::UnknownFormat) means an ending that isn't
+/// in [`PAINTED`]; [`Empty`](SurfaceError::Empty) for GIfTI without values.
 pub fn write_painted(
     path: impl AsRef<Path>,
     mesh: &Mesh,

@@ -1,4 +1,4 @@
-//! Places the parts of a scene: affine maps, as nodes and components have them.
+//! Represents the placement of a scene's parts by affine maps, which nodes and components have.
 
 /// An affine map. Row k gives coordinate k of the image: three factors, then the shift.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -7,8 +7,8 @@ pub(super) struct Placement(pub(super) [[f64; 4]; 3]);
 impl Placement {
     pub(super) const IDENTITY: Self = Self([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
 
-    /// Returns the map of 16 numbers, column by column, as OpenGL has them. The last row must be (0, 0, 0, 1) and isn't
-    /// used.
+    /// Returns the map for the 16 numbers of a 4 x 4 matrix, column by column, as in OpenGL. The last row must be (0,
+    /// 0, 0, 1) and isn't used.
     pub(super) fn from_columns(m: &[f64; 16]) -> Self {
         let row = |k: usize| [0, 4, 8, 12].map(|column| m.get(column + k).copied().unwrap_or_default());
         Self([row(0), row(1), row(2)])
@@ -47,14 +47,14 @@ impl Placement {
         self.0.map(|[a, b, c, shift]| a * x + b * y + c * z + shift)
     }
 
-    /// Returns whether the map is a mirror image, which turns surfaces inside out.
+    /// Returns whether the map contains a reflection, which turns surfaces inside out.
     fn mirrors(&self) -> bool {
         let [[a, b, c, _], [d, e, f, _], [g, h, i, _]] = self.0;
         a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0.0
     }
 
-    /// Moves the vertices, and reverses the triangles if the map is a mirror image, so that they keep their outer side.
-    /// The identity changes no bit.
+    /// Moves the vertices. If the map contains a reflection, also reverses the triangles, so that their outer side
+    /// stays the same. The identity changes no bit.
     pub(super) fn place(&self, vertices: &mut [[f64; 3]], faces: &mut [[u32; 3]]) {
         if *self == Self::IDENTITY {
             return;

@@ -1,4 +1,4 @@
-//! The number types that occur in binary data of several formats.
+//! Defines the number types that occur in the binary data of several formats.
 
 use super::bytes::{Cursor, Endian};
 use super::flaw::Flaw;
@@ -20,7 +20,7 @@ pub enum Scalar {
 }
 
 impl Scalar {
-    /// Returns the number of bytes of a number.
+    /// Returns the size of a number of this type, in bytes.
     #[must_use]
     pub fn size(self) -> usize {
         match self {
@@ -48,7 +48,7 @@ impl Scalar {
     }
 }
 
-/// Converts a vertex's index, which must be a whole number from 0 to 2^32 - 1.
+/// Converts a vertex index, which must be a whole number from 0 to 2^32 - 1.
 pub(super) fn index(x: f64) -> Result<u32, Flaw> {
     // The conversion is exact for every integer that fits u32. Fractions, negative numbers and NaN fail the comparison.
     let i = x as u32;

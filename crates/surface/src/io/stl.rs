@@ -15,8 +15,8 @@ const HEADER: usize = 80;
 /// Number of bytes per triangle: a normal, three corners, and two bytes of attributes.
 const TRIANGLE: usize = 50;
 
-/// Reads a text or binary file. A file is binary if its length is that of a binary file, even if it starts with
-/// "solid".
+/// Reads a text or binary file. A file counts as binary if its length fits the number of triangles in a binary header,
+/// even if it starts with "solid".
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let text = bytes.trim_ascii_start().starts_with(b"solid");
     let mut cursor = Cursor::new(bytes);

@@ -6,7 +6,7 @@ use super::flaw::Flaw;
 use crate::mesh::Mesh;
 use crate::room::check_room;
 
-/// Collects corners of triangles, and gives equal positions the same vertex. Vertices are numbered in the order of
+/// Collects corners of triangles, and assigns the same vertex to equal positions. Vertices are numbered in the order of
 /// first appearance.
 pub(super) struct Welder {
     numbers: HashMap<[u64; 3], u32>,
@@ -15,7 +15,8 @@ pub(super) struct Welder {
 }
 
 impl Welder {
-    /// The caller has compared `triangles` with the size of the file.
+    /// Returns a welder with room for `triangles` triangles. The caller must have compared this number with the size of
+    /// the file.
     pub(super) fn with_capacity(triangles: usize) -> Self {
         Self {
             numbers: HashMap::with_capacity(triangles / 2),
@@ -43,19 +44,20 @@ impl Welder {
         Ok(number)
     }
 
-    /// Returns the triangles, three corners each.
+    /// Returns the mesh, in which every three corners form a triangle.
     pub(super) fn finish(self) -> Mesh {
         let (faces, _) = self.corners.as_chunks();
         Mesh::new(self.vertices, faces.to_vec())
     }
 }
 
-/// Merges the vertices of a mesh that lie at equal positions. The first of each keeps its place in the order; a mesh
-/// without equal positions is unchanged.
+/// Merges the vertices of a mesh that lie at equal positions. Of the vertices at the same position, the first keeps its
+/// place in the order. A mesh without equal positions is unchanged.
 ///
-/// Triangles two of whose corners become the same vertex are kept, as in STL. Indices must be in range.
+/// Triangles are kept even if two of their corners become the same vertex, as when STL is read. Indices must be in
+/// range.
 pub(super) fn welded(mesh: Mesh) -> Result<Mesh, Flaw> {
-    // A position, its key, its number and the table's slack.
+    // The 72 bytes per vertex are for a position, its key, its number and the unused entries of the table.
     check_room(mesh.vertices.len() as u64 * 72)?;
     let mut welder = Welder::with_capacity(0);
     let numbers = mesh.vertices.iter().map(|&position| welder.vertex(position)).collect::<Result<Vec<u32>, Flaw>>()?;

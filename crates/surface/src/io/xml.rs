@@ -16,9 +16,9 @@ const DEEPEST: usize = 16;
 pub(super) enum Step<'s, 'a> {
     /// An opening tag. An empty element is an opening and a closing tag.
     Start(&'s Tag<'a>),
-    /// A piece of text. References are pieces of their own.
+    /// A piece of text. Each character or entity reference is a separate piece.
     Text(Cow<'a, str>),
-    /// The closing tag of the element of this name.
+    /// The closing tag of the element with this name.
     End(&'s str),
 }
 
@@ -30,9 +30,9 @@ impl Tag<'_> {
         self.0.local_name().into_inner()
     }
 
-    /// Passes the name and the value of each attribute to `each`. The name has its prefix, see [`local`].
+    /// Passes the name and the value of each attribute to `each`. The name includes its prefix; see [`local`].
     pub(super) fn attributes(&self, mut each: impl FnMut(&str, Cow<'_, str>) -> Result<(), Flaw>) -> Result<(), Flaw> {
-        // Checks for repeated names take time that is quadratic in the number of attributes.
+        // Checks for repeated names are disabled, because they take time quadratic in the number of attributes.
         for attribute in self.0.attributes().with_checks(false) {
             let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
             let value = attribute

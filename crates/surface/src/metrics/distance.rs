@@ -7,9 +7,9 @@
 //! # Sample points
 //!
 //! Each triangle is cut into n^2 congruent smaller triangles, whose edges have about the same length in all triangles.
-//! Their centroids are the sample points and their areas the weights, so that mean and root mean square are midpoint
-//! rules of the integrals over the surface. For the largest distance, the vertices are used as well, since peaks occur
-//! there. The method uses no random numbers.
+//! Their centroids are the sample points and their areas the weights, so that mean and root mean square are integrals
+//! over the surface, computed by the midpoint rule. For the largest distance, the vertices are used as well, since
+//! peaks occur there. The method uses no random numbers.
 //!
 //! # Error bound
 //!
@@ -24,7 +24,7 @@
 //! O((n + samples) log n) time. Two surfaces of 80,000 triangles, with 200,000 points and 40,962 vertices each, take
 //! 0.5 s on two cores. Memory is about 200 bytes per triangle and 60 per point.
 //!
-//! The method is that of Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces", Computer
+//! The method follows Cignoni, Rocchini and Scopigno, "Metro: measuring error on simplified surfaces", Computer
 //! Graphics Forum 17 (1998), with a grid instead of random points.
 
 use rayon::prelude::*;
@@ -43,8 +43,9 @@ use crate::range::{scaled_meshes, times};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfaceDistanceParams {
     /// Approximate number of points on each surface, in addition to its vertices. Each triangle gets at least one
-    /// point. Long thin triangles get more points than triangles of the same area and better shape. If there would be
-    /// more than eight times `samples` points in all, the points are spaced more widely.
+    /// point. Long thin triangles get more points than triangles of the same area and better shape. If the number of
+    /// points would exceed eight times `samples` and eight times the number of triangles, the points are spaced more
+    /// widely.
     pub samples: usize,
 }
 
@@ -104,11 +105,11 @@ pub struct SurfaceDistance {
 ///
 /// [`Argument`](SurfaceError::Argument) for a surface without area or with a coordinate that isn't finite;
 /// [`FlatBox`](SurfaceError::FlatBox) if the bounding box of the first surface has no volume;
-/// [`Interrupted`](SurfaceError::Interrupted).
+/// [`Interrupted`](SurfaceError::Interrupted) if the monitor asks to stop.
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 pub fn surface_distance(
     first: &Mesh,
     second: &Mesh,
@@ -118,18 +119,19 @@ pub fn surface_distance(
     surface_distance_at(first, second, None, params, monitor)
 }
 
-/// Returns the distances between two surfaces with the same triangles, from the points of each surface that a mask of
-/// the vertices keeps to the entire other surface; or from all points, as [`surface_distance`]. A triangle is kept if
-/// its three corners are. The scale is that of the entire first surface.
+/// Returns the distances between two surfaces with the same triangles, measured only at the vertices that a mask keeps
+/// and in the triangles between them. From these points of each surface, distances are measured to the whole of the
+/// other surface. Without a mask, the function equals [`surface_distance`]. `scale` is computed from the whole of the
+/// first surface.
 ///
 /// # Errors
 ///
-/// As for [`surface_distance`], also if no triangle is kept; [`LengthMismatch`](SurfaceError::LengthMismatch) if a mask
-/// is given and the surfaces or the mask differ in their numbers of triangles or vertices.
+/// The errors of [`surface_distance`]; [`Argument`](SurfaceError::Argument) if the mask keeps no triangle;
+/// [`LengthMismatch`](SurfaceError::LengthMismatch) if the mask's length isn't the number of vertices of both surfaces.
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 pub fn surface_distance_at(
     first: &Mesh,
     second: &Mesh,
@@ -159,16 +161,16 @@ pub fn surface_distance_at(
     Ok(SurfaceDistance { mean, rms: square.sqrt(), percentile95, hausdorff, forward, backward, bound, scale })
 }
 
-/// Returns the distances from the points of a surface to another, whose triangles are in a tree, and the share of the
-/// first surface's area that lies farther than `limit` from the other.
+/// Returns the distances from the points of the surface `from` to the surface in the tree `to`, and the fraction of the
+/// area of `from` that lies farther than `limit` from that surface.
 ///
 /// # Errors
 ///
-/// As for [`surface_distance`].
+/// The errors of [`surface_distance`].
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 pub fn directed_distance(
     from: &Mesh,
     to: &TriangleTree,
@@ -217,7 +219,7 @@ impl Directed {
 }
 
 impl SurfaceDistance {
-    /// Returns the distance for both surfaces scaled by 2^exponent.
+    /// Returns the distances that result if both surfaces are scaled by 2^exponent.
     #[must_use]
     pub fn times(self, exponent: i32) -> Self {
         let by = |length: f64| times(length, exponent);
@@ -243,7 +245,7 @@ impl SurfaceDistance {
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 #[must_use]
 pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDistanceParams) -> u64 {
     const BYTES_PER_TRIANGLE: u64 = 370;
@@ -256,9 +258,9 @@ pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDista
     triangles * BYTES_PER_TRIANGLE + points.saturating_mul(BYTES_PER_POINT)
 }
 
-/// The points of one surface, with their distances to the other surface.
+/// The sample points of one surface, with their distances to the other surface.
 struct Samples {
-    /// Distance to the other surface, and area, of each point.
+    /// For each sample point, its distance to the other surface and the area that it represents.
     weighted: Vec<(f64, f64)>,
     area: f64,
     worst: (f64, Vec3),

@@ -3,7 +3,7 @@
 use crate::geometry::{Vec3, add, dot, face_normal, scale, sub};
 use crate::mesh::Mesh;
 
-/// The division of each triangle into pieces.
+/// The division of a mesh's triangles into pieces of similar size, each with a sample point.
 pub(super) struct Grid {
     /// The corners of each triangle, and the number of pieces along an edge.
     pub(super) triangles: Vec<([Vec3; 3], u32)>,

@@ -40,11 +40,11 @@ pub fn vertex_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> R
 /// # Errors
 ///
 /// [`Argument`](SurfaceError::Argument) for a point that isn't finite, or a surface without triangles;
-/// [`Interrupted`](SurfaceError::Interrupted).
+/// [`Interrupted`](SurfaceError::Interrupted) if the monitor asks to stop.
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 pub fn distances_to_surface(
     surface: &Mesh,
     points: &[[f64; 3]],

@@ -78,18 +78,19 @@ pub fn squared_distances(original: &[[f64; 3]], reconstruction: &[[f64; 3]]) -> 
 /// # Errors
 ///
 /// [`TopologyDiffers`](SurfaceError::TopologyDiffers) or [`LengthMismatch`](SurfaceError::LengthMismatch) if the meshes
-/// don't have the same triangles or numbers of vertices; [`FlatBox`](SurfaceError::FlatBox).
+/// don't have the same triangles or numbers of vertices; [`FlatBox`](SurfaceError::FlatBox) if the original's bounding
+/// box has no volume.
 pub fn compare(original: &Mesh, reconstruction: &Mesh) -> Result<Distances, SurfaceError> {
     compare_at(original, reconstruction, None)
 }
 
 /// Returns the distances between a surface and its reconstruction at the vertices that a mask keeps, or at all
-/// vertices. The scale is that of the entire original.
+/// vertices. `scale` is computed from the whole original.
 ///
 /// # Errors
 ///
-/// As for [`compare`]; [`LengthMismatch`](SurfaceError::LengthMismatch) for a mask of another number of vertices;
-/// [`Argument`](SurfaceError::Argument) for one that keeps no vertex.
+/// The errors of [`compare`]; [`LengthMismatch`](SurfaceError::LengthMismatch) if the mask's length isn't the number of
+/// vertices; [`Argument`](SurfaceError::Argument) if the mask keeps no vertex.
 pub fn compare_at(original: &Mesh, reconstruction: &Mesh, mask: Option<&[bool]>) -> Result<Distances, SurfaceError> {
     if original.faces.len() != reconstruction.faces.len() {
         return Err(SurfaceError::LengthMismatch {
@@ -123,7 +124,7 @@ pub fn compare_at(original: &Mesh, reconstruction: &Mesh, mask: Option<&[bool]>)
     })
 }
 
-/// Refuses a mask of another number of vertices, and one that keeps none.
+/// Checks that a mask has an entry for each vertex and keeps at least one vertex.
 pub(super) fn check_mask(mask: Option<&[bool]>, vertices: usize) -> Result<(), SurfaceError> {
     let Some(mask) = mask else { return Ok(()) };
     if mask.len() != vertices {

@@ -16,7 +16,7 @@ const GOLDEN: [f64; 2] = [0.809_016_994_374_947_4, 0.309_016_994_374_947_4];
 /// Side of the cubes of the lattice of rotation vectors, in radians.
 const SIDE: f64 = 0.33;
 
-/// Returns the set of rotations; those of a cube come first.
+/// Returns the set of rotations. The rotations of a cube come first.
 pub(super) fn covering() -> Vec<Matrix3> {
     let group = group();
     let (cube, icosahedron) = group.split_at(CUBE);
@@ -37,11 +37,12 @@ pub(super) fn covering() -> Vec<Matrix3> {
     all
 }
 
-/// Number of rotations of a cube; `SHARED` of them are also rotations of an icosahedron.
+/// Number of rotations of a cube. The first `SHARED` of them are also rotations of an icosahedron.
 const CUBE: usize = 24;
 const SHARED: usize = 12;
 
-/// Returns the rotations of a cube and of an icosahedron, without repetition; the half turns of the cube come first.
+/// Returns the rotations of a cube and of an icosahedron, without repetition. The rotations of the cube come first,
+/// starting with those that the icosahedron has as well.
 fn group() -> Vec<Matrix3> {
     let mut quaternions: Vec<[f64; 4]> = Vec::with_capacity(72);
     for k in 0..4 {

@@ -1,10 +1,10 @@
-//! Finds the nearest piece of a surface quickly but approximately, by a table over the cells of a box.
+//! Finds the nearest piece of a surface quickly but approximately, from a table over the cells of a box.
 //!
-//! A table is used because thousands of rotations are evaluated before any is improved, and each search in a tree
-//! would take 0.15 us. For each cell, the table has the point nearest to the cell's middle. A position outside of the
-//! box uses the nearest cell. The point found isn't always the nearest one, but a neighbour of the nearest point
-//! suffices, since distances are measured to the disk that a point represents. The table has 32,768 cells over the box
-//! of the principal axes and takes 64 KiB.
+//! A table is used because thousands of rotations are evaluated before any is improved, and each search in a tree would
+//! take 0.15 us. For each cell, the table has the point nearest to the cell's middle. For a position outside of the
+//! box, the nearest cell is used. The point found isn't always the nearest one, but a neighbour of the nearest point
+//! suffices, since distances are measured to the disk that a point represents. The table has 32,768 cells over a box
+//! along the surface's principal axes and takes 64 KiB.
 
 use super::level::Level;
 use crate::geometry::{Vec3, add, scale, sub};
@@ -16,7 +16,7 @@ const CELLS: f64 = 32_768.0;
 const MARGIN: f64 = 4.0;
 
 pub(super) struct Grid {
-    /// The map from positions to cell coordinates is `cells x + origin`.
+    /// Matrix of the map from positions to cell coordinates, `x -> cells x + origin`.
     cells: Matrix3,
     origin: Vec3,
     counts: [usize; 3],

@@ -71,7 +71,7 @@ pub enum GroupPoseWarning {
         member: usize,
         /// The member's distance from the others in the chosen pose.
         distance: f64,
-        /// The member's distance from the others in the other pose.
+        /// The member's distance from the others in the second pose.
         second: f64,
     },
     /// The member is much farther from the others than is usual in the group. It may be of another kind or in another
@@ -110,7 +110,7 @@ impl GroupPoseWarning {
         match self {
             Self::Doubtful { distance, second, .. } => format!(
                 "{IN_DOUBT}: another pose fits the other surfaces nearly equally well, with a distance of {second:.4} \
-                 in place of {distance:.4}, so the surface may be turned round"
+                 in place of {distance:.4}, so the surface may be the wrong way round"
             ),
             Self::Far { distance, median, .. } => format!(
                 "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \
@@ -137,12 +137,12 @@ const NEARER_MIRRORED: f64 = 0.94;
 /// Number of steps by which a mirror image moves towards the others.
 const MIRRORED_STEPS: usize = 3;
 
-/// Aligns a group of surfaces, as described in the module. It takes about 30 ms per surface on two threads. With
+/// Aligns a group of surfaces, as described in the module. This takes about 30 ms per surface on two threads. With
 /// `scale`, all members are scaled to the geometric mean of their sizes.
 ///
 /// # Errors
 ///
-/// [`Interrupted`].
+/// [`Interrupted`] if the monitor asks to stop.
 pub fn group_poses(
     surfaces: &[PoseSurface],
     params: &PoseParams,
@@ -272,8 +272,8 @@ impl Group<'_> {
         found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
     }
 
-    /// Chooses a pose for each member: of two nearly equally good poses, the one in which it is nearer to the others.
-    /// Also returns a warning for each member whose two poses remain nearly equally good.
+    /// Chooses a pose for each member: of two nearly equally good poses, the one in which the member is nearer to the
+    /// others. Also returns a warning for each member whose two poses remain nearly equally good.
     fn decided(&self, poses: &[Pose]) -> Result<(Vec<Similarity>, Vec<GroupPoseWarning>), Interrupted> {
         let close = |pose: &Pose| pose.other.filter(|_| pose.second < CLOSE * pose.distance);
         let mut motions: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
@@ -316,7 +316,8 @@ impl Group<'_> {
         icp::step_to_all(self.surfaces[member].view(Density::Some), others, motion, &rounds)
     }
 
-    /// Returns the points and poses of the members that a member is compared with.
+    /// Returns the points and poses of the other members that a member is compared with, and for which `chosen` is
+    /// true.
     fn seen(
         &self,
         member: usize,
@@ -328,7 +329,7 @@ impl Group<'_> {
     }
 
     /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
-    /// planes through the group's principal axes, and in the group's centre.
+    /// planes spanned by the typical member's principal axes, and in the typical member's centre.
     fn mirrored(
         &self,
         motions: &[Similarity],

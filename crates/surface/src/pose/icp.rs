@@ -14,7 +14,8 @@
 //! distances are excluded from a round (D. Chetverikov et al., Image and Vision Computing 23, 2005).
 //!
 //! The distance of a pair is measured to a disk: each point represents a piece of the surface that extends along the
-//! tangent plane by the point's radius. 256 points can therefore measure distances far below their spacing.
+//! tangent plane by the point's radius. Therefore 256 points suffice to measure distances far below the points'
+//! spacing.
 //!
 //! Cost of a round: 2 n searches in trees of n points, about 0.15 us each, and 200 flops per pair.
 
@@ -29,7 +30,7 @@ const LARGEST_TURN: f64 = 0.6;
 /// Distance at which a pair has half its weight in a step towards several surfaces, relative to the median distance.
 const HALF: f64 = 1.5;
 
-/// Settings of the rounds of [`improved`] and [`step_to_all`].
+/// Settings for the rounds that [`improved`] and [`step_to_all`] run.
 #[derive(Clone, Copy)]
 pub(super) struct Rounds {
     /// Largest number of rounds.
@@ -38,7 +39,7 @@ pub(super) struct Rounds {
     pub(super) rest: f64,
     /// Rounds end when the relative decrease of the sum of squared distances is below this value.
     pub(super) gain: f64,
-    /// Share of the pairs to exclude, which are those with the largest distances.
+    /// Share of the pairs to exclude. Those with the largest distances are excluded.
     pub(super) trimmed: f64,
     /// Weight of the point-to-point term relative to the point-to-plane term.
     pub(super) tangential: f64,
@@ -52,7 +53,7 @@ struct Pair {
     place: Vec3,
     /// The vector from the fixed surface's point to the moving surface's point.
     off: Vec3,
-    /// The unit normal at the point that was found as the nearest one.
+    /// The unit normal at the point of the pair that was found by searching for the nearest point.
     normal: Vec3,
     /// The squared distance of the pair.
     square: f64,

@@ -68,7 +68,7 @@ pub struct Pose {
     /// The distance after the best motion whose rotation differs from `similarity` by more than [`DISTINCT`]. Infinite
     /// if all starts led to the same optimum.
     pub second: f64,
-    /// The motion with the distance `second`.
+    /// The motion with the distance `second`, if there is one.
     pub other: Option<Similarity>,
 }
 
@@ -96,8 +96,8 @@ struct Stage {
     go_on: usize,
 }
 
-/// Candidates whose distance exceeds this multiple of the best distance don't enter the next stage. With few points,
-/// better candidates can't be distinguished from each other; a square rod has eight of them.
+/// Candidates whose distance exceeds this multiple of the best distance don't enter the next stage. Within this factor,
+/// few points can't tell which candidate is best; a square rod has eight such candidates.
 const CANDIDATE: f64 = 1.5;
 /// Trimmed distances within this factor count as equal, and the untrimmed distances then decide.
 const EQUAL: f64 = 1.03;
@@ -130,7 +130,7 @@ impl Stage {
 ///
 /// # Errors
 ///
-/// [`Interrupted`].
+/// [`Interrupted`] if the monitor asks to stop.
 pub fn pose(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -226,7 +226,7 @@ pub fn distance(moving: &PoseSurface, fixed: &PoseSurface, motion: &Similarity, 
     icp::distance(moving.view(Density::All), fixed.view(Density::All), motion, trimmed)
 }
 
-/// Improves motions, and returns those that are different optima, sorted by distance.
+/// Improves motions, and returns the results that are different optima, sorted by distance.
 fn staged(
     moving: &PoseSurface,
     fixed: &PoseSurface,
@@ -269,7 +269,7 @@ fn measured(
     Ok(found)
 }
 
-/// Returns the best motions that are different optima, at most `most`, sorted by distance.
+/// Returns the best motions that are different optima, sorted by distance, and at most `most` of them.
 fn distinct(mut found: Vec<(Similarity, f64)>, most: usize) -> Vec<(Similarity, f64)> {
     found.sort_by(|a, b| a.1.total_cmp(&b.1));
     let mut distinct: Vec<(Similarity, f64)> = Vec::with_capacity(most);
@@ -291,7 +291,7 @@ fn differ(a: &Similarity, b: &Similarity) -> bool {
 }
 
 /// Returns the best starts. Each start applies a rotation of the covering between the principal axes of the two
-/// surfaces, and brings their centres together.
+/// surfaces, and moves one centre onto the other.
 fn starts(
     moving: &PoseSurface,
     fixed: &PoseSurface,

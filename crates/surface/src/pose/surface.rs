@@ -29,16 +29,19 @@ pub struct PoseSurface {
     pub volume: f64,
 }
 
-/// Number of points used for a surface: 256 with a table, 1,024, or 4,096.
+/// The number of points that represent a surface in a step of the search.
 #[derive(Clone, Copy)]
 pub(super) enum Density {
+    /// 256 points. A table is used to find the nearest of 1,024 pieces approximately.
     Few,
+    /// 1,024 points.
     Some,
+    /// All 4,096 points.
     All,
 }
 
-/// The points of a surface for one step of the search. For each point of `asking`, the nearest piece of the other
-/// surface is found. `pieces` are searched for the nearest piece to each point of the other surface.
+/// The points of a surface for one step of the search. Each point of `asking` is paired with the nearest piece of the
+/// other surface. Each point of the other surface is paired with the nearest of `pieces`.
 #[derive(Clone, Copy)]
 pub(super) struct View<'a> {
     pub(super) asking: &'a Level,

@@ -2,7 +2,7 @@
 //! against their neighbours, parts that touch, unreferenced vertices, loose pieces and small holes.
 //!
 //! Rims that nearly coincide are welded; no other vertex is moved. Holes of more than [`LARGEST_FAN`] edges and
-//! surfaces with one side remain; [`Topology`](crate::topology::Topology) reports them.
+//! one-sided surfaces remain; [`Topology`](crate::topology::Topology) reports them.
 
 mod rims;
 mod sheets;
@@ -40,9 +40,9 @@ pub struct MeshRepair {
     pub dropped_area: f64,
     /// Number of holes filled.
     pub holes: usize,
-    /// Number of triangles added to fill the holes. They are the last of the repaired mesh.
+    /// Number of triangles added to fill the holes. They are the last triangles of the repaired mesh.
     pub filled: usize,
-    /// Area of these triangles as a fraction of the area of the repaired mesh.
+    /// Area of the added triangles as a fraction of the area of the repaired mesh.
     pub filled_area: f64,
     /// Number of vertices dropped because no triangle used them after all other changes.
     pub unused: usize,
@@ -95,7 +95,7 @@ impl MeshRepair {
         ]
     }
 
-    /// Sets the share of the area that the filled holes have in the repaired mesh.
+    /// Sets `filled_area` to the fraction of the repaired mesh's area that belongs to filled holes.
     pub fn measure(&mut self, repaired: &Mesh) {
         let area = |faces: &[[u32; 3]]| faces.iter().map(|face| area_of(&repaired.vertices, face)).sum::<f64>();
         let (filled, all) = (&repaired.faces[repaired.faces.len() - self.filled..], area(&repaired.faces));
@@ -164,7 +164,7 @@ fn percent(fraction: f64) -> String {
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 #[must_use]
 pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
@@ -185,13 +185,13 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     (mesh, found)
 }
 
-/// Welds a mesh, and turns its triangles so that each piece is wound alike, closed pieces outwards, and open pieces as
-/// they are given or, if they are inside out as a whole, the other way. Returns the mesh with all its pieces and
-/// vertices, and the changes.
+/// Welds a mesh, and turns its triangles so that the winding is consistent within each piece. Closed pieces are wound
+/// outwards. Open pieces keep the winding of most of their area, but are all reversed if they are inside out as a
+/// whole. Returns the mesh with all its pieces and vertices, and the changes.
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 #[must_use]
 pub fn orient_outward(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
@@ -212,7 +212,7 @@ fn welded(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     faces
 }
 
-/// Drops triangles that use a vertex twice, and all but the first with the same vertices.
+/// Drops triangles that use a vertex twice, and triangles with the same vertices as an earlier one.
 fn drop_needless(faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let before = faces.len();
     faces.retain(|&[a, b, c]| a != b && b != c && c != a);

@@ -12,11 +12,11 @@ use crate::geometry::{Vec3, bounds, dot, sub};
 pub const LARGEST_FAN: usize = 32;
 /// Distance up to which vertices of rims are welded, as a fraction of the mesh's diagonal.
 const NEAR: f64 = 1e-5;
-/// The same as a fraction of the shortest edge of a rim that is longer than this distance, so that only triangles of
-/// edges shorter than it are lost.
+/// Second limit on the distance up to which vertices are welded, as a fraction of the shortest rim edge that is longer
+/// than the first limit. Only triangles with edges shorter than the first limit are then lost.
 const NEAR_OF_EDGE: f64 = 0.25;
 
-/// Returns the edges with one triangle, in the direction opposite to the triangle's.
+/// Returns the edges that belong to only one triangle, each in the opposite direction to that in the triangle.
 fn open_edges(faces: &[[u32; 3]]) -> Vec<(u32, u32)> {
     let sides = sides(faces);
     let open = by_edge(&sides).filter(|edge| edge.len() == 1).map(|edge| {
@@ -28,8 +28,8 @@ fn open_edges(faces: &[[u32; 3]]) -> Vec<(u32, u32)> {
     open
 }
 
-/// Returns the rims of a mesh in which each vertex has one fan of triangles, as loops of vertices. A triangle of a
-/// filling has the corners of an edge in the rim's order.
+/// Returns the rims of a mesh as loops of vertices. Each vertex of the mesh must have only one fan of triangles. A
+/// triangle that fills a hole must have the two vertices of a rim edge in the rim's order.
 #[must_use]
 pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let open = open_edges(faces);
@@ -49,8 +49,8 @@ pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     rims
 }
 
-/// Welds vertices on rims that are nearer to each other than [`NEAR`], as after conversions with few digits. Returns
-/// the number of vertices merged with others.
+/// Welds vertices on rims that are nearer to each other than [`NEAR`], as happens if a mesh was converted with few
+/// digits. Returns the number of vertices merged with others.
 pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     let open = open_edges(faces);
     let at = |v: u32| vertices[v as usize];
@@ -83,7 +83,7 @@ pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
 }
 
 /// Fills holes, which are loops of edges with one triangle each. A loop of three edges is filled by one triangle, a
-/// loop of four by two, one of up to [`LARGEST_FAN`] by a fan around the mean of its vertices.
+/// loop of four by two, and a longer loop of up to [`LARGEST_FAN`] edges by a fan around the mean of its vertices.
 pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
     // Rims that meet at a vertex are separated by taking the shortest rim through each edge.

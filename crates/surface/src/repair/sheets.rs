@@ -1,5 +1,5 @@
-//! Makes triangles a surface: drops fins and inner walls, turns triangles that disagree with their neighbours, and
-//! separates parts that touch at a vertex or along an edge.
+//! Converts a set of triangles to a surface: drops fins and inner walls, turns triangles that disagree with their
+//! neighbours, and separates parts that touch at a vertex or along an edge.
 //!
 //! Edges of more than two triangles are resolved as by A. Guéziec, G. Taubin, F. Lazarus and B. Horn (Cutting and
 //! Stitching, IEEE Trans. Visualization and Computer Graphics 7, 2001): the surface is cut along them, and sides that
@@ -11,16 +11,16 @@ use super::area_of;
 use crate::geometry::{Vec3, add, cross, dot, face_normal, scale, sub, unit};
 use crate::topology::UnionFind;
 
-/// Largest share of the area that fins and inner walls may have; more of it is hardly an accident.
+/// Largest fraction of the area that is dropped as fins and inner walls. Larger parts are unlikely to be defects.
 const LARGEST_FINS: f64 = 0.05;
 /// Marks a side of a triangle that isn't joined to another.
 const OPEN: u32 = u32::MAX;
 
-/// A side of a triangle: the edge's lower and higher vertex, and the side's number, 3 f + k for side k of triangle f,
-/// which runs from corner k to the next.
+/// A side of a triangle: the lower and the higher vertex of its edge, and the side's number. Side k of triangle f runs
+/// from corner k to the next corner and has the number 3 f + k.
 type Side = (u32, u32, u32);
 
-/// Returns the sides of all triangles, with those of the same edge next to each other.
+/// Returns the sides of all triangles. Sides of the same edge are next to each other.
 pub(super) fn sides(faces: &[[u32; 3]]) -> Vec<Side> {
     let of = |(&[a, b, c], f): (&[u32; 3], u32)| {
         [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((p, q), side)| (p.min(q), p.max(q), side))
@@ -30,6 +30,7 @@ pub(super) fn sides(faces: &[[u32; 3]]) -> Vec<Side> {
     sides
 }
 
+/// Groups sorted sides by edge.
 pub(super) fn by_edge(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
     sides.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
 }
@@ -50,8 +51,9 @@ fn pieces(faces: &[[u32; 3]], sides: &[Side]) -> UnionFind {
     pieces
 }
 
-/// Drops pieces that end at an edge to which other triangles belong, too, such as fins and walls between chambers: at
-/// each edge all but two, those with a rim first, then the smallest. Returns the number of triangles dropped.
+/// Drops pieces that end at an edge of more than two triangles, such as fins and walls between chambers. At each such
+/// edge, pieces are dropped until two triangles are left: first pieces with a rim, then the smallest ones. Returns the
+/// number of triangles dropped.
 pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
     let given = faces.len();
     let mut left = LARGEST_FINS * faces.iter().map(|face| area_of(vertices, face)).sum::<f64>();
@@ -102,16 +104,16 @@ pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
     given - faces.len()
 }
 
-/// Which sides are joined at an edge where a surface touches itself.
+/// The choice of sides to join at an edge where a surface touches itself.
 #[derive(Clone, Copy)]
 enum Join {
-    /// Those between which the body lies: the body ends at the edge.
+    /// Joins sides that have the body between them, so that the body ends at the edge.
     AcrossBody,
-    /// Those between which the outside lies: the body goes on through the edge.
+    /// Joins sides that have the outside between them, so that the body continues through the edge.
     AcrossOutside,
 }
 
-/// Returns for each side the side of another triangle to which it is joined, or [`OPEN`].
+/// Returns for each side the side of another triangle that it is joined to, or [`OPEN`] if it isn't joined.
 fn joined(vertices: &[Vec3], faces: &[[u32; 3]], how: Join) -> Vec<u32> {
     let sides = sides(faces);
     let mut pieces = pieces(faces, &sides);
@@ -130,7 +132,7 @@ fn joined(vertices: &[Vec3], faces: &[[u32; 3]], how: Join) -> Vec<u32> {
     joined
 }
 
-/// Returns for each side the other side of an edge of two triangles, or [`OPEN`].
+/// Returns for each side the other side of its edge, or [`OPEN`] if the edge doesn't have exactly two triangles.
 fn pairs(faces: &[[u32; 3]], sides: &[Side]) -> Vec<u32> {
     let mut other = vec![OPEN; 3 * faces.len()];
     for edge in by_edge(sides) {
@@ -141,8 +143,8 @@ fn pairs(faces: &[[u32; 3]], sides: &[Side]) -> Vec<u32> {
     other
 }
 
-/// Returns the pairs of sides, of several at one edge, whose triangles are neighbours around the edge. Empty if the
-/// triangles don't enclose body and outside alternately.
+/// Returns the pairs of sides to join, given several sides at one edge. The triangles of a pair are neighbours around
+/// the edge. Returns no pairs unless body and outside alternate between the triangles.
 fn wedges(
     vertices: &[Vec3],
     faces: &[[u32; 3]],
@@ -160,7 +162,8 @@ fn wedges(
     let apex = |side: u32| faces[side as usize / 3][(side as usize % 3 + 2) % 3];
     let first = unit(across(apex(sides[0].1)));
     let second = cross(axis, first);
-    // Angles around the edge, counter-clockwise seen against its direction, and whether a side runs along the edge.
+    // For each side: the angle of its triangle around the edge, counter-clockwise if the edge points towards the
+    // viewer; whether the side runs in the direction of the edge; and the side's number.
     let mut around: Vec<(f64, bool, u32)> = sides
         .iter()
         .map(|&(_, side)| {
@@ -174,7 +177,8 @@ fn wedges(
     if !alternate {
         return Vec::new();
     }
-    // The outside of a triangle whose side runs along the edge is at larger angles, and the body at smaller ones.
+    // If a triangle's side runs in the direction of the edge, the outside lies at larger angles than the triangle, and
+    // the body at smaller ones.
     let other = match how {
         Join::AcrossBody => count - 1,
         Join::AcrossOutside => 1,
@@ -182,8 +186,8 @@ fn wedges(
     (0..count).filter(|&i| around[i].1).map(|i| [around[(i + other) % count].2, around[i].2]).collect()
 }
 
-/// Turns triangles so that all of a piece agree with their neighbours, the smaller part by area. Returns their number.
-/// A surface with one side only, such as a Möbius strip, stays as it is.
+/// Turns triangles so that all triangles of a piece agree with their neighbours. The part of the piece with the smaller
+/// area is turned. Returns the number of triangles turned. A one-sided surface, such as a Möbius strip, isn't changed.
 pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     let joined = pairs(faces, &sides(faces));
     let mut turned: Vec<Option<bool>> = vec![None; faces.len()];
@@ -262,8 +266,8 @@ pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) {
     }
 }
 
-/// Keeps the piece with the largest area, of those that don't touch along joined sides; in case of ties, the first
-/// one. Returns the number of pieces dropped, and their share of the area.
+/// Keeps only the piece with the largest area; in case of ties, the first one. Triangles with joined sides belong to
+/// the same piece. Returns the number of pieces dropped, and their share of the area.
 pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize, f64) {
     let mut pieces = UnionFind::new(faces.len());
     for (side, &other) in (0..).zip(&joined(vertices, faces, Join::AcrossBody)).filter(|(_, other)| **other != OPEN) {
@@ -282,7 +286,7 @@ pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usi
 }
 
 /// Gives each fan of triangles around a vertex a vertex of its own. Where the surface touches itself along an edge, the
-/// body ends or goes on, whichever makes fewer handles. Returns the number of vertices added.
+/// body ends at the edge or continues through it, whichever gives fewer handles. Returns the number of vertices added.
 pub(super) fn split(vertices: &mut Vec<Vec3>, faces: &mut [[u32; 3]]) -> usize {
     let [(ends, most), (goes_on, other)] =
         [Join::AcrossBody, Join::AcrossOutside].map(|how| fans(faces, &joined(vertices, faces, how)));
@@ -304,8 +308,8 @@ pub(super) fn split(vertices: &mut Vec<Vec3>, faces: &mut [[u32; 3]]) -> usize {
     vertices.len() - before
 }
 
-/// Returns the fans as sets of corners, corner k of triangle f having the number 3 f + k, and the Euler characteristic
-/// of the surface in which each fan has a vertex.
+/// Returns the fans as sets of corners, and the Euler characteristic of the surface in which each fan has its own
+/// vertex. Corner k of triangle f has the number 3 f + k.
 fn fans(faces: &[[u32; 3]], joined: &[u32]) -> (UnionFind, i64) {
     let mut corners = UnionFind::new(joined.len());
     let next = |side: u32| if side % 3 == 2 { side - 2 } else { side + 1 };

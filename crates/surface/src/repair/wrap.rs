@@ -20,13 +20,13 @@ pub struct Wrap {
     pub bridged_area: f64,
     /// Root mean square distance of the wrap from the mesh, in the coordinates' unit.
     pub rms_distance: f64,
-    /// Number of pieces of the body left out, which are all except the largest.
+    /// Number of pieces of the body that were left out. Only the largest piece is kept.
     pub pieces: usize,
     /// Number of cavities filled.
     pub cavities: usize,
     /// Number of handles removed.
     pub handles: usize,
-    /// Whether handles were cut; else their holes were filled.
+    /// Whether handles were removed by cutting them. If false, they were removed by filling their holes.
     pub handles_cut: bool,
 }
 

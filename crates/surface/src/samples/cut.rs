@@ -73,8 +73,9 @@ impl Cut {
     }
 }
 
-/// Returns the smallest distance of a few points of the triangle from the sphere's centre, if the triangle is large.
-/// Its samples are then farther apart on the sphere than on the triangle. Returns 1 for other triangles.
+/// Estimates how near a large triangle comes to the sphere's centre, from a few of its points. Samples of such a
+/// triangle are farther apart on the sphere than on the triangle. Returns at least 0.1, and 1 for triangles that aren't
+/// large.
 fn deepest([a, b, c]: [Vec3; 3]) -> f64 {
     /// Distance from the centre below which a triangle counts as large; reached by edges of about 50 degrees.
     const LARGE: f64 = 0.9;

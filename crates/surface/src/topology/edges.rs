@@ -14,13 +14,13 @@ pub(super) struct EdgeCounts {
     pub(super) non_manifold_vertices: usize,
 }
 
-/// Returns the half-edge, and corner, that follows h in its triangle. Half-edge h = 3 * face + k runs from corner k of
+/// Returns the half-edge (or corner) that follows h in its triangle. Half-edge h = 3 * face + k runs from corner k of
 /// the face to corner k + 1; corner h is where it starts.
 fn next(h: u32) -> u32 {
     if h % 3 == 2 { h - 2 } else { h + 1 }
 }
 
-/// Items (y, h), sorted into buckets x: bucket x is `items[starts[x]..starts[x + 1]]`.
+/// Items sorted into buckets. Bucket x is `items[starts[x]..starts[x + 1]]`.
 struct Buckets {
     starts: Vec<u32>,
     items: Vec<(u32, u32)>,

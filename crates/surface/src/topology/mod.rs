@@ -34,7 +34,8 @@ pub struct Topology {
     pub non_manifold_vertices: usize,
     /// Number of edges whose two triangles have the edge in the same direction, so one of them is reversed.
     pub inconsistent_edges: usize,
-    /// Number of pieces, which have no vertex in common. Unreferenced vertices don't count as pieces.
+    /// Number of separate pieces. Different pieces have no vertex in common. Unreferenced vertices don't count as
+    /// pieces.
     pub components: usize,
     /// Number of vertices that no triangle uses.
     pub unreferenced_vertices: usize,
@@ -54,7 +55,7 @@ impl Topology {
     ///
     /// # Panics
     ///
-    /// When a triangle's index is out of range.
+    /// If a triangle's index is out of range.
     #[must_use]
     pub fn of(mesh: &Mesh) -> Self {
         let vertices = mesh.vertices.len();
@@ -147,7 +148,7 @@ impl Topology {
                 "edge has triangles of opposite orientation",
                 "edges have triangles of opposite orientation",
             ),
-            counted(self.degenerate_faces, "triangle names a vertex twice", "triangles name a vertex twice"),
+            counted(self.degenerate_faces, "triangle uses a vertex twice", "triangles use a vertex twice"),
             counted(self.duplicate_faces, "triangle repeats another one", "triangles repeat others"),
             counted(self.unreferenced_vertices, "vertex belongs to no triangle", "vertices belong to no triangle"),
         ]
@@ -201,7 +202,7 @@ pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 #[must_use]
 pub fn signed_volume(mesh: &Mesh) -> f64 {
     // Positions are taken relative to a point of the surface, so that surfaces far from the origin lose no digits.
@@ -221,7 +222,7 @@ pub fn signed_volume(mesh: &Mesh) -> f64 {
 ///
 /// # Panics
 ///
-/// When a triangle's index is out of range.
+/// If a triangle's index is out of range.
 #[must_use]
 pub fn area(mesh: &Mesh) -> f64 {
     let normals = mesh.faces.iter().map(|face| face_normal(face.map(|v| mesh.vertices[v as usize])));

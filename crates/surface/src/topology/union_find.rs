@@ -25,7 +25,7 @@ impl UnionFind {
     ///
     /// # Panics
     ///
-    /// When `x` isn't below n.
+    /// If `x` isn't below n.
     pub fn root(&mut self, mut x: u32) -> u32 {
         loop {
             let parent = self.parent[x as usize];

@@ -75,8 +75,8 @@ fn errors_name_their_line_and_repeats_are_bounded() {
         ("[0, 2, 1,", "[0, 2, 9,", "indices below 4"),
         ("[0, 2, 1,", "[0, 2, -3,", "indices below 4"),
         ("[0, 2, 1,", "[0, 2,", "polygons of three or more corners"),
-        ("DEF c Coordinate", "USE c", "the name of a node before"),
-        ("coord DEF c", "coord USE", "the name of a node before"),
+        ("DEF c Coordinate", "USE c", "the name of an earlier node"),
+        ("coord DEF c", "coord USE", "the name of an earlier node"),
         ("Shape {", "Shape { }}", "closing braces"),
     ] {
         assert!(SET.contains(from), "{from}");

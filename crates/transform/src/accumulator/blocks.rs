@@ -1,9 +1,9 @@
-//! Blocks of samples, placed on the fine grid and sorted by strips.
+//! Blocks of samples, placed on the fine grid and sorted by strip.
 
 use crate::accumulator::griddings::Griddings;
 use crate::cells::{Place, place};
 
-/// Number of samples in a block: with their places they fit the L2 cache.
+/// Number of samples in a block. Together with their places, they fit in the L2 cache.
 pub(super) const BLOCK: usize = 1 << 14;
 
 /// Samples of a block, in input order. Without weights, w = 1; values are (samples, c) row-major.
@@ -14,18 +14,18 @@ pub(super) struct Samples<'a> {
     pub(super) values: &'a [f64],
 }
 
-/// Samples of nonzero weight, sorted by the strips of the grids.
+/// Samples of nonzero weight, sorted by strip of the grids.
 #[derive(Debug)]
 pub(super) struct Block {
     /// Number of samples of the block, including those of weight 0.
     pub(super) rows: usize,
-    /// Row and column of the cell of the fine grid.
+    /// Row and column of each sample's cell in the fine grid.
     pub(super) cells: Vec<[u32; 2]>,
-    /// Position in the cell along rows and columns, in [0, 1).
+    /// Position of each sample in its cell, along rows and columns, in [0, 1).
     pub(super) fractions: Vec<[f64; 2]>,
-    /// Weight and weighted values of each sample, (samples, 1 + c) row-major.
+    /// Weight and weighted values (samples, 1 + c) of each sample, row-major.
     pub(super) values: Vec<f64>,
-    /// First sample of each strip, followed by the number of samples.
+    /// Index of the first sample of each strip, followed by the number of samples.
     pub(super) first: Vec<u32>,
     /// Sum of the weights.
     pub(super) weight: f64,

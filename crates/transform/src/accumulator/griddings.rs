@@ -1,17 +1,20 @@
-//! Two grids, for degrees 2L and L, with kernels of one width; the second grid is every second point of the first.
+//! Defines pairs of grids, for degrees 2L and L, with kernels of equal width. The second grid consists of every second
+//! point of the first.
 
 use crate::FINEST;
 use crate::grid::Layout;
 use crate::gridding::{Gridding, MAX_OVERSAMPLING, MIN_GRID, error, point_cost, smooth};
 use crate::kernel::{Kernel, MAX_WIDTH};
 
-/// Number of grid points per sample held before spreading, and bounds on the number of samples held. Spreading passes
-/// over all points of the grids, so it pays only for enough samples.
+/// Number of grid points per held sample at which samples are spread. Spreading passes over all points of the grids, so
+/// it pays off only for enough samples.
 const POINTS_A_SAMPLE: usize = 8;
+/// Smallest number of samples that are held before they are spread.
 const FEWEST_HELD: usize = 1 << 16;
+/// Largest number of samples that are held before they are spread.
 const MOST_HELD: usize = 1 << 23;
 
-/// The griddings of the weights, of degree 2L, and of the weighted values, of degree L.
+/// The griddings of the weights (degree 2L) and of the weighted values (degree L).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Griddings {
     pub(super) both: [Gridding; 2],
@@ -45,7 +48,7 @@ impl Griddings {
                 best = Some((cost, of(width, grid)));
             }
         }
-        // Fallback for the finest accuracy: the widest kernel on the largest grid.
+        // Fallback if no kernel reaches the finest accuracy: the widest kernel on the largest grid.
         best.map_or(last, |(_, best)| best)
     }
 
@@ -67,8 +70,8 @@ impl Griddings {
         held(self.both[0].grid, channels)
     }
 
-    /// Returns the number of rows of the fine grid that one task spreads to: a strip of the coarse grid, two of the
-    /// fine one.
+    /// Returns the number of rows of the fine grid that one task spreads to: two strips. They correspond to one strip
+    /// of the coarse grid.
     pub(super) fn rows_together(&self) -> usize {
         2 * Layout::new(self.both[0].grid, self.both[0].width, 1).strip
     }
@@ -78,7 +81,8 @@ impl Griddings {
         (self.both[0].grid / 2 + 1).div_ceil(self.rows_together())
     }
 
-    /// Returns the bytes of tables and spectra for computing coefficients from a grid, for the grid that needs more.
+    /// Returns the size in bytes of the tables and spectra for computing coefficients from a grid, for the grid that
+    /// needs more.
     pub(super) fn spectra_bytes(&self, max_degree: usize, channels: usize) -> usize {
         let of = |gridding: Gridding, degree: usize, channels: usize| {
             let orders = degree + 1;
@@ -91,7 +95,7 @@ impl Griddings {
     }
 }
 
-/// Returns the number of points of both grids, summed over channels, if the fine one has `grid` points around.
+/// Returns the number of points of both grids, summed over channels, if the fine grid has `grid` points around.
 fn points(grid: usize, channels: usize) -> usize {
     grid * grid / 2 + channels * grid * grid / 8
 }
@@ -106,7 +110,8 @@ fn held(grid: usize, channels: usize) -> usize {
 fn cost(width: usize, grid: usize, channels: usize) -> f64 {
     /// Memory bandwidth of a thread, in bytes per nanosecond, while another thread is running.
     const BYTES_PER_NANOSECOND: f64 = 6.0;
-    // A finer grid could be compensated by holding more samples, but grid and samples would both take more memory.
+    // The traffic of a finer grid could be offset by holding more samples, but then grid and samples would both take
+    // more memory.
     let traffic = 16.0 * points(grid, channels) as f64 / (MOST_HELD / 2) as f64;
     let density = held(grid, channels) as f64 / (grid * grid / 2) as f64;
     point_cost(width, 1, density) + point_cost(width, channels, 4.0 * density) + traffic / BYTES_PER_NANOSECOND

@@ -1,4 +1,4 @@
-//! The cells of the sphere that contain samples, at a resolution of half a wavelength.
+//! Records the cells of the sphere that contain samples, at a resolution of half a wavelength.
 //!
 //! The sphere is cut into bands of equal height in colatitude, and each band into cells that are about as wide as
 //! high, `pi / (2 (L + 1))`. A bit for each cell says whether the cell contains a sample of nonzero weight.
@@ -7,10 +7,10 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::sync::atomic::{AtomicU8, Ordering};
 
-/// One bit for each cell of the sphere: whether it contains a sample.
+/// A set of cells of the sphere, those that contain a sample, with one bit per cell.
 #[derive(Debug)]
 pub struct Occupied {
-    /// First cell of each band, followed by the number of cells.
+    /// Index of the first cell of each band, followed by the number of cells.
     first: Vec<u32>,
     bits: Vec<AtomicU8>,
 }
@@ -29,7 +29,8 @@ impl Occupied {
         Self { first, bits: (0..bytes).map(|_| AtomicU8::new(0)).collect() }
     }
 
-    /// Restores the bits from [`bytes`](Self::bytes) of the same degree; `None` if their number doesn't match.
+    /// Restores the cells from the result of [`bytes`](Self::bytes) for the same degree; `None` if the number of bits
+    /// doesn't match.
     pub fn from_bytes(max_degree: usize, bytes: &[u8]) -> Option<Self> {
         let mut cells = Self::new(max_degree);
         let spare = 8 * bytes.len() - (cells.first[cells.first.len() - 1] as usize).min(8 * bytes.len());
@@ -41,20 +42,21 @@ impl Occupied {
         Some(cells)
     }
 
-    /// Returns the bits; bit i of the list is bit `i % 8` of byte `i / 8`. Cells go from the north pole to the south
-    /// pole, and along each band from azimuth 0.
+    /// Returns the bits of all cells; the bit of cell i is bit `i % 8` of byte `i / 8`. Cells are numbered from the
+    /// north pole to the south pole, and along each band from azimuth 0.
     pub fn bytes(&self) -> Vec<u8> {
         self.bits.iter().map(|byte| byte.load(Ordering::Relaxed)).collect()
     }
 
-    /// Adds the cells of other samples for the same degree.
+    /// Adds the cells of `other`, which must be for the same degree.
     pub fn merge(&mut self, other: &Self) {
         for (byte, other) in self.bits.iter_mut().zip(&other.bits) {
             *byte.get_mut() |= other.load(Ordering::Relaxed);
         }
     }
 
-    /// Marks the cells of samples, given by their places on a grid of `grid` points around.
+    /// Marks the cells that contain samples. Samples are given by their cells and positions on a grid of `grid` points
+    /// around.
     pub(super) fn mark(&self, cells: &[[u32; 2]], fractions: &[[f64; 2]], grid: usize) {
         let bands = self.first.len() - 1;
         let turns = 1.0 / grid as f64;

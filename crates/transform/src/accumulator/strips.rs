@@ -59,13 +59,13 @@ fn count(blocks: &[Block], strip: usize) -> usize {
     blocks.iter().map(|block| run(block, strip).len()).sum()
 }
 
-/// The samples of one strip, sorted by cells, or by tiles of columns if there are few samples.
+/// The samples of one strip, sorted by cell, or by tile of columns if there are few samples.
 #[derive(Default)]
 struct Gathered {
     cells: Vec<[u32; 2]>,
     fractions: Vec<[f64; 2]>,
     weights: Vec<f64>,
-    /// Weighted values, (samples, c) row-major.
+    /// Weighted values (samples, c), row-major.
     values: Vec<f64>,
     sorter: CellSorter,
 }
@@ -109,7 +109,7 @@ impl Gathered {
             }
             for (cell, fraction) in cells.iter_mut().zip(fractions.iter_mut()) {
                 for (cell, fraction) in cell.iter_mut().zip(fraction) {
-                    // Position in a cell of the coarse grid, which is twice as large.
+                    // Position in the cell of the coarse grid, which is twice as large.
                     *fraction = 0.5 * (f64::from(*cell % 2) + *fraction);
                     *cell /= 2;
                 }

@@ -1,4 +1,4 @@
-//! The sums over rings: small tiles of the Gram matrix, eight orders m wide.
+//! Computes the sums over rings, in small tiles of the Gram matrix that are eight orders m wide.
 //!
 //! For a fixed order m' of the column, and s, s' in {cos, sin},
 //!
@@ -6,12 +6,12 @@
 //! G[(l, m, s), (l', m', s')] = sum_j P_{l,m}(j) W_{m,m'}^{s,s'}(j) P_{l',m'}(j).
 //! ```
 //!
-//! A lane is an order m; the rows of the matrix are stored in that sequence, too. Up to three degrees l of equal
-//! parity, two l' of equal parity and the four (s, s') make a tile of 24 sums in registers. A step along the rings
-//! loads 9 vectors and performs 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products. That is two
-//! thirds of the rate of a matrix product's kernel, but needs no packing, scaled copies of the tables or scattering of
-//! results. Over all rings, a tile loads 45 kB at degree 100, about an L1 cache. Every sum runs over the rings in the
-//! same order in any tile, so its bits don't depend on the tiling.
+//! Each lane of a vector holds an order m, and the rows of the matrix are stored in the same sequence. Up to three
+//! degrees l of equal parity, two l' of equal parity and the four (s, s') make a tile of 24 sums in registers. A step
+//! along the rings loads 9 vectors and performs 4 additions for W, 8 products with P_{l',m'}(j) and 24 fused products.
+//! That is two thirds of the rate of a matrix product's kernel, but needs no packing, scaled copies of the tables or
+//! scattering of results. Over all rings, a tile loads 45 kB at degree 100, about the size of an L1 cache. Every sum
+//! runs over the rings in the same order in any tile, so its bits don't depend on the tiling.
 
 use std::ops::Range;
 
@@ -33,33 +33,33 @@ pub(super) struct Lanes(pub(super) [f64; LANES]);
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row<'a> {
     pub(super) degree: usize,
-    /// Values `P_{l,m}(j)`, (blocks of eight orders, rings).
+    /// Values `P_{l,m}(j)` (blocks of eight orders, rings).
     pub(super) legendre: &'a [Lanes],
 }
 
-/// The measure for one order m' and degrees with l + l' of one parity.
+/// The measure's Fourier coefficients for one order m' and degrees with l + l' of one parity.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Waves<'a> {
-    /// Values `c_k .. c_{k+7}` (`cosine`) and `d_k .. d_{k+7}` (`sine`), (k, rings), from a lowest k on.
+    /// Windows `c_k .. c_{k+7}` (k, rings), from the lowest k on. `sine` contains `d_k .. d_{k+7}` in the same layout.
     pub(super) cosine: &'a [Lanes],
     pub(super) sine: &'a [Lanes],
-    /// Indices of the windows for order m = 0: those at k = -m' and at k = m'.
+    /// Index of the window at k = -m'. `plus` is the index of the window at k = m'.
     pub(super) minus: usize,
     pub(super) plus: usize,
 }
 
-/// The factors of a tile of R degrees l and C degrees l', along the rings.
+/// The factors of a tile of R degrees l and C degrees l', on all rings.
 #[derive(Debug, Clone, Copy)]
 struct Factors<'a, const R: usize, const C: usize> {
-    /// Values `P_{l,m}` of eight orders for each degree l, (rings).
+    /// For each degree l, the values `P_{l,m}` of eight orders on each ring.
     legendre: [&'a [Lanes]; R],
-    /// Values `P_{l',m'}` for each degree l', (rings).
+    /// For each degree l', the values `P_{l',m'}` on each ring.
     columns: [&'a [f64]; C],
-    /// Values `c_{m-m'}`, `c_{m+m'}`, `d_{m-m'}`, `d_{m+m'}` of eight orders, (rings).
+    /// Values `c_{m-m'}`, `c_{m+m'}`, `d_{m-m'}`, `d_{m+m'}` of eight orders on each ring.
     waves: [&'a [Lanes]; 4],
 }
 
-/// The sums of eight lanes: (l, l', kind).
+/// The sums of a tile: eight lanes for each l, l' and combination (s, s').
 type Tile<const R: usize, const C: usize> = [[[[f64; LANES]; KINDS]; C]; R];
 
 /// Returns the index at which [`products`] writes the sum of the row degree with index `row`, the column degree with
@@ -69,8 +69,9 @@ pub(super) fn strip(row: usize, columns: usize, column: usize, kind: usize, bloc
     ((row * columns + column) * KINDS + kind) * blocks
 }
 
-/// Computes the sums for the blocks of eight orders `blocks`. There are at most [`ROWS`] rows, of ascending degree;
-/// `columns` are P_{l',m'} at the `rings` rings. `sums` is (row, column, kind, block), see [`strip`].
+/// Computes the sums for `blocks`, a range of blocks of eight orders. There are at most [`ROWS`] rows, of ascending
+/// degree. `columns` contains the values P_{l',m'} at the `rings` rings. The results go to `sums` (row, column, kind,
+/// block); see [`strip`].
 #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
 pub(super) fn products(
     rows: &[Row<'_>],
@@ -80,7 +81,7 @@ pub(super) fn products(
     blocks: Range<usize>,
     sums: &mut [[f64; LANES]],
 ) {
-    // 24 sums of eight lanes fit the 32 registers of AVX-512, 12 of four lanes the 16 of AVX2.
+    // 24 sums of eight lanes fit in the 32 registers of AVX-512, and 12 sums of four lanes in the 16 registers of AVX2.
     let together = match_target! { "x86_64+avx512f" => 2, _ => 1 };
     for block in blocks.clone() {
         let (minus, plus) = ((waves.minus + block * LANES) * rings, (waves.plus + block * LANES) * rings);
@@ -148,8 +149,8 @@ fn plain<const R: usize, const C: usize>(factors: Factors<'_, R, C>) -> Tile<R, 
     tile
 }
 
-/// Tiles with the processor's vector instructions: the compiler's code for the plain form moves the 24 sums between
-/// registers and is 15 times slower.
+/// Computes tiles with the processor's vector instructions. The code that the compiler makes of the plain form moves
+/// the 24 sums between registers, and is 15 times slower.
 #[cfg(target_arch = "x86_64")]
 mod x86 {
     use std::arch::x86_64::{

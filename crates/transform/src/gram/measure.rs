@@ -1,4 +1,4 @@
-//! The tables of a Gram matrix: Legendre functions on the rings, and the Fourier coefficients of the measure on them.
+//! Computes the tables of a Gram matrix: the Legendre functions and the measure's Fourier coefficients on the rings.
 //!
 //! On ring j, with its Gauss weight g_j, for |k| <= 2L and a parity q of the moments' degree,
 //!
@@ -8,8 +8,8 @@
 //!
 //! where `S^q = sum of s_{l,m} S_{l,m}` over the l of that parity: `c_k = pi/2 g_j sum_l s_{l,k} P_{l,k}(theta_j)` and
 //! `d_k` with `s_{l,-k}` for k > 0, `c_0 = pi g_j sum_l s_{l,0} P_{l,0}`, `d_0 = 0`, `c_{-k} = c_k`, `d_{-k} = -d_k`.
-//! No grid of azimuths and no FFT is needed. A ring south of the equator contributes as much as its mirror (see
-//! [`gram`](super)), so the northern ones count twice.
+//! No grid of azimuths and no FFT is needed. A ring south of the equator contributes as much as its mirror image (see
+//! [`gram`](super)), so northern rings count twice.
 
 use rayon::prelude::*;
 use spharm_harmonics::{Recurrence, Sweep, column, gauss_legendre};
@@ -24,10 +24,10 @@ const RUN: usize = 16;
 #[derive(Debug)]
 pub(super) struct Measure {
     max_degree: usize,
-    /// `P_{l,m}(theta_j)` of the northern rings: for each l (blocks of eight m, rings), zero if m > l.
+    /// Values `P_{l,m}(theta_j)` on the northern rings: for each l an array (blocks of eight m, rings), 0 if m > l.
     legendre: Vec<Lanes>,
-    /// For each parity q, `c_k .. c_{k+7}`: (k from -L to 2L, rings). Each value is stored eight times, so that the
-    /// kernel reads aligned along the rings for any m - m'. `sine` holds `d_k .. d_{k+7}` in the same layout.
+    /// For each parity q, windows `c_k .. c_{k+7}` (k from -L to 2L, rings). Each value is stored eight times, so that
+    /// the kernel's reads along the rings are aligned for any m - m'. `sine` holds `d_k .. d_{k+7}` in the same layout.
     cosine: [Vec<Lanes>; 2],
     sine: [Vec<Lanes>; 2],
 }
@@ -62,17 +62,17 @@ impl Measure {
         self.max_degree
     }
 
-    /// Returns `P_{l,m}` of degree l, (blocks, rings).
+    /// Returns the values `P_{l,m}` (blocks, rings) of degree l.
     pub(super) fn degree(&self, l: usize) -> &[Lanes] {
         &self.legendre[blocks_before(l) * self.rings()..][..blocks(l) * self.rings()]
     }
 
-    /// Returns `P_{l,m}` of degree l and order m, (rings).
+    /// Returns `P_{l,m}` of degree l and order m on each ring.
     pub(super) fn order(&self, l: usize, m: usize) -> impl Iterator<Item = f64> {
         self.degree(l)[m / LANES * self.rings()..][..self.rings()].iter().map(move |lanes| lanes.0[m % LANES])
     }
 
-    /// Returns the measure for an order m' and degrees with l + l' of parity `parity`.
+    /// Returns the measure's Fourier coefficients for an order m' and degrees with l + l' of parity `parity`.
     pub(super) fn waves(&self, parity: usize, order: usize) -> Waves<'_> {
         let (minus, plus) = (self.max_degree - order, self.max_degree + order);
         Waves { cosine: &self.cosine[parity], sine: &self.sine[parity], minus, plus }
@@ -83,7 +83,7 @@ impl Measure {
         let all = gauss_legendre(2 * max_degree + 1);
         let rings = max_degree + 1;
         let directions: Vec<_> = (0..rings).map(|j| all.direction(j)).collect();
-        // Every ring except the equator also stands for its mirror.
+        // Every ring except the equator also stands for its mirror image.
         let factors: Vec<_> = (0..rings).map(|j| all.weights[j] * if j < max_degree { 2.0 } else { 1.0 }).collect();
         let mut legendre = vec![Lanes::default(); blocks_before(rings) * rings];
         let zeros = || vec![0.0; rings * (2 * max_degree + 1)];
@@ -129,7 +129,7 @@ fn put_legendre(max_degree: usize, legendre: &mut [Lanes], start: usize, runs: &
     });
 }
 
-/// Copies the sums of one run, (rings of the run, k), to their places among the sums of all rings, (rings, k), and
+/// Copies the sums (rings of the run, k) of one run to their places among the sums (rings, k) of all rings, and
 /// multiplies them by the factors of c and d.
 fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &[f64]) {
     let rings = factors.len();
@@ -141,8 +141,8 @@ fn put_sums(out: &mut [f64], sums: &[f64], first: usize, rows: usize, factors: &
     }
 }
 
-/// Returns the windows of eight values that start at each k, from the values at k >= 0, (rings, k), and the sign of
-/// the values at -k. Values beyond 2L are zero.
+/// Returns the window of eight values that starts at each k. `sums` are the values (rings, k) at k >= 0. The value at
+/// -k is `sign` times the value at k, and values beyond 2L are zero.
 fn windows(max_degree: usize, sums: &[f64], sign: f64) -> Vec<Lanes> {
     let rings = max_degree + 1;
     let mut windows = vec![Lanes::default(); window_count(max_degree) * rings];
@@ -163,9 +163,10 @@ fn windows(max_degree: usize, sums: &[f64], sign: f64) -> Vec<Lanes> {
 #[derive(Debug)]
 struct Run {
     rows: usize,
-    /// Legendre functions of each l, (rings, m) column-major.
+    /// Legendre functions (rings, m) of each l, column-major.
     legendre: Vec<Vec<f64>>,
-    /// `sum_l s_{l,k} P_{l,k}` for each parity of l, (rings, k) column-major; `sine` has the sums with `s_{l,-k}`.
+    /// Sums `sum_l s_{l,k} P_{l,k}` (rings, k) for each parity of l, column-major. `sine` contains the sums with
+    /// `s_{l,-k}`.
     cosine: [Vec<f64>; 2],
     sine: [Vec<f64>; 2],
 }

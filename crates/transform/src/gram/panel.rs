@@ -1,11 +1,11 @@
-//! Panels: computes the rows needed by the columns of a few orders m', in a sequence that uses caches well, and
-//! writes the sums to their places.
+//! Computes the requested rows for the columns of a few orders m', in a sequence that uses caches well, and writes the
+//! sums to their places.
 //!
 //! The orders m of the rows are processed in panels: the c and d of a panel for all the m', and the Legendre functions
 //! of three degrees l, then stay in a core's L2 cache while they are multiplied with every l'. The Legendre table,
 //! which may be larger than any cache, is read once. Rows of one degree and sign are contiguous in the matrix, so a
 //! panel's sums are written down a column in runs as long as the panel: 40 orders at degree 100 if there is one m' at a
-//! time, as for the entire matrix.
+//! time, as for the whole matrix.
 
 use std::ops::Range;
 
@@ -26,7 +26,7 @@ pub(super) struct Rows {
     pub(super) lower: bool,
 }
 
-/// The columns of one degree and one |order|.
+/// The columns of one degree and one absolute order.
 #[derive(Debug)]
 pub(super) struct Part<'a> {
     pub(super) degree: usize,
@@ -41,14 +41,15 @@ impl Part<'_> {
     }
 }
 
-/// Columns of one |order|, ascending in degree.
+/// Columns of one absolute order, ascending in degree.
 #[derive(Debug)]
 pub(super) struct Columns<'a> {
     pub(super) order: usize,
     pub(super) parts: Vec<Part<'a>>,
 }
 
-/// Returns the largest number of orders in a task for which c and d, of both parities, fit a panel of eight orders m.
+/// Returns the largest number of orders in a task for which c and d, of both parities, fit in a panel of eight orders
+/// m.
 pub(super) const fn most_orders(rings: usize) -> usize {
     let orders = WAVE_BYTES / window_bytes(rings);
     if orders == 0 { 1 } else { orders }
@@ -83,7 +84,7 @@ pub(super) fn fill(measure: &Measure, rows: &Rows, orders: &mut [Columns<'_>]) {
             let mut rest = legendre.as_slice();
             for Columns { order, parts } in &mut *orders {
                 let own = rest.split_off(..parts.len() * rings).unwrap_or_default();
-                // Degrees l + l' of one parity share c and d.
+                // Degrees with l + l' of one parity share c and d.
                 for parity in 0..2 {
                     let wanted = |degree: usize| (degree + highest) % 2 == parity && !(rows.lower && degree > highest);
                     taken.clear();
@@ -129,7 +130,7 @@ impl Rows {
         groups
     }
 
-    /// Returns the blocks of eight |orders| in which degree `l` has rows of the range.
+    /// Returns the blocks of eight absolute orders in which degree `l` has rows of the range.
     fn blocks(&self, l: usize) -> Range<usize> {
         let (centre, low, high) = (column(l, 0), column(l, -(l as isize)), column(l, l as isize));
         let (start, end) = (low.max(self.range.start), high.min(self.range.end - 1));

@@ -20,7 +20,7 @@
 //! | 10 per coefficient, half of them in a clump | 136 | 25 |
 //! | 10 per coefficient and a gap of radius 10 / L | 265 | 132 |
 //!
-//! With 40 random samples per coefficient, 17 iterations become 11, which doesn't pay; on even samplings nothing is
+//! With 40 random samples per coefficient, 17 iterations become 11, which doesn't pay off; on even samplings nothing is
 //! gained.
 
 #[cfg(test)]
@@ -39,19 +39,19 @@ use crate::TransformError;
 const SMOOTHING: f64 = 1.2;
 /// Lower bound on the density, relative to its mean.
 const FLOOR: f64 = 0.05;
-/// Standard deviation of the smoothed density, relative to its mean, from which on the iterations saved outweigh the
-/// cost of applying the inverse: that of random samples at 11 per coefficient.
+/// Standard deviation of the smoothed density, relative to its mean, above which the saved iterations outweigh the cost
+/// of applying the inverse. Random samples have this deviation at 11 samples per coefficient.
 const UNEVEN: f64 = 0.25;
-/// Standard deviation of the smoothed density, relative to its mean, below which the sampling is even: that of random
-/// samples at 70 per coefficient.
+/// Standard deviation of the smoothed density, relative to its mean, below which the sampling is treated as even.
+/// Random samples have this deviation at 70 samples per coefficient.
 const EVEN: f64 = 0.1;
 /// Bound on the density, relative to its mean. If the standard deviation is from `EVEN` to `UNEVEN`, the inverse pays
-/// off only if the density is below this bound anywhere.
+/// off only if the density is below this bound somewhere.
 const SPARSE: f64 = 0.3;
-/// Largest fraction of the sphere whose density may be below the floor.
+/// Largest fraction of the sphere on which the density may be below the floor.
 const GAPS: f64 = 0.02;
-/// The scale c of the smoothing that finds large gaps, those of a radius of some 15 / L. Functions within such a gap
-/// are ultimately undetermined, and their values after some iterations depend on the preconditioner.
+/// The scale c of the smoothing by which large gaps are found, with a radius of some 15 / L or more. Functions within
+/// such a gap are ultimately undetermined, and their values after some iterations depend on the preconditioner.
 const GAP_SMOOTHING: f64 = 6.0;
 
 /// An approximate inverse of the normal operator of an uneven sampling, from the moments of its weights.
@@ -64,8 +64,8 @@ pub struct InverseDensity {
 
 impl InverseDensity {
     /// Builds the inverse to degree L = `max_degree` from the moments to degree 2L that
-    /// [`MomentOperator`](super::MomentOperator) takes. Returns `None` if the inverse doesn't pay because the sampling
-    /// is even, or if the sampling has large gaps.
+    /// [`MomentOperator`](super::MomentOperator) takes. Returns `None` if the inverse doesn't pay off because the
+    /// sampling is even, or if the sampling has large gaps.
     ///
     /// # Errors
     ///
@@ -99,8 +99,8 @@ impl InverseDensity {
         Ok(Some(Self { on_grid: OnGrid::new(grid, density), condition }))
     }
 
-    /// Returns the peak bytes of an operator and its inverse together, either during construction of one of them or
-    /// with the working memory of calls with `channels` channels on `threads` threads.
+    /// Returns the peak memory in bytes of an operator and its inverse together, either during construction of one of
+    /// them or during calls with `channels` channels on `threads` threads.
     pub const fn bytes_with_operator(max_degree: usize, channels: usize, threads: usize) -> usize {
         let operator = MomentOperator::sizes(max_degree, channels, threads);
         let rings = (Size::Coarse.last_pair(max_degree) + 1).next_multiple_of(8);
@@ -110,17 +110,17 @@ impl InverseDensity {
         operator.held + if operator.made > beside { operator.made } else { beside }
     }
 
-    /// Returns a bound on the condition number: the ratio of the largest to the smallest density, the latter not below
-    /// the floor.
+    /// Returns a bound on the condition number: the ratio of the largest to the smallest density, where densities below
+    /// the floor are replaced by the floor.
     pub fn condition(&self) -> f64 {
         self.condition
     }
 
-    /// Computes `M r`: (K, c) for coefficients r, (K, c).
+    /// Computes `M r` for coefficients r. Both r and the result have shape (K, c).
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: r doesn't have `K = (L + 1)^2` rows.
+    /// [`TransformError::Shape`] if r doesn't have `K = (L + 1)^2` rows.
     pub fn apply(&self, r: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         self.on_grid.apply(r)
     }
@@ -133,8 +133,8 @@ struct Smoothed {
 }
 
 impl Smoothed {
-    /// Evaluates the density on the grid of degree L, from moments to degree 2L and a factor for each degree, to at
-    /// least 2L.
+    /// Evaluates the density on the grid for degree L. Each moment, to degree 2L, is multiplied by the factor of its
+    /// degree; there must be factors to degree 2L at least.
     fn new(max_degree: usize, moments: &[f64], factors: &[f64]) -> Result<Self, TransformError> {
         let (grid, twice) = RingGrid::new(max_degree, Size::Coarse)?;
         let density = grid.function(&twice, moments, Some(&factors[..=2 * max_degree]));

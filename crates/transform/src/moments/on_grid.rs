@@ -1,4 +1,4 @@
-//! Products with `A_g^T D A_g`, with the basis A_g at the points of a grid and a diagonal matrix D.
+//! Computes products with `A_g^T D A_g`, where A_g is the basis at the points of a grid and D is a diagonal matrix.
 
 use ndarray::{Array2, ArrayView2, Axis};
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ pub(super) struct Sizes {
 #[derive(Debug)]
 pub(super) struct OnGrid {
     grid: RingGrid,
-    /// The diagonal of D, with northern rings as real and southern ones as imaginary parts.
+    /// The diagonal of D. Real parts belong to northern rings, and imaginary parts to southern rings.
     diagonal: Vec<Complex64>,
     /// Working memory of earlier calls, reused by later ones.
     spaces: Pool<Workspace>,
@@ -47,7 +47,7 @@ impl OnGrid {
         let orders = max_degree + 1;
         // Bytes of `alpha`, `scale`, pairs of degrees, powers, and the points of all pairs of rings.
         let held = 18 * orders * (orders + 1) + 80 * orders + 8 * orders * rings + 16 * rings * points;
-        // Bytes of the tables for twice the degree, and of their sums.
+        // Bytes of the tables for twice the degree, and of the sums that are computed with these tables.
         let made =
             18 * 2 * orders * (2 * orders + 1) + 160 * orders + 2 * 8 * orders * rings + 2 * 8 * orders * 4 * rings;
         let group = if channels < CHANNELS { channels } else { CHANNELS };
@@ -62,7 +62,7 @@ impl OnGrid {
         self.grid.max_degree()
     }
 
-    /// Computes `A_g^T D A_g x` for x, (K, c).
+    /// Computes `A_g^T D A_g x` for x (K, c).
     pub(super) fn apply(&self, x: ArrayView2<'_, f64>) -> Result<Array2<f64>, TransformError> {
         let (expected, found) = (basis_size(self.max_degree()), x.nrows());
         if found != expected {

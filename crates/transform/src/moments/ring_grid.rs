@@ -1,4 +1,4 @@
-//! The Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an
+//! Defines the Gauss-Legendre grid of a [`MomentOperator`](super::MomentOperator) or an
 //! [`InverseDensity`](super::InverseDensity): coefficients to rings, a product at the grid's points, and rings to
 //! coefficients.
 //!
@@ -25,9 +25,9 @@ use crate::legendre::{Legendre, SomeColumns, Work};
 use crate::pool::Pool;
 use crate::ring_table::LANES;
 
-/// Value of `P_{l,m}` below which no digit of a sum changes.
+/// Value of `P_{l,m}` below which a term changes no digit of a sum.
 const NEGLIGIBLE: f64 = 1e-18;
-/// Number of channels that share Legendre functions and fit a cache together.
+/// Number of channels that share Legendre functions and fit in the cache together.
 pub(super) const CHANNELS: usize = 3;
 /// A ring's number of points is the next smooth multiple of this step, so that there are few sizes and few plans.
 const STEP: usize = 4;
@@ -46,10 +46,10 @@ pub(super) struct RingGrid {
 /// Resolution of a grid.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Size {
-    /// The resolution at which products of two functions of degree L and one of degree 2L are integrated exactly.
+    /// Integrates products of two functions of degree L and one of degree 2L exactly.
     Exact,
-    /// 5/4 of the rings and points that resolve functions of degree L: a product with a function is close to the exact
-    /// one, at about half the cost.
+    /// Has 5/4 of the rings and points that resolve functions of degree L. Products with a function are close to the
+    /// exact ones, at about half the cost.
     Coarse,
 }
 
@@ -87,22 +87,22 @@ struct RingPair {
 /// Working memory of a product.
 #[derive(Debug, Default)]
 pub(super) struct Workspace {
-    /// Input of the Fourier transforms, from Legendre sums: for each order the sums over even and then those over odd
-    /// `l - m`, (pairs of rings, 2 c).
+    /// Legendre sums, the input of the Fourier transforms: for each order an array (pairs of rings, 2 c) of sums over
+    /// even `l - m`, then one of sums over odd `l - m`.
     by_order: Vec<f64>,
-    /// Output of the Fourier transforms, for Legendre sums: for each run of [`LANES`] pairs and each order, (pair, 4
-    /// c), even sums first.
+    /// Output of the Fourier transforms, from which coefficients are computed: for each run of [`LANES`] pairs and each
+    /// order an array (pairs, 4 c), even sums first.
     by_ring: Vec<f64>,
-    /// Coefficients by order: for each m, (L + 1 - m, 2 c) row-major.
+    /// Coefficients sorted by order: for each m an array (L + 1 - m, 2 c), row-major.
     coefficients: Vec<f64>,
 }
 
 /// Working memory of a task, which processes an order or a run of rings.
 #[derive(Debug)]
 pub(super) struct Task {
-    /// Coefficients of an order, (L + 1 - m, 2 c) row-major.
+    /// Coefficients (L + 1 - m, 2 c) of an order, row-major.
     x: Vec<f64>,
-    /// Sums of an order over even and those over odd `l - m`, (pairs of rings, 2 c) column-major.
+    /// Sums (pairs of rings, 2 c) of an order, column-major: those over even, then those over odd `l - m`.
     sums: Vec<f64>,
     /// Points of a pair of rings.
     circle: Vec<Complex64>,
@@ -122,7 +122,7 @@ impl RingGrid {
     ///
     /// # Errors
     ///
-    /// [`TransformError::Harmonics`]: 2L is too high.
+    /// [`TransformError::Harmonics`] if 2L is too high.
     pub(super) fn new(max_degree: usize, size: Size) -> Result<(Self, Legendre), TransformError> {
         let last = size.last_pair(max_degree);
         let gauss = gauss_legendre(2 * last + 1);
@@ -152,8 +152,8 @@ impl RingGrid {
         self.pairs.iter().map(|pair| pair.points).sum()
     }
 
-    /// Evaluates at the points the function S with the moments s to degree 2L, each times the factor of its degree.
-    /// Northern rings are the real parts and southern ones the imaginary parts.
+    /// Evaluates the function S at the points, from its moments to degree 2L, each multiplied by the factor of its
+    /// degree. Real parts are values on northern rings, and imaginary parts values on southern rings.
     pub(super) fn function(&self, twice: &Legendre, moments: &[f64], factors: Option<&[f64]>) -> Vec<Complex64> {
         let mut values = vec![Complex64::default(); self.points()];
         let (degree, rings) = (2 * self.max_degree, twice.rings());
@@ -209,8 +209,8 @@ impl RingGrid {
         parts
     }
 
-    /// Computes `A_g^T diag(density) A_g x` for the columns of the coefficients x that correspond to those of `out`,
-    /// (K, c), starting from the column `x.first`.
+    /// Computes `A_g^T diag(density) A_g x` and writes the result to `out` (K, c). The columns of x used are c columns
+    /// starting with `x.first`.
     pub(super) fn product(
         &self,
         density: &[Complex64],

@@ -1,4 +1,4 @@
-//! Sums over the samples that a least-squares fit needs.
+//! Defines the sums over samples from which a least-squares fit is computed.
 
 use ndarray::{Array2, ArrayView2, s};
 use spharm_harmonics::{Directions, basis_size};
@@ -6,16 +6,16 @@ use spharm_harmonics::{Directions, basis_size};
 use crate::{Transform, TransformError, TransformParams};
 
 /// The sums over samples that determine a least-squares fit to degree L: `(2L + 1)^2 + c (L + 1)^2` values and a few
-/// more, whatever the number of samples. Sums over parts of the samples add up.
+/// more, whatever the number of samples. Sums over parts of the samples can be added.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampleSums {
     /// Highest degree of a fit, L.
     pub max_degree: usize,
     /// Moments `sum_i w_i S_{lm}(x_i)` to degree 2L, `(2L + 1)^2` values in canonical order.
     pub moments: Vec<f64>,
-    /// Right-hand sides `A^T W f = sum_i w_i f_i S_{lm}(x_i)` to degree L, (K, c).
+    /// Right-hand sides `A^T W f = sum_i w_i f_i S_{lm}(x_i)` (K, c), to degree L.
     pub right_sides: Array2<f64>,
-    /// Weighted sums of squares, `sum_i w_i f_i^2`, of each channel, (c).
+    /// Weighted sum of squares, `sum_i w_i f_i^2`, of each of the c channels.
     pub squares: Vec<f64>,
     /// Sum of the weights, `sum_i w_i`.
     pub weight: f64,
@@ -24,14 +24,14 @@ pub struct SampleSums {
 }
 
 impl SampleSums {
-    /// Computes the sums of samples `values`, (n, c), at `directions`, with weights (n), to the relative accuracy of a
-    /// [`Transform`]. Without weights, w = 1.
+    /// Computes the sums of samples `values` (n, c) at n directions, with `weights` (n). Without weights, w = 1.
+    /// `accuracy` is a relative accuracy, as for a [`Transform`].
     ///
     /// Takes one pass: samples are sorted and kernels evaluated once for moments and right-hand sides.
     ///
     /// # Errors
     ///
-    /// [`TransformError::Shape`]: the number of values or weights isn't n. Also the errors of [`Transform::new`] for
+    /// [`TransformError::Shape`] if the number of values or weights isn't n. Also the errors of [`Transform::new`] for
     /// degree 2L.
     pub fn new(
         directions: &Directions,

@@ -1,4 +1,4 @@
-//! The samples of each node, the places of their kernels on the grid, and the sums of these kernels.
+//! Lists the samples of each node, places the samples' kernels on the grid, and sums the kernels.
 
 use std::ops::Range;
 
@@ -18,10 +18,10 @@ use crate::kernel::Kernel;
 const RUN: usize = 4096;
 
 /// Number of columns from one possible start of a piece to the next. The grid's size and its margin are multiples of
-/// it.
+/// this number.
 const STEP: usize = 8;
 
-/// A part of a node's patch: columns from `COLUMNS * part` on, of one strip's rows.
+/// A part of a node's patch: its columns from `COLUMNS * part` on, `COLUMNS` of them, in the rows of one strip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Piece {
     /// First column in units of [`STEP`] columns, without margin.
@@ -55,26 +55,26 @@ impl Extent {
 #[derive(Debug)]
 pub(super) struct Element {
     pub(super) nodes: [u32; 3],
-    /// Sums `sum_i w_i lambda_ij lambda_ik` for the triangle's corners j and k, row by row of the lower triangle.
+    /// Sums `sum_i w_i lambda_ij lambda_ik` for the corners j and k <= j, row by row.
     pub(super) products: [f64; 6],
     /// Index of the triangle's first sample. Its samples end before the first sample of the next element.
     first: usize,
 }
 
-/// Samples on the grid, and the samples of each node.
+/// Samples placed on the grid, and the samples of each node.
 #[derive(Debug)]
 pub(super) struct Incidence {
     gridding: Gridding,
     kernel: Kernel,
-    /// Row and column of each sample's cell; `fractions` has the sample's position in the cell.
+    /// Row and column of each sample's cell; `fractions` contains the sample's position in the cell.
     cells: Vec<[u32; 2]>,
     fractions: Vec<[f64; 2]>,
-    /// Share of each corner of its triangle in a sample's value, times the sample's weight.
+    /// For each sample, the shares of its triangle's corners in the sample's value, times the sample's weight.
     shares: Vec<[f64; 3]>,
     elements: Vec<Element>,
     /// Position of each node's first triangle in `elements_of`.
     first: Vec<usize>,
-    /// Triangles of each node, and the corner of each triangle at which the node is.
+    /// For each node, the indices of its triangles, each with the corner at which the node is.
     elements_of: Vec<(u32, u32)>,
     extents: Vec<Extent>,
     /// The pieces on each strip of the grid, from west to east.
@@ -194,7 +194,8 @@ impl Incidence {
         }
     }
 
-    /// Returns row, with a margin of `margin` rows, and column of the first grid point under a sample's kernel.
+    /// Returns row and column of the first grid point under a sample's kernel. Rows are counted from the start of a
+    /// margin of `margin` rows.
     fn corner(&self, sample: usize, margin: usize) -> [isize; 2] {
         let ([row, column], [across, along]) = (self.cells[sample], self.fractions[sample]);
         [self.kernel.place(row, across).0 + margin as isize, self.kernel.place(column, along).0]
@@ -294,7 +295,8 @@ impl Incidence {
     }
 }
 
-/// Maps a column, less than `2 around` outside that range, to the equivalent one from 0 to `around`.
+/// Maps a column to the equivalent column in `0..around`, in steps of a full turn. The column must be less than two
+/// turns outside this range.
 fn within(mut column: isize, around: isize) -> isize {
     while column < 0 {
         column += around;

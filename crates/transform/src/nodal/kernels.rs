@@ -1,4 +1,4 @@
-//! Sums of the kernels of a node's samples, formed in registers: a small matrix product for each piece of a patch.
+//! Sums the kernels of a node's samples in registers, by a small matrix product for each piece of a patch.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -7,8 +7,8 @@ use crate::batch::{BATCH, Batch};
 use crate::kernel::MAX_WIDTH;
 use crate::lanes::{fused, load};
 
-/// Kernels of some samples over the rows of a strip and the columns of a piece, with space for the parts that extend
-/// beyond.
+/// Kernels of some samples over the rows of a strip and the columns of a piece, with space for the parts of kernels
+/// that extend beyond these rows and columns.
 pub(super) struct Kernels {
     pub(super) batch: Batch,
     /// Kernel values along rows, times the node's weights in the samples.

@@ -3,12 +3,12 @@
 /// Samples whose values are weighted sums of the values at three nodes each.
 #[derive(Debug, Clone, Copy)]
 pub struct NodalSamples<'a> {
-    /// Unit vectors, (n, 3).
+    /// Unit vectors (n, 3).
     pub directions: &'a [[f64; 3]],
-    /// Weights, (n), finite and at least 0.
+    /// Weights (n), finite and at least 0.
     pub weights: &'a [f64],
-    /// The nodes of each sample's triangle, (n, 3).
+    /// Indices (n, 3) of the three nodes of each sample.
     pub nodes: &'a [[u32; 3]],
-    /// Weights of the values at the three nodes in the sample's value, (n, 3).
+    /// Weights (n, 3) by which the values at a sample's three nodes are multiplied in the sample's value.
     pub shares: &'a [[f64; 3]],
 }

@@ -1,4 +1,5 @@
-//! Adds patches, times the values of their nodes, to a grid: a small matrix product for each row of a tile.
+//! Multiplies patches by the values of their nodes and adds them to a grid, by a small matrix product for each row of a
+//! tile.
 
 use multiversion::{multiversion, target::target_cfg_f};
 
@@ -38,7 +39,7 @@ pub(super) fn add_patches(layout: Layout, grid: &mut [f64], patches: &Patches, v
     }
 }
 
-/// Adds the weights of the nodes times their values to the lines of C channels. Returns C.
+/// Adds to the lines of C channels the sum over nodes of each node's weights times its values. Returns C.
 #[inline(always)]
 fn product<const W: usize, const C: usize, const FMA: bool>(
     layout: Layout,

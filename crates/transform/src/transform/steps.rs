@@ -1,4 +1,4 @@
-//! The steps of a transform between coefficients and the oversampled grid, and their transposes.
+//! Computes the steps of a transform between coefficients and the oversampled grid, and their transposes.
 
 use ndarray::Array2;
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use crate::legendre::SomeColumns;
 use crate::workspace::{ThreadWorkspace, Workspace};
 
 impl Transform {
-    /// Computes coefficients, (K, c), from a grid, with its margins, to which the values of c channels have been
+    /// Computes coefficients (K, c) from a grid, including its margins, to which the values of c channels have been
     /// spread.
     pub(crate) fn coefficients_of_grid(&self, grid: Vec<f64>, channels: usize) -> Array2<f64> {
         let layout = self.layout(channels);
@@ -29,7 +29,8 @@ impl Transform {
         coefficients
     }
 
-    /// Evaluates the coefficients of `channels` columns on the first grid and fills its margins.
+    /// Evaluates the functions with the coefficients in `channels` columns on the first grid, and fills the grid's
+    /// margins. Returns the grid's layout.
     pub(super) fn grid_of(&self, coefficients: SomeColumns<'_>, channels: usize, space: &mut Workspace) -> Layout {
         let (columns, rings) = (2 * channels, self.legendre.rings());
         let layout = self.layout(channels);
@@ -65,7 +66,7 @@ impl Transform {
         layout
     }
 
-    /// Computes coefficients from the second grid, with its margins: the transpose of [`grid_of`](Self::grid_of).
+    /// Computes coefficients from the second grid, including its margins: the transpose of [`grid_of`](Self::grid_of).
     pub(super) fn coefficients_of(&self, layout: Layout, space: &mut Workspace, out: ndarray::ArrayViewMut2<'_, f64>) {
         let channels = layout.channels;
         let (columns, rings) = (2 * channels, self.legendre.rings());

@@ -1,9 +1,9 @@
-//! Conjugate gradients on groups of a few columns at a time.
+//! Runs conjugate gradients on groups of a few columns.
 //!
-//! If products process a few columns at a time anyway, each group of columns is iterated until it ends. Its arrays stay
-//! in a thread's cache from one step to the next, threads wait for each other only once, and a converged group needs no
-//! further products. In a run from x = 0, a group's iterates are bit-identical to those of a solve for this group
-//! alone.
+//! If products process a few columns at a time anyway, each group of columns is iterated to its end separately. A
+//! group's arrays then stay in a thread's cache from one step to the next, threads wait for each other only once, and a
+//! converged group needs no further products. In a run from x = 0, a group's iterates are bit-identical to those of a
+//! solve for this group alone.
 
 use ndarray::{ArrayViewMut2, Axis};
 use rayon::prelude::*;

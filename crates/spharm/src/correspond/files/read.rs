@@ -23,7 +23,8 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a folder that isn't a group's folder, or has another version.
+    /// [`Error::Surface`] if `group.json` can't be read; [`Error::GroupFile`] if it isn't a group's record, or has
+    /// another version.
     pub fn open(folder: impl AsRef<Path>) -> Result<Self, Error> {
         let folder = folder.as_ref().to_owned();
         let path = folder.join("group.json");
@@ -39,7 +40,7 @@ impl GroupFiles {
             None => names_in(&folder.join("members"))?,
         };
         check_names(&names.iter().map(String::as_str).collect::<Vec<_>>(), names.len())
-            .map_err(|error| refused(&path, "names of files, each once".to_owned(), error))?;
+            .map_err(|error| refused(&path, "unique names that are valid as file names".to_owned(), error))?;
         Ok(Self { folder, shared, names })
     }
 
@@ -66,7 +67,7 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for an unreadable record.
+    /// [`Error::Surface`] if the record can't be read; [`Error::GroupFile`] if it is invalid.
     pub fn origin(folder: &Path, name: &str) -> Result<Option<MemberOrigin>, Error> {
         if Self::of_member(folder, name).iter().any(|path| !path.exists()) {
             return Ok(None);
@@ -79,7 +80,7 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a mean that doesn't match the group; [`Error::Model`].
+    /// [`Error::GroupFile`] if the mean doesn't match the group; [`Error::Model`] if it can't be read.
     pub fn template(&self) -> Result<GroupTemplate, Error> {
         let path = model_path(&self.folder, "mean");
         let mean = Model::read(&path)?;
@@ -101,7 +102,7 @@ impl GroupFiles {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`], [`Error::Model`].
+    /// [`Error::Model`] if a member's model can't be read; [`Error::GroupFile`] if it doesn't match the group.
     pub fn coefficients(&self, most: usize) -> Result<Vec<Coefficients>, Error> {
         let (count, taken) = (self.names.len(), self.names.len().min(most));
         let of = |k: usize| {
@@ -114,11 +115,12 @@ impl GroupFiles {
     }
 
     /// Reads the members with the given indices in [`names`](Self::names) as a separate group. Its report contains the
-    /// members' figures but no warnings, since the files store warnings only as texts.
+    /// members' figures but no warnings, since the files contain warnings only as messages.
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for a nonexistent member; [`Error::GroupFile`] for files that don't match; [`Error::Model`].
+    /// [`Error::Setting`] if a member doesn't exist; [`Error::GroupFile`] if a file doesn't match the group;
+    /// [`Error::Model`] if a model or corresponding points can't be read.
     pub fn members(&self, indices: &[usize]) -> Result<Group, Error> {
         let template = self.template()?;
         let first = self.shared.template.as_ref();
@@ -146,7 +148,7 @@ impl GroupFiles {
         Ok(group)
     }
 
-    /// Reads the entire group; see [`members`](Self::members).
+    /// Reads the whole group; see [`members`](Self::members).
     ///
     /// # Errors
     ///
@@ -179,10 +181,10 @@ impl GroupFiles {
             }
         }
         if let Some(value) = places.iter().find(|value| !value.is_finite()) {
-            return Err(refused(&path, "finite places".to_owned(), value));
+            return Err(refused(&path, "finite coordinates in places".to_owned(), value));
         }
         if let Some(value) = reached.iter().find(|value| **value != 0.0 && **value != 1.0) {
-            return Err(refused(&path, "0 or 1 in reached".to_owned(), value));
+            return Err(refused(&path, "only 0 and 1 in reached".to_owned(), value));
         }
         group.models.push(model);
         group.similarities.push(record.to_group);

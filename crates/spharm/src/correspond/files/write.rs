@@ -21,8 +21,8 @@ impl Group {
     ///
     /// # Errors
     ///
-    /// [`Error::Setting`] for names that aren't valid as file names or aren't unique; [`Error::Model`] and
-    /// [`Error::Surface`] for files that exist, unless `overwrite` is set, or that can't be written.
+    /// [`Error::Setting`] if a name isn't valid as a file name or isn't unique; [`Error::Model`] or [`Error::Surface`]
+    /// if a file can't be written, or exists and `overwrite` isn't set.
     pub fn write(&self, folder: &Path, origins: &[MemberOrigin], overwrite: bool) -> Result<(), Error> {
         let names: Vec<&str> = origins.iter().map(|origin| origin.name.as_str()).collect();
         check_names(&names, self.models.len())?;
@@ -91,7 +91,7 @@ impl GroupTemplate {
     ///
     /// # Errors
     ///
-    /// [`Error::GroupFile`] for a folder of another group; the errors of [`Group::write`].
+    /// [`Error::GroupFile`] if the folder belongs to another group; the errors of [`Group::write`].
     pub fn begin_folder(&self, folder: &Path) -> Result<(), Error> {
         let mut writer = Writer { folder, overwrite: false, written: Vec::new() };
         let same = |files: GroupFiles| -> Result<(), Error> {
@@ -142,7 +142,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Returns an error if one of the files exists and `overwrite` isn't set. It is called before any file is written.
+    /// Returns an error if one of the files exists and `overwrite` isn't set. Called before any file is written.
     fn check(&self, names: &[&str]) -> Result<(), Error> {
         let of = |name: &&str| GroupFiles::of_member(self.folder, name);
         match GroupFiles::of_group(self.folder).into_iter().chain(names.iter().flat_map(of)).find(|path| path.exists())
@@ -175,7 +175,8 @@ impl Writer<'_> {
         let path = places_path(self.folder, name);
         let reached: Vec<f64> = reached.iter().map(|reached| f64::from(u8::from(*reached))).collect();
         let view = |values, columns| ArrayView2::from_shape((places.len(), columns), values);
-        let shape = |error: ndarray::ShapeError| invalid(&path, format!("one value a place: {error}"));
+        let shape =
+            |error: ndarray::ShapeError| invalid(&path, format!("expected one value per corresponding point: {error}"));
         let entries = [
             ("places", Entry::Matrix(view(places.as_flattened(), 3).map_err(shape)?)),
             ("reached", Entry::Matrix(view(&reached, 1).map_err(shape)?)),

@@ -6,7 +6,7 @@ use crate::geometry::{Vec3, scale};
 
 /// Half extents of the tapered box, in mm.
 const HALF: Vec3 = [15.0, 9.0, 7.0];
-/// Share by which the box is narrower at x = 15 mm than in the middle, and wider at the other end. Because of the
+/// Fraction by which the box is narrower at x = 15 mm than in the middle, and wider at x = -15 mm. Because of the
 /// taper, no rotation maps the box to itself.
 const TAPER: f64 = 0.25;
 /// Width of the bump on the tapered box, in mm.
@@ -37,8 +37,8 @@ pub(super) fn tapered(u: Vec3, place: [f64; 2], height: f64) -> Vec3 {
     with_bump(x, HALF[2], place, height, WIDTH)
 }
 
-/// Returns the point in direction u of the box with the sharp bump at x = t. The box is that of the prototype
-/// `bump.py`, with lengths multiplied by 10.
+/// Returns the point in direction u of the box with the sharp bump at x = t. The box has the lengths of the prototype
+/// `bump.py`, multiplied by 10.
 pub(super) fn sharp(u: Vec3, t: f64) -> Vec3 {
     let (half, height, width) = SHARP;
     with_bump(superellipsoid(u, half, 8), half[2], [t, 0.0], height, width)
@@ -60,7 +60,8 @@ const ENDS: [(&str, Vec3); 3] = [("end-0", [-1.0, 0.0, 0.0]), ("end-1", [1.0, 0.
 /// one width from the bump's middle.
 pub(super) fn places(point: impl Fn(Vec3) -> Vec3, [t, s]: [f64; 2], height: f64) -> Vec<(&'static str, Vec3)> {
     let mut found: Vec<(&str, Vec3)> = fixed(&point, HALF);
-    // Returns the point of the upper side above (x, y). The superellipsoid gives its height before the taper.
+    // Returns the point of the upper side above (x, y). The height is that of the superellipsoid at the corresponding
+    // point before the taper.
     let above = |x: f64, y: f64| {
         let plain = y / (1.0 - TAPER * x / HALF[0]);
         let z = HALF[2] * (1.0 - (x / HALF[0]).powi(4) - (plain / HALF[1]).powi(4)).max(0.0).powf(0.25);

@@ -91,8 +91,8 @@ pub struct Group {
     pub members: u64,
     /// Seed of the poses, meshes and random parameters.
     pub seed: u64,
-    /// Subdivisions of the icosphere that a mesh is made from; 5 gives 10,242 vertices. Rings have at most as many
-    /// vertices.
+    /// Number of subdivisions of the icosphere that a mesh is made from; 5 gives 10,242 vertices. Rings have at most
+    /// that many vertices.
     pub subdivisions: u32,
     /// Whether members are left in the family's own frame, without a random pose.
     pub upright: bool,

@@ -1,4 +1,4 @@
-//! Generates ellipsoids, rods and rings. The places of each depend linearly on its parameters.
+//! Generates ellipsoids, rods and rings. The places on each shape depend linearly on its parameters.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -9,16 +9,17 @@ use crate::mesh::Mesh;
 
 /// The third half axis of ellipsoids, in mm.
 const C: f64 = 8.0;
-/// Radii of a rod and of its knob, in mm.
+/// Radii of a rod's shaft (`SHAFT`) and of its knob (`KNOB`), in mm.
 const SHAFT: f64 = 4.0;
 const KNOB: f64 = 7.0;
-/// A rod's thickness along z relative to y, the knob's offset from the shaft's axis, and the length of shaft over
-/// which it bends to that offset (both lengths in mm). They ensure that no rotation maps a rod to itself.
+/// A rod's thickness along z relative to y (`FLAT`), the offset of the knob from the shaft's axis in mm (`OFF`), and
+/// the length of shaft over which the rod bends to that offset in mm (`BEND`). They ensure that no rotation maps a rod
+/// to itself.
 const FLAT: f64 = 0.7;
 const OFF: f64 = 3.0;
 const BEND: f64 = 8.0;
-/// Share of the radius by which a ring's tube is thicker on one side, and the ring's warp in mm. They ensure that no
-/// rotation maps a ring to itself.
+/// Fraction of the radius by which a ring's tube is thicker on one side (`THICKER`), and the ring's warp in mm
+/// (`WARP`). They ensure that no rotation maps a ring to itself.
 const THICKER: f64 = 0.25;
 const WARP: f64 = 2.0;
 
@@ -75,8 +76,8 @@ pub(super) fn rod(u: Vec3, length: f64) -> Vec3 {
     on_rod(x, u[2].atan2(u[1]), length)
 }
 
-/// Returns the places of a rod: the tip, the knob, and points at a quarter, half and three quarters of the shaft, which
-/// stretches evenly with the parameter.
+/// Returns the places of a rod: the tip, the knob, and points at a quarter, half and three quarters of the shaft. The
+/// shaft stretches evenly with the parameter.
 pub(super) fn rod_places(length: f64) -> Vec<(&'static str, Vec3)> {
     let shaft = |share: f64, angle: f64| on_rod(share * (junction(length) - BEND), angle, length);
     vec![

@@ -16,7 +16,7 @@ use crate::room::{Bytes, check_room};
 /// They are stored as f64, which represents GIfTI's types (float32, float64, int32, uint8) exactly.
 #[derive(Debug, Default)]
 pub(super) struct Array {
-    /// The numbers of shape (rows, columns), row-major.
+    /// The numbers (rows, columns), row-major.
     pub(super) values: Vec<f64>,
     /// Number of rows, which is the first dimension.
     pub(super) rows: usize,

@@ -19,7 +19,8 @@ use xml::{DataArray, Document};
 
 /// Reads a surface or a signal.
 pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
-    // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, since they can only occur in texts.
+    // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, since they can only occur in names
+    // and other strings.
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
 }
 
@@ -79,7 +80,9 @@ fn position_of(arrays: &[DataArray], intent: &str) -> Result<Option<usize>, Flaw
     let first = found.next();
     match found.count() {
         0 => Ok(first),
-        more => Err(Flaw::unsupported(format!("{} {intent} arrays", more + 1), "split it into one surface a file")),
+        more => {
+            Err(Flaw::unsupported(format!("{} {intent} arrays", more + 1), "split it into files with one surface each"))
+        }
     }
 }
 

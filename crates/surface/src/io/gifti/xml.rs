@@ -54,7 +54,7 @@ struct State<'a> {
     left: u64,
     /// The open elements, the innermost last.
     open: Vec<Leaf>,
-    /// Whether the root element has been read.
+    /// Whether the root element has begun.
     root: bool,
     /// The current DataArray, its attributes, and whether its data has been read.
     array: Option<(DataArray, Description, bool)>,

@@ -1,7 +1,8 @@
 //! Reads arrays: an accessor describes numbers in a view of a buffer (sections 3.6.2 and 5.1).
 //!
-//! Elements of `stride` bytes start at the view's offset plus the accessor's. Sparse accessors replace some elements of
-//! an array, or of zeros if there is none. All bounds are checked before memory is allocated.
+//! Elements start at the view's offset plus the accessor's offset and are `stride` bytes apart. A sparse accessor
+//! replaces some elements of its array, or of an array of zeros if it has none. All bounds are checked before memory is
+//! allocated.
 
 use super::super::budget::Budget;
 use super::super::bytes::{Cursor, Endian};
@@ -10,7 +11,7 @@ use super::super::scalar::Scalar;
 use super::container::Buffer;
 use super::document::{Accessor, BufferView, Document, Primitive, Sparse};
 
-/// Returns the type of components that has glTF's code.
+/// Returns the number type with the given glTF code (`componentType`).
 fn component(code: u64) -> Result<Scalar, Flaw> {
     Ok(match code {
         5120 => Scalar::I8,
@@ -27,12 +28,12 @@ fn is_unsigned(component: Scalar) -> bool {
     matches!(component, Scalar::U8 | Scalar::U16 | Scalar::U32)
 }
 
-/// Returns the number in the first bytes; 0 if bytes are missing, but callers pass enough.
+/// Returns the number in the first bytes. Returns 0 if bytes are missing, which callers rule out.
 fn number(component: Scalar, bytes: &[u8]) -> f64 {
     component.read(&mut Cursor::new(bytes), Endian::Little).unwrap_or(0.0)
 }
 
-/// Returns the divisor of normalised integers (section 3.11).
+/// Returns the number by which normalised integers are divided (section 3.11).
 fn most(component: Scalar) -> f64 {
     match component {
         Scalar::I8 => 127.0,
@@ -43,7 +44,7 @@ fn most(component: Scalar) -> f64 {
     }
 }
 
-/// The arrays of a document.
+/// A document and the buffers from which its arrays are read.
 pub(super) struct Arrays<'a> {
     pub(super) document: &'a Document,
     pub(super) buffers: &'a [Buffer<'a>],
@@ -90,8 +91,8 @@ impl Arrays<'_> {
         self.values(accessor, kind.size(), primitive, budget, |bytes| number(kind, bytes) as u32)
     }
 
-    /// Returns the elements of an accessor, each converted from `size` bytes. The budget covers accessors of zeros,
-    /// which take no bytes in the file, and accessors that are used several times.
+    /// Returns the elements of an accessor, each converted from `size` bytes. The budget is charged, because an
+    /// accessor of zeros takes no bytes in the file, and an accessor can be used several times.
     fn values<T: Clone + Default>(
         &self,
         accessor: &Accessor,
@@ -125,7 +126,7 @@ impl Arrays<'_> {
         Ok(values)
     }
 
-    /// Returns the bytes of `count` elements of `size` bytes in a view.
+    /// Returns the bytes of `count` elements of `size` bytes each in a view, from `offset` on.
     fn elements(&self, view: usize, offset: u64, count: u64, size: usize) -> Result<impl Iterator<Item = &[u8]>, Flaw> {
         let found = self.document.buffer_views.get(view);
         let found = found.ok_or_else(|| Flaw::new("a buffer view of the document", format!("number {view}")))?;

@@ -1,8 +1,8 @@
-//! Takes a file apart: the JSON, and the bytes of the buffers.
+//! Splits a file into its JSON and the bytes of its buffers.
 //!
 //! A binary file has a header (magic, version, length), a chunk of JSON and perhaps a chunk of bytes, which is the
-//! first buffer (section 4.4). A text file is the JSON alone. Other buffers are base64 in the JSON; buffers in other
-//! files aren't read.
+//! first buffer (section 4.4). A text file is the JSON alone. Other buffers are stored as base64 in the JSON; buffers
+//! in other files aren't read.
 
 use std::borrow::Cow;
 
@@ -47,7 +47,7 @@ impl<'a> Container<'a> {
             return Err(Flaw::new("a chunk of JSON first", shown(kind)));
         }
         let mut bin = None;
-        // Chunks of other types must be ignored.
+        // The specification requires that chunks of other types be ignored.
         while bin.is_none() && cursor.remaining() > 0 {
             let (kind, bytes) = chunk(&mut cursor)?;
             bin = (kind == BIN).then_some(bytes);
@@ -55,8 +55,8 @@ impl<'a> Container<'a> {
         Ok(Self { json, bin })
     }
 
-    /// Returns the bytes of all buffers. Buffers that can't be read are `Err` until they are used: exporters keep
-    /// buffers of images and animations in other files.
+    /// Returns all buffers. Buffers in other files and buffers without bytes are only an error once they are used,
+    /// since exporters keep the buffers of images and animations in other files.
     pub(super) fn buffers(&self, document: &Document) -> Result<Vec<Buffer<'a>>, Flaw> {
         let buffers = document.buffers.iter().enumerate().map(|(number, buffer)| {
             let bytes: Cow<'a, [u8]> = match (&buffer.uri, self.bin) {
@@ -88,9 +88,9 @@ impl<'a> Container<'a> {
 /// A buffer of the document.
 pub(super) enum Buffer<'a> {
     Bytes(Cow<'a, [u8]>),
-    /// The buffer is another file.
+    /// A buffer in another file, with its URI.
     External(String),
-    /// The buffer has no bytes, which extensions for compression allow.
+    /// A buffer without bytes, which extensions for compression allow.
     Absent,
 }
 
@@ -100,7 +100,7 @@ fn chunk<'a>(cursor: &mut Cursor<'a>) -> Result<(&'a [u8], &'a [u8]), Flaw> {
     Ok((kind, cursor.take(length)?))
 }
 
-/// Returns the base64 of a data URI, whatever its media type.
+/// Returns the base64 text of a data URI of any media type; `None` for other URIs.
 fn data_uri(uri: &str) -> Option<&str> {
     let (head, text) = uri.split_once(',')?;
     (head.starts_with("data:") && head.ends_with(";base64")).then_some(text)

@@ -1,4 +1,4 @@
-//! The JSON of a file, of which only meshes and their placement are parsed (section 5 of the specification).
+//! Parses the JSON of a file: only meshes and their placement (section 5 of the specification).
 
 use std::collections::HashMap;
 
@@ -60,7 +60,7 @@ pub(super) struct Mesh {
 pub(super) struct Primitive {
     pub(super) attributes: HashMap<String, usize>,
     pub(super) indices: Option<usize>,
-    /// 4 (triangles) if absent.
+    /// Kind of primitive: points, lines, triangles, strips or fans. An absent mode means 4 (triangles).
     pub(super) mode: Option<u64>,
     extensions: HashMap<String, IgnoredAny>,
 }
@@ -91,7 +91,7 @@ pub(super) struct SparsePart {
     pub(super) buffer_view: usize,
     #[serde(default)]
     pub(super) byte_offset: u64,
-    /// Values have the type of their accessor.
+    /// Number type of the indices. It is absent for values, which have the type of their accessor.
     #[serde(default)]
     pub(super) component_type: u64,
 }
@@ -113,19 +113,19 @@ pub(super) struct BufferHead {
     pub(super) byte_length: u64,
 }
 
-/// The generator that our writer names in its files.
+/// Name of the generator in files written by this crate.
 pub(super) const GENERATOR: &str = "spharm";
 /// The extension that allows positions as integers.
 const QUANTIZATION: &str = "KHR_mesh_quantization";
-/// Compressions of meshes, and what to do about each.
+/// Extensions that compress meshes. They aren't supported; `UNCOMPRESSED` is the advice in error messages.
 const COMPRESSIONS: [&str; 3] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
 const UNCOMPRESSED: &str = "export it again without compression of meshes";
-/// Beginnings of the names of extensions that concern only the look of a surface.
+/// Prefixes of the names of extensions that affect only the appearance of a surface.
 const LOOKS: [&str; 6] =
     ["KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp_json_ld"];
 
 impl Document {
-    /// Parses the JSON, and refuses extensions that are needed but not known here.
+    /// Parses the JSON. Rejects a file that requires an unsupported extension.
     pub(super) fn parse(json: &[u8]) -> Result<Self, Flaw> {
         let document: Self =
             serde_json::from_slice(json).map_err(|e| Flaw::new("the JSON of a glTF scene", e.to_string()))?;
@@ -153,8 +153,7 @@ impl Document {
         self.extensions_required.iter().any(|name| name == QUANTIZATION)
     }
 
-    /// Refuses a node and its mesh if the positions stored aren't those of the surface: if bones, shapes or instances
-    /// change them.
+    /// Rejects a node and its mesh if bones, shape keys or instances change the stored positions.
     pub(super) fn check_rigid(&self, node: &Node, mesh: &Mesh) -> Result<(), Flaw> {
         let weights = if node.weights.is_empty() { &mesh.weights } else { &node.weights };
         let found = if node.skin.is_some() {
@@ -171,14 +170,15 @@ impl Document {
 }
 
 impl Primitive {
-    /// Returns the error of an array without data, naming the compression that holds the data.
+    /// Returns the error for an array without data. If the data are compressed, the error names the compression.
     pub(super) fn without_data(&self) -> Flaw {
         compressed(&self.extensions).unwrap_or_else(|| Flaw::new("data of each accessor", "none"))
     }
 }
 
 impl BufferView {
-    /// Returns the error of a view whose buffer has no bytes.
+    /// Returns the error for a view whose buffer has no bytes. If the data are compressed, the error names the
+    /// compression.
     pub(super) fn without_data(&self) -> Flaw {
         compressed(&self.extensions).unwrap_or_else(|| Flaw::new("bytes in each buffer", "none"))
     }

@@ -1,16 +1,17 @@
-//! Reads and writes glTF 2.0: scenes for viewers, as one binary file (`.glb`) or as JSON (`.gltf`, read only) with all
-//! data in it.
+//! Reads and writes glTF 2.0: scenes for viewers, as one binary file (`.glb`) or as JSON with all data embedded
+//! (`.gltf`, read only).
 //!
 //! All triangles of the default scene become one surface, each mesh placed by its nodes. Viewers need a normal and
-//! texture coordinates at each vertex, so exporters split vertices where these jump; the reader merges vertices at
-//! equal positions again. Files of our own writer aren't split, and keep all their vertices in order.
+//! texture coordinates at each vertex, so exporters split vertices where these are discontinuous; the reader merges
+//! vertices at equal positions again. Vertices in files written by this crate aren't split, so they aren't merged and
+//! keep their order.
 //!
-//! `container` takes the file apart, `document` is the JSON, `accessor` reads arrays, `primitive` makes triangles of
-//! them, `scene` places meshes, and `write` writes files. Positions stay in the file's unit and axes (in glTF metres, y
-//! upwards).
+//! `container` splits a file into its parts, `document` parses the JSON, `accessor` reads arrays, `primitive` converts
+//! arrays to triangles, `scene` places meshes, and `write` writes files. Positions stay in the file's unit and axes (in
+//! glTF metres, y upwards).
 //!
-//! Source: Khronos Group, glTF 2.0 specification, sections 3 and 4. The crate gltf isn't used: a scene's meshes and
-//! their placement are a small part of it.
+//! Source: Khronos Group, glTF 2.0 specification, sections 3 and 4. The crate gltf isn't used, since only a scene's
+//! meshes and their placement are needed.
 
 mod accessor;
 mod container;

@@ -1,4 +1,4 @@
-//! Makes triangles of a primitive: positions, and indices or the order of the positions (section 3.7.2).
+//! Converts a primitive to triangles (section 3.7.2). Corners are given by indices, or by the order of the positions.
 
 use super::super::budget::Budget;
 use super::super::flaw::Flaw;
@@ -20,7 +20,7 @@ pub(super) fn add(
         4..=6 => {}
         other => return Err(Flaw::new("a primitive's mode from 0 to 6", other.to_string())),
     }
-    // Without positions a primitive is drawn by an extension, or not at all.
+    // A primitive without positions is drawn by an extension, or not at all.
     let Some(&position) = primitive.attributes.get("POSITION") else { return Ok(()) };
     let vertices = arrays.positions(position, primitive, budget)?;
     let count = vertices.len();

@@ -1,7 +1,7 @@
 //! Places the meshes of a scene by its nodes (section 3.5).
 //!
 //! Nodes form trees: a node has at most one parent. Each node has a matrix, or a scale, a rotation and a translation,
-//! applied in this order and before the node's parents are.
+//! which are applied in this order. The transforms of the node's ancestors are applied afterwards.
 
 use super::super::budget::Budget;
 use super::super::flaw::Flaw;
@@ -12,8 +12,8 @@ use super::document::{Document, Node};
 use super::primitive;
 use crate::mesh::Mesh;
 
-/// Reads all meshes of the default scene, or of the first, in the order of the nodes. Without scenes all nodes without
-/// parents are the scene, and without nodes all meshes.
+/// Reads all meshes of the default scene, in the order of the nodes. If no scene is the default, the first one is read;
+/// if there are no scenes, all nodes without parents; and if there are no nodes, all meshes.
 pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Budget) -> Result<Mesh, Flaw> {
     let arrays = Arrays { document, buffers };
     let mut mesh = Mesh::default();
@@ -24,7 +24,7 @@ pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Bud
         return Ok(mesh);
     }
     let mut seen = vec![false; document.nodes.len()];
-    // Nodes to visit, the next one last, with the placement of their parent.
+    // Nodes to visit, each with the placement of its parent. The next one is at the end.
     let mut open: Vec<(usize, Placement)> =
         roots(document)?.into_iter().rev().map(|node| (node, Placement::IDENTITY)).collect();
     while let Some((number, parent)) = open.pop() {
@@ -43,7 +43,7 @@ pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Bud
     Ok(mesh)
 }
 
-/// Returns the nodes that a scene consists of.
+/// Returns the root nodes of the scene to read.
 fn roots(document: &Document) -> Result<Vec<usize>, Flaw> {
     if let Some(scene) = document.scenes.get(document.scene.unwrap_or(0)) {
         return Ok(scene.nodes.clone());
@@ -77,7 +77,7 @@ fn local(node: &Node) -> Placement {
     placement
 }
 
-/// Adds a mesh at its place.
+/// Adds the triangles of a mesh, moved by `placement`.
 fn add(
     arrays: &Arrays<'_>,
     number: usize,

@@ -95,8 +95,9 @@ impl Landmarks {
     ///
     /// # Errors
     ///
-    /// [`LengthMismatch`](SurfaceError::LengthMismatch); [`Malformed`](SurfaceError::Malformed), which gives the
-    /// number of the faulty landmark.
+    /// [`LengthMismatch`](SurfaceError::LengthMismatch) if the numbers of names and points differ;
+    /// [`Malformed`](SurfaceError::Malformed), with the number of the landmark, if a name is empty or repeated or a
+    /// position isn't finite.
     pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
         if names.len() != points.len() {
             let (expected, found) = (names.len(), points.len());
@@ -114,10 +115,11 @@ impl Landmarks {
     ///
     /// # Errors
     ///
-    /// [`UnknownFormat`](SurfaceError::UnknownFormat) for a name that implies no format; [`Io`](SurfaceError::Io), also
-    /// for a file of more than 16 MiB; [`Empty`](SurfaceError::Empty); [`Malformed`](SurfaceError::Malformed), with the
-    /// line or entry, for contents in another format, a repeated or empty name, or coordinates that are missing or not
-    /// finite; [`Unsupported`](SurfaceError::Unsupported) for markups in a unit other than mm.
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat) for a name that implies no format; [`Io`](SurfaceError::Io) if
+    /// the file can't be read or is larger than 16 MiB; [`Empty`](SurfaceError::Empty) if it has no landmarks;
+    /// [`Malformed`](SurfaceError::Malformed), with the line or entry, for contents in another format, a repeated or
+    /// empty name, or coordinates that are missing or not finite; [`Unsupported`](SurfaceError::Unsupported) for
+    /// markups in a unit other than mm.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SurfaceError> {
         let path = path.as_ref();
         let format = Format::of(path)?;
@@ -145,7 +147,7 @@ impl Landmarks {
     ///
     /// # Errors
     ///
-    /// [`UnknownFormat`](SurfaceError::UnknownFormat), and the errors of [`write_new`].
+    /// [`UnknownFormat`](SurfaceError::UnknownFormat) if the name implies no format; the errors of [`write_new`].
     pub fn write(&self, path: impl AsRef<Path>, overwrite: bool) -> Result<(), SurfaceError> {
         let path = path.as_ref();
         let bytes = match Format::of(path)? {

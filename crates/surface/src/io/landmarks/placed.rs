@@ -1,4 +1,4 @@
-//! Determines whether landmarks and a surface have the same frame, LPS or RAS, by the distances between them.
+//! Determines from the distances between landmarks and a surface whether both have the same frame, LPS or RAS.
 
 use super::Landmarks;
 use crate::mesh::Mesh;

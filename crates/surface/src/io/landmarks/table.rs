@@ -8,7 +8,7 @@ use crate::io::flaw::{Flaw, shown};
 
 /// Accepted headings for the column of names.
 const NAMES: [&str; 4] = ["name", "label", "id", "landmark"];
-/// The columns of a fiducials file without a list of columns.
+/// The columns of a fiducials file that doesn't list its columns.
 const FIDUCIALS: &str = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID";
 
 /// Indices of the columns of a table.

@@ -95,8 +95,8 @@ fn strips(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>)
     })
 }
 
-/// Passes the length and the type of each instance's list of corners to `list`, which reads the list, and skips the
-/// other properties.
+/// For each instance of an element, passes the length and the number type of its list of corners to `list`, which reads
+/// the list. Skips the other properties.
 fn lists<'a>(
     element: &Element,
     count: usize,
@@ -145,7 +145,7 @@ struct Values<'a> {
 
 impl Values<'_> {
     fn bounded(&self, element: &Element) -> Result<usize, Flaw> {
-        // The last number in a text needs no separator after it, hence the added byte.
+        // The last number in a text file needs no separator after it, hence the added byte.
         let remaining = self.cursor.remaining() + 1;
         let what = String::from_utf8_lossy(&element.name);
         bounded(element.count, element.least_size(self.encoding).max(1), remaining, &what)

@@ -12,7 +12,7 @@ pub(super) enum Encoding {
     Binary(Endian),
 }
 
-/// Returns the number type that a word of the header names.
+/// Returns the number type with the given PLY name.
 fn scalar(word: &[u8]) -> Result<Scalar, Flaw> {
     Ok(match word {
         b"char" | b"int8" => Scalar::I8,

@@ -8,13 +8,13 @@ use super::model::{Model, Placed, parse};
 use super::package::Package;
 use crate::mesh::Mesh;
 
-/// Largest depth of objects in objects.
+/// Largest depth to which objects may be nested.
 const DEEPEST: usize = 32;
-/// Number of bytes that a placed object costs in addition to its vertices and triangles. It bounds the time for objects
-/// that contain others many times over.
+/// Number of bytes that the budget is charged for a placed object, in addition to its vertices and triangles. It limits
+/// the time spent on objects that contain other objects many times over.
 const OBJECT: u64 = 64;
 
-/// The parts that have been parsed, by their paths.
+/// The archive, and the parts parsed so far, by path.
 struct Parts<'a> {
     package: Package<'a>,
     models: HashMap<String, Model>,
@@ -31,7 +31,7 @@ impl Parts<'_> {
     }
 }
 
-/// An object that is still to be placed: its path and number, its placement, and its depth in other objects.
+/// An object that is still to be placed: the path of its part, its number, its placement, and its nesting depth.
 struct Open {
     path: String,
     object: u32,
@@ -40,20 +40,21 @@ struct Open {
 }
 
 impl Open {
-    /// Returns an object that another places, whose part has the path `path`.
+    /// Returns the object that `placed`, an item or a component, refers to. `path` is the path of the part that
+    /// contains `placed`.
     fn of(placed: &Placed, path: &str, outer: &Placement, depth: usize) -> Self {
         let path = placed.path.as_deref().unwrap_or(path).trim_start_matches('/').to_owned();
         Self { path, object: placed.object, placement: outer.after(&placed.placement), depth }
     }
 }
 
-/// Reads all objects of the build, in the order of its items. A model without items is read as if its meshes were in
-/// its build.
+/// Reads all objects of the build, in the order of its items. If the build has no items, all meshes of the model are
+/// read.
 pub(super) fn read(mut package: Package<'_>) -> Result<Mesh, Flaw> {
     let root = package.model_path()?.trim_start_matches('/').to_owned();
     let mut parts = Parts { package, models: HashMap::new() };
     parts.load(&root)?;
-    // The next object is the last.
+    // The next object to be placed is at the end.
     let mut open: Vec<Open> =
         items(&parts, &root).iter().rev().map(|item| Open::of(item, &root, &Placement::IDENTITY, 0)).collect();
     let mut mesh = Mesh::default();
@@ -77,7 +78,7 @@ pub(super) fn read(mut package: Package<'_>) -> Result<Mesh, Flaw> {
     Ok(mesh)
 }
 
-/// Returns the items of a part's build, or one for each of its meshes if there are none.
+/// Returns the items of a part's build. If there are none, returns an item for each mesh of the part.
 fn items(parts: &Parts<'_>, path: &str) -> Vec<Placed> {
     let Some(model) = parts.models.get(path) else { return Vec::new() };
     if !model.items.is_empty() {
@@ -90,7 +91,7 @@ fn items(parts: &Parts<'_>, path: &str) -> Vec<Placed> {
     meshes.map(|&object| Placed { path: None, object, placement: Placement::IDENTITY }).collect()
 }
 
-/// Adds a copy of an object's mesh at its place.
+/// Adds a copy of an object's mesh, moved by `placement`.
 fn add(part: &Mesh, placement: &Placement, mesh: &mut Mesh) -> Result<(), Flaw> {
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
     if u32::try_from(vertices + part.vertices.len()).is_err() {

@@ -1,8 +1,9 @@
 //! Reads and writes 3MF, the format of 3D printing: a zip archive with XML.
 //!
-//! The archive's relationships name the model. Its build places objects; an object is a mesh, or components that place
-//! other objects, perhaps of another part of the archive (production extension). All placed objects become one surface.
-//! Coordinates stay as they are, whatever the model's unit, as in other formats, whose files don't state one.
+//! The archive's relationships name the model. The model's build places objects. An object is a mesh, or consists of
+//! components that place other objects, which may be in another part of the archive (production extension). All placed
+//! objects become one surface. Coordinates aren't converted from the model's unit, since other formats don't specify a
+//! unit.
 //!
 //! `package` reads parts of the archive, `model` parses a part, `build` places objects, and `write` writes files.
 //!
@@ -19,7 +20,7 @@ use crate::mesh::Mesh;
 use package::Package;
 pub(super) use write::write;
 
-/// Reads all objects that are to be printed.
+/// Reads all objects that the build places, as one surface.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     build::read(Package::open(bytes)?)
 }

@@ -26,23 +26,23 @@ pub(super) struct Object {
     pub(super) is_support: bool,
 }
 
-/// An object that an item or a component places.
+/// A reference to an object, with its placement, in an item of the build or in a component.
 #[derive(Clone, Debug)]
 pub(super) struct Placed {
-    /// Path of the object's part, if it isn't in the same part.
+    /// Path of the object's part, if it isn't the part with the reference.
     pub(super) path: Option<String>,
     pub(super) object: u32,
     pub(super) placement: Placement,
 }
 
-/// Parts of the names of extensions that a reader of surfaces needn't know, or that this one knows.
+/// Parts of the names of extensions that this reader supports or can ignore.
 const KNOWN: [&str; 3] = ["/production/", "/material/", "/trianglesets/"];
 
 #[derive(Default)]
 struct State {
     model: Model,
     object: Option<(u32, Object)>,
-    /// Whether a mesh is open. Slices have vertices, too, in two dimensions.
+    /// Whether a mesh element is open. Other vertices, such as the two-dimensional ones of slices, are skipped.
     in_mesh: bool,
     root: bool,
 }
@@ -178,7 +178,7 @@ fn placed(tag: &Tag<'_>) -> Result<Placed, Flaw> {
     Ok(Placed { path, object, placement })
 }
 
-/// Parses a transform: a matrix of four rows and three columns, which row vectors are multiplied by.
+/// Parses a transform: a 4 x 3 matrix, row by row, by which row vectors are multiplied from the right.
 fn placement(text: &str) -> Result<Placement, Flaw> {
     let numbers: Option<Vec<f64>> = words(text.as_bytes()).map(number).collect();
     let matrix: Option<[f64; 12]> = numbers.and_then(|numbers| numbers.try_into().ok());

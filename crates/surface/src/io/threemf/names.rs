@@ -1,6 +1,6 @@
-//! Names in archives.
+//! Defines names that occur in 3MF archives.
 
-/// Path of the model in files of most programs.
+/// Usual path of the model in an archive.
 pub(super) const MODEL: &str = "3D/3dmodel.model";
 /// Path of the archive's relationships.
 pub(super) const RELATIONSHIPS: &str = "_rels/.rels";

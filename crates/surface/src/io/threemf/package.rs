@@ -1,4 +1,4 @@
-//! Reads the parts of an archive, within the memory that its size makes plausible.
+//! Reads the parts of an archive. The memory for the parts is limited to what is plausible for the archive's size.
 
 use std::io::Cursor;
 
@@ -30,7 +30,7 @@ impl<'a> Package<'a> {
         let number = self.number(path).ok_or_else(|| Flaw::new(format!("the part {path} in the archive"), "none"))?;
         let file = self.archive.by_index(number);
         let file = file.map_err(|e| Flaw::new(format!("the part {path} in the archive"), e.to_string()))?;
-        // One byte more than may be is read, so that the budget refuses it.
+        // One byte more than the budget allows is read, so that `spend` rejects a part that is too large.
         let bytes = inflated(file, self.budget.left().saturating_add(1), "a part of a zip archive")?;
         self.budget.spend(bytes.len() as u64, "parts of")?;
         if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
@@ -47,7 +47,7 @@ impl<'a> Package<'a> {
             .position(|name| name.is_ok_and(|name| name.trim_start_matches('/').eq_ignore_ascii_case(path)))
     }
 
-    /// Returns the path of the model: the one that the relationships name, or the usual one.
+    /// Returns the path of the model that the relationships name, or the usual path if they name none.
     pub(super) fn model_path(&mut self) -> Result<String, Flaw> {
         if self.number(RELATIONSHIPS).is_none() {
             return Ok(MODEL.to_owned());

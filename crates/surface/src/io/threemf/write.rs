@@ -19,7 +19,8 @@ pub(in crate::io) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     if mesh.vertices.len() > i32::MAX as usize {
         return Err(io::Error::other("3MF holds indices below 2^31 only: write the surface as .ply instead"));
     }
-    // The archive is kept until it is whole: with sizes behind the data, as streams have them, some programs reject it.
+    // The archive is completed in memory before it is written. In a streamed archive, sizes follow the data, which some
+    // programs reject.
     let mut archive = Cursor::new(Vec::new());
     let mut zip = ZipWriter::new(&mut archive);
     // A vertex takes less than 100 bytes of text, a triangle less than 64.

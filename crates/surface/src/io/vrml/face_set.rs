@@ -1,5 +1,5 @@
-//! Makes triangles of an IndexedFaceSet (section 6.23): points of a Coordinate node, and polygons of their indices,
-//! each ended by -1.
+//! Converts an IndexedFaceSet to triangles (section 6.23). Its points are in a Coordinate node. Its polygons are lists
+//! of point indices, each terminated by -1.
 
 use super::super::flaw::Flaw;
 use super::super::polygon::fan;
@@ -7,7 +7,7 @@ use crate::mesh::Mesh;
 
 /// The fields of an IndexedFaceSet.
 pub(super) struct FaceSet {
-    /// Place of the points among the vertices, and their number.
+    /// Index of the first point among the mesh's vertices, and number of points.
     pub(super) points: Option<(usize, usize)>,
     pub(super) indices: Vec<i64>,
     /// Whether polygons are counterclockwise seen from outside.
@@ -19,12 +19,12 @@ impl FaceSet {
         Self { points: None, indices: Vec::new(), ccw: true }
     }
 
-    /// Adds the triangles to a mesh. A set without points has none.
+    /// Adds the set's triangles to a mesh. A set without points has no triangles.
     pub(super) fn add_to(self, mesh: &mut Mesh) -> Result<(), Flaw> {
         let Some((first, count)) = self.points else { return Ok(()) };
         let start = mesh.faces.len();
         let mut corners = Vec::new();
-        // The last polygon needs no -1.
+        // The -1 of the last polygon may be missing.
         for &index in self.indices.iter().chain([&-1]) {
             let corner = usize::try_from(index).ok().filter(|&index| index < count);
             match corner.and_then(|corner| u32::try_from(first + corner).ok()) {

@@ -1,8 +1,9 @@
 //! Reads VRML 97 (`.wrl`), which segmentation programs write through VTK: all IndexedFaceSets of the scene, placed by
 //! their Transforms.
 //!
-//! `token` splits the text into words and brackets, `node` reads nodes, and `face_set` makes triangles. A scene that a
-//! viewer would change while it is shown (Switch, LOD, Inline, PROTO), and shapes that aren't meshes, are refused.
+//! `token` splits the text into words and brackets, `node` reads nodes, and `face_set` converts polygons to triangles.
+//! Nodes whose contents depend on the viewer or are defined elsewhere (Switch, LOD, Inline, PROTO), and shapes that
+//! aren't meshes, are rejected.
 //!
 //! Source: ISO/IEC 14772-1:1997, sections 5 and 6.
 
@@ -13,7 +14,7 @@ mod token;
 use super::flaw::{Flaw, shown};
 use crate::mesh::Mesh;
 
-/// Beginning of all files.
+/// First bytes of a VRML 97 file.
 const MAGIC: &[u8] = b"#VRML V2.0";
 
 /// Returns whether the bytes begin like a VRML file.

@@ -1,5 +1,5 @@
-//! Reads nodes. A node is a type and fields in braces; fields hold values or nodes. DEF names a node, and USE repeats
-//! the node of a name: it is read again from its place in the file.
+//! Reads nodes. A node consists of a type, and fields in braces; fields hold values or nodes. DEF names a node. USE
+//! repeats a named node, whose text is then read again from its position in the file.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -11,12 +11,12 @@ use super::face_set::FaceSet;
 use super::token::{Token, Tokens};
 use crate::mesh::Mesh;
 
-/// Largest depth of nodes in nodes.
+/// Largest depth to which nodes may be nested.
 const DEEPEST: usize = 64;
-/// Number of bytes that a repeated node costs in addition to its text.
+/// Number of bytes that the budget is charged for a repeated node, in addition to its text.
 const REPEATED: u64 = 64;
 
-/// Nodes with surfaces or parts of the scene that aren't read.
+/// Types of nodes that hold surfaces or parts of the scene but aren't supported.
 const REFUSED: [&[u8]; 11] = [
     b"Switch",
     b"LOD",
@@ -52,8 +52,8 @@ struct Scene<'a> {
     names: HashMap<&'a [u8], Range<usize>>,
     budget: Budget,
     mesh: Mesh,
-    /// Points that are already among the vertices, by the start of their node's text and the Transform around them:
-    /// sets that use the same points share vertices.
+    /// Index of the first vertex and number of vertices for each Coordinate node that has been read, by the start of
+    /// the node's text and the number of the Transform around it. Face sets that use the same points share vertices.
     shared: HashMap<(usize, usize), (usize, usize)>,
     /// Number of Transform nodes so far.
     transforms: usize,
@@ -89,7 +89,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// Returns the map of a Transform (section 6.52).
+    /// Returns the affine map of a Transform node (section 6.52).
     fn placement(&self) -> Placement {
         let [x, y, z, angle] = self.scale_orientation;
         Placement::shift(self.translation)
@@ -121,7 +121,7 @@ impl<'a> Scene<'a> {
             Some(Token::Word(word)) => word,
             Some(Token::Close) if depth > 0 => return Ok(false),
             None if depth == 0 => return Ok(false),
-            // Other fields' values.
+            // Values of fields that aren't used are skipped.
             Some(Token::Text | Token::ListStart | Token::ListEnd) => return Ok(true),
             other => return Err(Flaw::new("fields and closing braces", self.tokens.found(other))),
         };
@@ -137,13 +137,13 @@ impl<'a> Scene<'a> {
                 let start = self.tokens.at;
                 let kind = self.tokens.word("a node's type")?;
                 self.child(node, kind, start, depth)?;
-                // A node's name is known behind the node only, so that it can't contain itself.
+                // The name is added only after the node has been read, so that a node can't contain itself.
                 self.names.insert(name, start..self.tokens.at);
             }
             b"USE" => {
                 let name = self.tokens.word("a node's name after USE")?;
                 let text = self.names.get(name).cloned();
-                let text = text.ok_or_else(|| Flaw::new("the name of a node before", shown(name)))?;
+                let text = text.ok_or_else(|| Flaw::new("the name of an earlier node", shown(name)))?;
                 self.budget.spend(text.len() as u64 + REPEATED, "repeated nodes of")?;
                 let after = std::mem::replace(&mut self.tokens.at, text.start);
                 let kind = self.tokens.word("a node's type")?;
@@ -159,7 +159,7 @@ impl<'a> Scene<'a> {
         Ok(true)
     }
 
-    /// Reads a node within another, from its opening brace on. Its text starts at `start`.
+    /// Reads a node within another one, from its opening brace on. The node's text starts at position `start`.
     fn child(&mut self, outer: &mut Node<'a>, kind: &'a [u8], start: usize, depth: usize) -> Result<(), Flaw> {
         if depth >= DEEPEST {
             return Err(Flaw::new(format!("nodes at most {DEEPEST} deep"), "deeper ones"));

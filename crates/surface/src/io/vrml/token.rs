@@ -1,5 +1,5 @@
-//! Splits a VRML file into words and brackets (section 5.2 of the standard). Commas are blanks; comments go from # to
-//! the end of the line.
+//! Splits a VRML file into words and brackets (section 5.2 of the standard). Commas count as blanks; comments extend
+//! from # to the end of the line.
 
 use super::super::flaw::{Flaw, shown};
 use super::super::text::number;
@@ -7,17 +7,19 @@ use super::super::text::number;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Token<'a> {
     Word(&'a [u8]),
-    /// A text in quotes, which no mesh needs.
+    /// A quoted string. Its contents are dropped, since meshes don't use strings.
     Text,
-    /// `{` or `}`, which enclose a node's fields.
+    /// `{`, which begins a node's fields.
     Open,
+    /// `}`, which ends a node's fields.
     Close,
-    /// `[` or `]`, which enclose several values.
+    /// `[`, which begins a list of values.
     ListStart,
+    /// `]`, which ends a list of values.
     ListEnd,
 }
 
-/// A place in a file, from which tokens are read.
+/// A position in a file, from which tokens are read.
 #[derive(Clone, Copy)]
 pub(super) struct Tokens<'a> {
     bytes: &'a [u8],
@@ -84,7 +86,7 @@ impl<'a> Tokens<'a> {
         Ok(())
     }
 
-    /// Describes a token for an error.
+    /// Describes a token for an error message.
     pub(super) fn found(&self, token: Option<Token<'_>>) -> String {
         let line = self.line();
         match token {
@@ -116,7 +118,8 @@ fn is_blank(byte: u8) -> bool {
     byte.is_ascii_whitespace() || byte == b','
 }
 
-/// Returns the length of a quoted text, with its quotes. A backslash keeps the next character from ending it.
+/// Returns the length of a quoted string, including its quotation marks. A quotation mark after a backslash doesn't end
+/// the string.
 fn text_length(rest: &[u8]) -> usize {
     let mut escaped = false;
     for (at, &byte) in rest.iter().enumerate().skip(1) {

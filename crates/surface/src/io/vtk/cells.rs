@@ -5,7 +5,7 @@ use super::super::flaw::{Flaw, bounded, shown};
 use super::super::scalar::Scalar;
 use super::super::text::number;
 
-/// Returns the number type that a word of the file names.
+/// Returns the number type with the given VTK name.
 fn scalar(word: &[u8]) -> Result<Scalar, Flaw> {
     Ok(match word {
         b"char" | b"signed_char" => Scalar::I8,
@@ -28,7 +28,7 @@ fn scalar(word: &[u8]) -> Result<Scalar, Flaw> {
     })
 }
 
-/// The data of a file, which are read number by number.
+/// The data of a file, read number by number.
 pub(super) struct Values<'a> {
     pub(super) cursor: Cursor<'a>,
     pub(super) ascii: bool,
@@ -157,7 +157,7 @@ impl Values<'_> {
             let &[start, end] = pair else { continue };
             let range = usize::try_from(start).ok().zip(usize::try_from(end).ok());
             let corners = range.and_then(|(start, end)| all.get(start..end)).ok_or_else(|| {
-                Flaw::new(format!("offsets that rise, up to {corner_count}"), format!("{start}, {end}"))
+                Flaw::new(format!("increasing offsets of at most {corner_count}"), format!("{start}, {end}"))
             })?;
             cell(corners)?;
         }

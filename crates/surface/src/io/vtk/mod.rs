@@ -18,8 +18,8 @@ use crate::mesh::Mesh;
 use cells::Values;
 pub(super) use surface::{cell, polygon, triangle_strip};
 
-/// Reads the points and the surface's cells of a PolyData file or an unstructured grid. Attributes (POINT_DATA,
-/// CELL_DATA) follow them and are ignored.
+/// Reads the points and the surface cells of a PolyData file or an unstructured grid. Reading stops at the attributes
+/// (POINT_DATA, CELL_DATA), which come last.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut cursor = Cursor::new(bytes);
     let magic = cursor.line().unwrap_or_default();
@@ -72,7 +72,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     if cells.ends.is_empty() { Ok(mesh) } else { Err(Flaw::new("CELL_TYPES after CELLS", "none")) }
 }
 
-/// The cells of an unstructured grid, whose types follow them in the file.
+/// The cells of an unstructured grid. They are kept until their types have been read.
 #[derive(Default)]
 struct Cells {
     /// The corners of all cells.
@@ -87,7 +87,7 @@ impl Cells {
         self.ends.push(self.corners.len());
     }
 
-    /// Adds the cells' triangles to `faces`, and forgets the cells.
+    /// Adds the cells' triangles to `faces`, and removes the cells.
     fn convert(&mut self, kinds: &[u64], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
         let cells = std::mem::take(self);
         let mut start = 0;

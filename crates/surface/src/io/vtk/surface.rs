@@ -22,7 +22,7 @@ pub(in crate::io) fn triangle_strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) 
     Err(Flaw::new("triangle strips of three or more corners", corners.len().to_string()))
 }
 
-/// Adds the triangles of a cell of an unstructured grid to `faces`. Vertices and lines have none.
+/// Adds the triangles of a cell of an unstructured grid to `faces`. Vertices and lines have no triangles.
 pub(in crate::io) fn cell(kind: u64, corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
     match kind {
         // Empty cells, vertices and lines.

@@ -15,7 +15,7 @@ pub(super) struct Description {
     pub(super) name: String,
     kind: String,
     format: String,
-    /// Place of the data behind the XML.
+    /// Offset of the array's bytes in the data that follow the XML.
     offset: Option<u64>,
     pub(super) components: Option<u64>,
 }
@@ -49,7 +49,7 @@ impl Description {
     }
 }
 
-/// Decodes an array. `text` is the text of its element.
+/// Decodes an array. `text` is the text in the array's element.
 pub(super) fn decode(
     description: &Description,
     text: &str,

@@ -1,4 +1,4 @@
-//! Walks through the XML, decodes the arrays of points and cells, and joins all pieces to one surface.
+//! Walks through the XML, decodes the arrays of points and cells, and joins all pieces into one surface.
 
 use super::super::budget::Budget;
 use super::super::bytes::Endian;
@@ -32,8 +32,9 @@ struct Cells {
 /// The arrays of a piece.
 #[derive(Debug, Default)]
 struct Piece {
-    /// Numbers of points and polygons that the piece declares.
+    /// Number of points in the piece, as declared by its attributes.
     declared_points: Option<u64>,
+    /// Number of polygons in the piece, as declared by its attributes.
     declared_polys: Option<u64>,
     points: Vec<f64>,
     polys: Cells,
@@ -41,12 +42,12 @@ struct Piece {
     cells: Cells,
 }
 
-/// The array that is open.
+/// A DataArray element that is being read.
 struct Open {
     description: Description,
-    /// Its text so far.
+    /// The element's text so far.
     text: String,
-    /// Number of elements that are open in it, whose text isn't its own.
+    /// Number of open elements inside this one. Their text isn't part of the array.
     inner: usize,
 }
 
@@ -60,7 +61,8 @@ struct State<'a> {
     mesh: Mesh,
 }
 
-/// Reads a document. `whole` says whether it must be complete; `file` is the size of the file.
+/// Reads a document. If `whole` is false, the text may end within elements, because data follow the XML. `file` is the
+/// size of the file in bytes.
 pub(super) fn read(text: &str, whole: bool, appended: Appended<'_>, file: usize) -> Result<Mesh, Flaw> {
     let mut state = State {
         layout: Layout { endian: Endian::Little, wide: false, compression: Compression::None, appended },
@@ -168,7 +170,7 @@ impl State<'_> {
         Ok(())
     }
 
-    /// Decodes an array and keeps it, if it is one of those that make a surface.
+    /// Decodes an array and keeps it if the surface needs it.
     fn keep(&mut self, description: &Description, text: &str) -> Result<(), Flaw> {
         let cells = match self.section {
             Some(Section::Points) => {
@@ -188,7 +190,7 @@ impl State<'_> {
             "connectivity" => &mut cells.connectivity,
             "offsets" => &mut cells.offsets,
             "types" => &mut cells.types,
-            // The faces of polyhedra, whose cells are refused.
+            // Other arrays describe the faces of polyhedra, which are rejected as cells.
             _ => return Ok(()),
         };
         *array = decode(description, text, &self.layout, &mut self.budget)?;
@@ -229,20 +231,20 @@ impl Piece {
     }
 }
 
-/// The number of a piece's points, and the number of points before them.
+/// The number of points in a piece, and the number of points in all earlier pieces (`first`).
 struct Space {
     first: u32,
     points: usize,
 }
 
 impl Cells {
-    /// Passes the type of each cell, if known, and its corners to `each`.
+    /// Passes the type and the corners of each cell to `each`. The type is 0 if the file doesn't give it.
     fn each(&self, space: &Space, mut each: impl FnMut(f64, &[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
         let (mut start, mut corners) = (0, Vec::new());
         let mut types = self.types.iter();
         for &end in &self.offsets {
             let wrong = || {
-                let expected = format!("offsets that rise, up to {}", self.connectivity.len());
+                let expected = format!("increasing offsets of at most {}", self.connectivity.len());
                 Flaw::new(expected, format!("{end} after {start}"))
             };
             let place = index(end)? as usize;

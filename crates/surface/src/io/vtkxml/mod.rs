@@ -1,7 +1,8 @@
 //! Reads and writes VTK's XML formats: PolyData (`.vtp`), and unstructured grids of a surface (`.vtu`, read only).
 //!
-//! A file has pieces, each with points, polygons and strips, or cells with types. An array's numbers are text, base64
-//! in its element, or lie behind the XML, raw or in base64. All may be compressed.
+//! A file has pieces, each with points, polygons and strips, or cells with types. An array's numbers are stored as text
+//! or base64 in the array's element, or as raw bytes or base64 after the XML. Numbers that aren't text may be
+//! compressed.
 //!
 //! `document` walks through the XML, `array` decodes an array, `packed` finds and decompresses its bytes, and `write`
 //! writes files.
@@ -32,7 +33,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     document::read(&String::from_utf8_lossy(head), whole, appended, bytes.len())
 }
 
-/// Splits a file into its XML and the data behind it: raw bytes can't be parsed as XML.
+/// Splits a file into its XML and the data after it, since raw bytes can't be parsed as XML.
 fn split(bytes: &[u8]) -> Result<(&[u8], Appended<'_>), Flaw> {
     const TAG: &[u8] = b"<AppendedData";
     let Some(at) = bytes.windows(TAG.len()).position(|window| window == TAG) else {

@@ -1,9 +1,9 @@
 //! Finds the bytes of an array, and decodes and decompresses them.
 //!
-//! A header of whole numbers precedes the data. Without compression it is the number of bytes. With compression it is
-//! the number of blocks, the size of a block, the size of the last block (0 if that is full), and the size of each
-//! block as compressed. In base64, the header of compressed data is encoded on its own; its padding stands between it
-//! and the data.
+//! A header of whole numbers precedes the data. Without compression, the header is the number of bytes. With
+//! compression, it consists of the number of blocks, the size of a block, the size of the last block (0 if that block
+//! is full), and the compressed size of each block. In base64, the header of compressed data is encoded separately, so
+//! there may be padding between header and data.
 
 use std::borrow::Cow;
 use std::io::Read;
@@ -15,7 +15,7 @@ use super::super::budget::Budget;
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, bounded};
 
-/// How arrays are stored, which is the same for all arrays of a file.
+/// The storage format of arrays, which is the same for all arrays of a file.
 pub(super) struct Layout<'a> {
     pub(super) endian: Endian,
     /// Whether the numbers of headers have 64 bits instead of 32.
@@ -24,7 +24,7 @@ pub(super) struct Layout<'a> {
     pub(super) appended: Appended<'a>,
 }
 
-/// The data behind the XML.
+/// The data after the XML.
 #[derive(Clone, Copy)]
 pub(super) enum Appended<'a> {
     None,
@@ -39,7 +39,8 @@ pub(super) enum Compression {
     Lz4,
 }
 
-/// Returns the bytes of an array: those at `offset` behind the XML, or those in the text of its element.
+/// Returns the bytes of an array: those at `offset` in the data after the XML, or without an offset, those in the text
+/// of the array's element.
 pub(super) fn bytes_of(
     text: &[u8],
     offset: Option<u64>,
@@ -85,7 +86,7 @@ pub(super) fn bytes_of(
     Ok(bytes)
 }
 
-/// Decompresses a block of `expected` bytes, and appends them to `bytes`.
+/// Decompresses a block that has `expected` bytes when decompressed, and appends these to `bytes`.
 fn expand(
     block: &[u8],
     expected: u64,
@@ -105,7 +106,7 @@ fn expand(
     match compression {
         Compression::Zlib => {
             bytes.try_reserve(size + 1).map_err(|e| Flaw::new("blocks that fit in memory", e.to_string()))?;
-            // One byte more is read, so that excess data are detected.
+            // One byte more than expected is read, so that excess data are detected.
             let mut decoder = flate2::read::ZlibDecoder::new(block).take(expected + 1);
             decoder.read_to_end(bytes).map_err(|e| Flaw::new("a zlib stream in an array", e.to_string()))?;
         }
@@ -124,10 +125,10 @@ fn expand(
     Ok(())
 }
 
-/// The bytes of an array, which are taken from the front.
+/// The bytes of an array that haven't been taken yet. They are taken from the front.
 enum Source<'a> {
     Raw(Cursor<'a>),
-    /// The text that isn't decoded yet, and the bytes that are decoded but not taken.
+    /// The text that hasn't been decoded yet, and the decoded bytes that haven't been taken yet.
     Base64 {
         text: &'a [u8],
         bytes: Vec<u8>,
@@ -154,7 +155,7 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Takes a number of a header.
+    /// Takes the next number of a header.
     fn word(&mut self, layout: &Layout<'_>) -> Result<u64, Flaw> {
         let bytes = self.take(if layout.wide { 8 } else { 4 })?;
         let mut cursor = Cursor::new(&bytes);
@@ -167,7 +168,8 @@ impl<'a> Source<'a> {
             Self::Base64 { text, bytes } => (text, bytes),
         };
         while bytes.len() < count {
-            // Four characters are three bytes, or fewer at padding, after which another text begins.
+            // Four characters encode three bytes, or fewer if they are padded. Another base64 string begins after
+            // padding.
             let characters = (count - bytes.len()).div_ceil(3).saturating_mul(4);
             let Some((piece, rest)) = text.split_at_checked(characters.min(text.len() / 4 * 4)) else { break };
             if piece.is_empty() {
@@ -181,7 +183,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Decodes groups of four characters, of which any may be padded.
+/// Decodes base64 in groups of four characters, any of which may be padded, and appends the bytes to `bytes`.
 fn decode(text: &[u8], bytes: &mut Vec<u8>) -> Result<(), Flaw> {
     let mut rest = text;
     while !rest.is_empty() {

@@ -1,5 +1,5 @@
-//! Writes PolyData (`.vtp`) with 64-bit positions, compressed by zlib, in base64 within the XML. The XML stays
-//! well-formed, which it isn't with raw data behind it.
+//! Writes PolyData (`.vtp`) with 64-bit positions, compressed by zlib, in base64 within the XML. Raw data after the XML
+//! would be smaller, but the file would no longer be well-formed XML.
 
 use std::io::{self, Write};
 
@@ -48,7 +48,8 @@ fn array(
     components: usize,
     mut numbers: impl Iterator<Item = [u8; 8]>,
 ) -> io::Result<()> {
-    // The header precedes the data and has the compressed size of every block, so these are kept until then.
+    // The header precedes the data and contains the compressed size of every block, so all compressed blocks are kept
+    // in memory until the header has been written.
     let (mut packed, mut sizes, mut last) = (Vec::new(), Vec::new(), 0);
     loop {
         let mut encoder = ZlibEncoder::new(&mut packed, Compression::default());
