@@ -2,7 +2,7 @@
 
 Reports are dictionaries: these types name their keys for editors and type checkers. Distances with the suffix ``_raw``
 are in the unit of the surface or signal; the others are relative to the cube root of the bounding box's volume. Keys
-that don't apply are absent; to type checkers all are present, so that one can be read without a check.
+that don't apply are absent. To type checkers all keys are present, so that each can be read without a check.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ __all__ = [
 
 
 class Distances(TypedDict):
-    """Squared distances between model and target at vertices; None in relative units for a target without volume."""
+    """Squared distances between model and target. Relative ones are None for a target without volume."""
 
-    #: Whether the sweep refined the solution of the one before.
+    #: Whether the pass is an additional one, which removes rounding errors.
     refinement: bool
     #: Mean and largest squared distance, relative.
     msd: Optional[float]
@@ -43,7 +43,7 @@ class Distances(TypedDict):
 
 
 class SurfaceDistance(TypedDict):
-    """Distances between the surface and its model, from points of each to the other, not only at vertices."""
+    """Distances from the model to the surface and from the surface to the model, not only at vertices."""
 
     #: Root mean square, 95th percentile over the area, and largest distance, relative.
     rms: float
@@ -104,6 +104,8 @@ class SolverStep(TypedDict):
     name: str
     #: ``none``, ``density``, ``factor`` or ``stored-factor``.
     preconditioner: str
+    #: Why this step was chosen.
+    why: str
     #: Number of fits that took the step.
     fits: int
     iterations: int
@@ -133,7 +135,8 @@ class SolverReport(TypedDict):
     optimality: float
     #: ``converged``, ``stalled`` or ``iteration-limit``.
     stop: str
-    #: Estimated condition number of the basis matrix; None if it is singular or unknown.
+    #: Estimated condition number of the basis matrix, or a bound if ``density`` is the preconditioner; None if the
+    #: matrix is singular or the number unknown.
     condition: Optional[float]
     #: Shift of the diagonal of a singular normal matrix, relative to its largest entry; otherwise 0.
     shift: float
@@ -144,7 +147,7 @@ class SolverReport(TypedDict):
     #: Smoothness penalty, lambda.
     smoothness: float
     warnings: List[Any]
-    #: One per target; empty for surfaces.
+    #: One per target, at the vertices; empty if surfaces were fitted.
     residuals: List[ResidualNorms]
     seconds: SolverSeconds
 
@@ -159,10 +162,11 @@ class Seconds(TypedDict):
 
 
 class MapQuality(TypedDict):
-    """Distortion of a map to the sphere. The log area ratio of a triangle is that of its shares of sphere and surface."""
+    """Distortion of a map to the sphere. The area ratio of a triangle is its share of the sphere over its share of the
+    surface."""
 
     triangles: int
-    #: Reversed triangles, and triangles without area, by exact predicates: both 0 for a map that is one to one.
+    #: Numbers of reversed triangles and of triangles without area, by exact predicates; both 0 for a one-to-one map.
     flipped: int
     degenerate: int
     #: Number of times the sphere is covered: 1, or -1 if triangles are clockwise seen from outside.
@@ -227,7 +231,7 @@ class WrapReport(TypedDict):
     cavities: int
     #: Handles removed.
     handles: int
-    #: Whether handles were cut; else their holes were filled.
+    #: Whether handles were removed by cutting them; otherwise their holes were filled.
     handles_cut: bool
 
 
@@ -254,7 +258,7 @@ class RepairReport(TypedDict):
     filled_area: float
     #: The closed surface that took the mesh's place, if it was wrapped.
     wrap: WrapReport
-    #: `repair` alone: reasons why the repaired surface can't be mapped to the sphere; empty for a surface of genus zero.
+    #: Only of `repair`: reasons why the repaired surface can't be mapped to the sphere; empty if it can be.
     problems: List[str]
 
 
@@ -289,7 +293,8 @@ class MapReport(TypedDict):
 
 
 class FitReport(TypedDict):
-    """A fit: `spharm_rs.Model.report`, and the report of `spharm_rs.solve`. A model from a file has an empty one."""
+    """The report of a fit: `spharm_rs.Model.report`, or the report of `spharm_rs.solve`. It is empty for a model from a
+    file."""
 
     #: Number of channels; of a fit of moments their names.
     channels: Union[int, List[str]]
@@ -298,11 +303,11 @@ class FitReport(TypedDict):
     #: Mean and largest squared distance at the vertices, relative; None for a target without volume.
     msd: Optional[float]
     xsd: Optional[float]
-    #: Distances after each sweep; the last are those of the model.
+    #: Distances at the vertices after each pass; the last are those of the model.
     passes: List[Distances]
-    #: Between the surface and its model, if the surface was fitted.
+    #: Distances between the surface and its model, if the surface was fitted.
     surface_distance: SurfaceDistance
-    #: At the centres of triangles.
+    #: Distances at the centres of triangles.
     between: Distances
     held_out: HeldOut
     #: One per surface, or one per channel of a signal.
@@ -312,9 +317,9 @@ class FitReport(TypedDict):
     #: Key of the sampling scheme, 64 hexadecimal digits; None for moments of samples elsewhere.
     scheme_key: Optional[str]
     seconds: Seconds
-    #: Map of a surface without a sphere; None over a given sphere.
+    #: Map of a surface that was given without a sphere; None over a given sphere.
     parametrization: Optional[MapReport]
-    #: Of the full least squares.
+    #: Report of the full least squares.
     solver: SolverReport
     warnings: List[str]
     #: Fits of moments alone: number of samples with weight, and sum of the weights.

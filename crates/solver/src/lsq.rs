@@ -100,6 +100,8 @@ mod solver;
 mod standard_errors;
 #[cfg(feature = "dense")]
 mod strategy;
+#[cfg(feature = "dense")]
+mod why;
 
 pub use cg::Stop;
 #[cfg(feature = "dense")]

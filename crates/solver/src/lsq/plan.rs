@@ -5,6 +5,7 @@ use std::fmt;
 use spharm_monitor::{Level, Monitor};
 
 use super::params::Strategy;
+use super::why::Why;
 
 /// Sizes of a problem.
 #[derive(Debug, Clone, Copy)]
@@ -60,9 +61,11 @@ pub(super) struct Request {
 }
 
 /// The steps of a fit. A step that meets the tolerance, stops improving, or uses up all iterations ends the fit.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Plan {
     pub(super) steps: Vec<Step>,
+    /// Reason for each step.
+    pub(super) why: Vec<Why>,
 }
 
 /// A step of a fit.
@@ -100,10 +103,16 @@ pub(super) struct Leave {
 }
 
 impl Plan {
+    /// Adds a step and its reason.
+    pub(super) fn push(&mut self, step: Step, why: Why) {
+        self.steps.push(step);
+        self.why.push(why);
+    }
+
     /// Logs each step.
     pub(super) fn note(&self, monitor: &dyn Monitor) {
-        for (step, number) in self.steps.iter().zip(1..) {
-            monitor.note(Level::Detail, format_args!("step {number}: {step}"));
+        for ((step, why), number) in self.steps.iter().zip(&self.why).zip(1..) {
+            monitor.note(Level::Detail, format_args!("step {number}: {step} ({why})"));
         }
     }
 }

@@ -8,8 +8,9 @@ use super::columns::norms;
 use super::limits::{ITERATIONS_WITHOUT_GAIN_WITH_FACTOR, MOST_REFINEMENTS, ROUNDING_OPTIMALITY};
 use super::preconditioner::ByFactor;
 use super::problem::Problem;
-use super::run::Taken;
+use super::run::{Done, Taken};
 use super::solver::{LsqSolver, Solution};
+use super::why::Why;
 use crate::SolverError;
 
 impl LsqSolver<'_> {
@@ -62,7 +63,7 @@ impl LsqSolver<'_> {
             (cg.gradient, residual) = problem.gradient(&cg.x)?;
         }
         let left = (stop == Stop::Stalled).then(|| "the optimality stopped improving".to_owned());
-        taken.add_of("refinement", preconditioner, refinements, cg, left);
+        taken.add_of(Done::new("refinement", preconditioner, &Why::AfterFactor), refinements, cg, left);
         // A factor with too few digits for the condition number is still a good preconditioner.
         let rest = self.params.max_iterations.saturating_sub(cg.iterations);
         if stop != Stop::Converged && !shifted && cg.optimality() > ROUNDING_OPTIMALITY && rest > 0 {
@@ -78,7 +79,8 @@ impl LsqSolver<'_> {
                 (cg.x, cg.gradient) = before;
                 stop = Stop::Stalled;
             }
-            taken.add("iterations with the factor", preconditioner, cg, None);
+            let why = "refinement alone didn't reach the tolerance";
+            taken.add(Done::new("iterations with the factor", preconditioner, &why), cg, None);
         }
         // Treat the solution as converged: only rounding limits its optimality, and the factor of N can't improve it
         // further.

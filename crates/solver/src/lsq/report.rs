@@ -63,6 +63,8 @@ pub struct StepReport {
     pub name: &'static str,
     /// Preconditioner of the step, as in [`LsqReport::preconditioner`].
     pub preconditioner: &'static str,
+    /// Reason why this step was chosen.
+    pub why: String,
     /// Number of fits that took this step, in a report on several fits.
     pub fits: usize,
     /// Number of iterations of conjugate gradients, or of refinements.

@@ -16,6 +16,19 @@ use super::report::{LsqWarning, StepReport};
 use super::solver::{Given, LsqSolver, Solution};
 use crate::SolverError;
 
+/// A finished step: its name, its preconditioner and the reason why it was chosen.
+pub(super) struct Done<'a> {
+    pub(super) name: &'static str,
+    pub(super) preconditioner: &'static str,
+    pub(super) why: &'a dyn std::fmt::Display,
+}
+
+impl<'a> Done<'a> {
+    pub(super) fn new(name: &'static str, preconditioner: &'static str, why: &'a dyn std::fmt::Display) -> Self {
+        Self { name, preconditioner, why }
+    }
+}
+
 /// Records the steps taken, and the number of iterations and the time at the end of the last step.
 pub(super) struct Taken {
     steps: Vec<StepReport>,
@@ -29,22 +42,16 @@ impl Taken {
     }
 
     /// Adds a finished step, with the reason if it ended early.
-    pub(super) fn add(&mut self, name: &'static str, preconditioner: &'static str, cg: &Cg, left: Option<String>) {
+    pub(super) fn add(&mut self, step: Done<'_>, cg: &Cg, left: Option<String>) {
         let iterations = cg.iterations.saturating_sub(self.iterations);
-        self.add_of(name, preconditioner, iterations, cg, left);
+        self.add_of(step, iterations, cg, left);
     }
 
     /// Adds a finished step whose iterations aren't iterations of conjugate gradients.
-    pub(super) fn add_of(
-        &mut self,
-        name: &'static str,
-        preconditioner: &'static str,
-        iterations: usize,
-        cg: &Cg,
-        left: Option<String>,
-    ) {
-        let (seconds, optimality) = (self.since.elapsed().as_secs_f64(), cg.optimality());
-        self.steps.push(StepReport { name, preconditioner, fits: 1, iterations, seconds, optimality, left });
+    pub(super) fn add_of(&mut self, step: Done<'_>, iterations: usize, cg: &Cg, left: Option<String>) {
+        let Done { name, preconditioner, why } = step;
+        let (seconds, optimality, why) = (self.since.elapsed().as_secs_f64(), cg.optimality(), why.to_string());
+        self.steps.push(StepReport { name, preconditioner, why, fits: 1, iterations, seconds, optimality, left });
         (self.iterations, self.since) = (cg.iterations, Instant::now());
     }
 }
@@ -58,23 +65,25 @@ impl LsqSolver<'_> {
         monitor: &dyn Monitor,
     ) -> Result<(Cg, Solution, Vec<StepReport>), SolverError> {
         let mut taken = Taken::new();
-        let (mut cg, steps) = match (&plan.steps[..], given) {
+        let mut steps = plan.steps.iter().zip(&plan.why);
+        let mut cg = match (plan.steps.first(), given) {
             // Right-hand sides may be computed together with the moments.
-            ([Step::MakeMoments, steps @ ..], Given::Targets(_, targets)) => {
+            (Some(Step::MakeMoments), Given::Targets(_, targets)) => {
                 let right_sides = self.take_moments_of_fit(Some(targets), monitor)?;
                 let cg = right_sides.map_or_else(|| Cg::new(&*self.problem(given)), |b| Ok(Cg::from_right_sides(b)))?;
-                taken.add("moments", "none", &cg, None);
-                (cg, steps)
+                let (_, why) = steps.next().expect("the step is the first one");
+                taken.add(Done::new("moments", "none", why), &cg, None);
+                cg
             }
-            (steps, _) => (Cg::new(&*self.problem(given))?, steps),
+            _ => Cg::new(&*self.problem(given))?,
         };
         let mut ended = (Stop::IterationLimit, Precondition::Diagonal);
         let mut has_factor = false;
-        for step in steps {
+        for (step, why) in steps {
             match step {
                 Step::MakeMoments => {
                     self.take_moments_of_fit(None, monitor)?;
-                    taken.add("moments", "none", &cg, None);
+                    taken.add(Done::new("moments", "none", why), &cg, None);
                 }
                 &Step::Cg { precondition, at_most, leave_for_factor, .. } => {
                     let stop = self.iterate(&mut cg, precondition, at_most, leave_for_factor, given, monitor)?;
@@ -89,7 +98,7 @@ impl LsqSolver<'_> {
                         (Stop::IterationLimit, false) => Some("moments are faster from here on"),
                     };
                     let name = self.preconditioner(precondition).name();
-                    taken.add(self.name_of_iterations(given), name, &cg, left.map(str::to_owned));
+                    taken.add(Done::new(self.name_of_iterations(given), name, why), &cg, left.map(str::to_owned));
                     if over {
                         break;
                     }
@@ -97,7 +106,7 @@ impl LsqSolver<'_> {
                 Step::Factor { required, .. } => {
                     has_factor = self.make_factor(*required, monitor)?;
                     let refused = self.warnings.last().filter(|_| !has_factor).map(ToString::to_string);
-                    taken.add("factor", "none", &cg, refused);
+                    taken.add(Done::new("factor", "none", why), &cg, refused);
                 }
                 Step::Refine if has_factor => {
                     let solution = self.refine(&mut cg, &*self.problem(given), &mut taken, monitor)?;
@@ -148,7 +157,8 @@ impl LsqSolver<'_> {
             (false, true) => Some("rounding errors in the moments limit the accuracy"),
             (false, false) => None,
         };
-        taken.add("confirmation", name, cg, wrong.map(str::to_owned));
+        let why = "the gradient of the iterations accumulates rounding errors";
+        taken.add(Done::new("confirmation", name, &why), cg, wrong.map(str::to_owned));
         if too_far {
             // Rounding errors have dominated: repeat the iterations, but only up to the best one.
             let before = cg.iterations;
@@ -161,7 +171,7 @@ impl LsqSolver<'_> {
                 (_, residual) = cg.confirm(Stop::Stalled, &*self.problem(given), &*preconditioner, &params, monitor)?;
             }
             cg.iterations += before;
-            taken.add("iterations from zero", name, cg, None);
+            taken.add(Done::new("iterations from zero", name, &"rounding errors made the solution diverge"), cg, None);
         }
         drop(preconditioner);
         if digits_lost {
@@ -172,7 +182,8 @@ impl LsqSolver<'_> {
             stop = cg.run(&*self.problem(given), &*preconditioner, &left, monitor)?;
             (stop, residual) = cg.confirm(stop, &*self.problem(given), &*preconditioner, &params, monitor)?;
             name = preconditioner.name();
-            taken.add(self.name_of_iterations(given), name, cg, None);
+            let why = "rounding errors in the moments limit the accuracy";
+            taken.add(Done::new(self.name_of_iterations(given), name, &why), cg, None);
         }
         Ok(Solution { stop, preconditioner: name, refinements: None, residual })
     }

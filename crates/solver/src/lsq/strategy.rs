@@ -29,6 +29,7 @@ use super::limits::{
 };
 use super::params::Strategy;
 use super::plan::{Available, Factor, Leave, Moments, Plan, Precondition, Request, Sizes, Step};
+use super::why::Why;
 
 /// Chooses the steps of a fit.
 pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) -> Plan {
@@ -39,35 +40,66 @@ pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) ->
     let at_hand = matches!(factor, Factor::Made | Factor::Stored { .. });
     let well = matches!(factor, Factor::Stored { reciprocal } if reciprocal > WELL_CONDITIONED_RECIPROCAL);
     let left_alone = well && (sizes.columns <= FEW_COLUMNS || pays_beside_factor(&cost, moments, before_moments));
-    let by_factor = [Step::Factor { from: factor, required: strategy == Strategy::Cholesky }, Step::Refine];
+    let mut plan = Plan::default();
+    let by_factor = |plan: &mut Plan, why: Why| {
+        plan.push(Step::Factor { from: factor, required: strategy == Strategy::Cholesky }, why);
+        plan.push(Step::Refine, Why::AfterFactor);
+    };
     if strategy == Strategy::Cholesky || (strategy == Strategy::Auto && at_hand && !left_alone) {
-        return Plan { steps: by_factor.to_vec() };
+        by_factor(&mut plan, why_at_once(strategy, factor));
+        return plan;
     }
     let density = density_may_precondition(sizes, request);
     let iterate = |by_moments: bool, at_most: usize, leave_for_factor: Option<Leave>| {
         let precondition = if by_moments && density { Precondition::Density } else { Precondition::Diagonal };
         Step::Cg { by_moments, precondition, at_most, leave_for_factor }
     };
-    let (mut steps, mut by_moments) = (Vec::new(), matches!(moments, Moments::Made { .. }));
+    let mut by_moments = matches!(moments, Moments::Made { .. });
     if let Some(first) = before_moments {
         if first > 0 {
-            steps.push(iterate(false, first.min(max_iterations), None));
+            plan.push(
+                iterate(false, first.min(max_iterations), None),
+                Why::UntilMomentsPay { after: cost.paid_after() },
+            );
         }
         if first >= max_iterations.max(1) {
-            return Plan { steps };
+            return plan;
         }
-        steps.push(Step::MakeMoments);
+        plan.push(Step::MakeMoments, why_moments(&cost, first, request));
         by_moments = true;
     }
     let may_leave = strategy == Strategy::Auto && factor != Factor::None && basis_size(sizes.max_degree) <= sizes.rows;
-    steps.push(iterate(by_moments, max_iterations, may_leave.then(|| leave(&cost, by_moments, factor))));
+    let why = match (by_moments, moments) {
+        (true, _) => Why::MomentsExist,
+        (false, Moments::None) => Why::NoMoments,
+        (false, _) => Why::MomentsPayLate { after: cost.paid_after() },
+    };
+    plan.push(iterate(by_moments, max_iterations, may_leave.then(|| leave(&cost, by_moments, factor))), why);
     if may_leave {
-        steps.extend(by_factor);
+        by_factor(&mut plan, Why::SlowIterations);
         if factor == Factor::Makeable {
-            steps.push(iterate(by_moments, max_iterations, None));
+            plan.push(iterate(by_moments, max_iterations, None), Why::NoFactor);
         }
     }
-    Plan { steps }
+    plan
+}
+
+/// Returns why a fit begins with a factor.
+fn why_at_once(strategy: Strategy, factor: Factor) -> Why {
+    match factor {
+        _ if strategy == Strategy::Cholesky => Why::Requested,
+        Factor::Stored { .. } => Why::FactorStored,
+        _ => Why::FactorMade,
+    }
+}
+
+/// Returns why moments are computed after `first` iterations.
+fn why_moments(cost: &Cost, first: usize, request: &Request) -> Why {
+    match first {
+        _ if request.strategy == Strategy::DensityCg => Why::DensityRequested,
+        0 => Why::MomentsPay { after: cost.paid_after(), expected: cost.expected_iterations(request.tolerance) },
+        _ => Why::MomentsPaidOff,
+    }
 }
 
 /// Returns whether the density may precondition iterations by moments.

@@ -29,7 +29,9 @@ fn words(sizes: Sizes, moments: Moments, factor: Factor, request: Request) -> St
         Step::Factor { required, .. } => (if required { "required factor" } else { "factor" }).to_owned(),
         Step::Refine => "refine".to_owned(),
     };
-    choose(&sizes, &Available { moments, factor }, &request).steps.iter().map(word).collect::<Vec<_>>().join("; ")
+    let plan = choose(&sizes, &Available { moments, factor }, &request);
+    assert_eq!(plan.steps.len(), plan.why.len(), "each step has a reason");
+    plan.steps.iter().map(word).collect::<Vec<_>>().join("; ")
 }
 
 #[test]
@@ -82,6 +84,51 @@ fn plans_are_as_expected() {
         (sizes(900, 12, 48), EVEN, STORED, AUTO, "factor; refine"),
     ] {
         assert_eq!(words(sizes, moments, factor, request), expected, "{sizes:?} {moments:?} {factor:?} {request:?}");
+    }
+}
+
+#[test]
+fn reasons_are_as_expected() {
+    let rough = Request { tolerance: 1e-6, ..AUTO };
+    let many = sizes(1_000_000, 30, 1);
+    let slow = "faster than iterations with slow progress";
+    let (after_factor, no_factor) =
+        ("refines the factor's solution to the tolerance", "in place of a factor that can't be computed");
+    let exist = "with moments, an iteration costs the same for any number of samples";
+    for (sizes, moments, factor, request, expected) in [
+        (CORTEX, EVEN, Factor::Makeable, AUTO, &[exist, slow, after_factor, no_factor][..]),
+        (CORTEX, EVEN, Factor::Makeable, by(Strategy::Cholesky), &["requested", after_factor]),
+        (CORTEX, Moments::None, Factor::None, AUTO, &["moments aren't available for these samples"]),
+        (
+            many,
+            Moments::Makeable,
+            Factor::None,
+            rough,
+            &[
+                "moments save time only from 4 iterations on",
+                "the iterations so far have taken as long as computing moments",
+                exist,
+            ],
+        ),
+        (
+            many,
+            Moments::Makeable,
+            Factor::None,
+            AUTO,
+            &["they save time from 4 iterations on, and about 7 are expected", exist],
+        ),
+        (CORTEX, EVEN, Factor::Made, AUTO, &["a factor was computed for an earlier batch", after_factor]),
+        (
+            CORTEX,
+            EVEN,
+            Factor::Stored { reciprocal: 1e-6 },
+            AUTO,
+            &["a factor is stored, and using it is faster than iterating", after_factor],
+        ),
+    ] {
+        let plan = choose(&sizes, &Available { moments, factor }, &request);
+        let found: Vec<String> = plan.why.iter().map(ToString::to_string).collect();
+        assert_eq!(found, expected, "{sizes:?} {moments:?} {factor:?} {request:?}");
     }
 }
 

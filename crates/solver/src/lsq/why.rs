@@ -1,0 +1,64 @@
+//! The reasons for the steps of a fit, for its report.
+
+use std::fmt;
+
+/// The reason why a step was chosen. Numbers of iterations are those predicted by the cost model (`cost`).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Why {
+    /// The caller requested the step.
+    Requested,
+    /// A factor has been computed for an earlier batch.
+    FactorMade,
+    /// A factor is stored.
+    FactorStored,
+    /// The factor gives a first solution, which the step refines.
+    AfterFactor,
+    /// Moments are computed first, because they pay off early in the expected iterations.
+    MomentsPay { after: f64, expected: f64 },
+    /// The requested density is computed from the moments.
+    DensityRequested,
+    /// Moments pay off only after some iterations by samples.
+    UntilMomentsPay { after: f64 },
+    /// The iterations before the step have taken as long as computing moments.
+    MomentsPaidOff,
+    /// The moments exist or were computed in the step before.
+    MomentsExist,
+    /// Moments would pay off too late, or never.
+    MomentsPayLate { after: f64 },
+    /// Moments can't be computed.
+    NoMoments,
+    /// The iterations before the step were predicted to take longer than a factor.
+    SlowIterations,
+    /// The factor of the step before couldn't be computed.
+    NoFactor,
+}
+
+impl fmt::Display for Why {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Requested => f.write_str("requested"),
+            Self::FactorMade => f.write_str("a factor was computed for an earlier batch"),
+            Self::FactorStored => f.write_str("a factor is stored, and using it is faster than iterating"),
+            Self::AfterFactor => f.write_str("refines the factor's solution to the tolerance"),
+            Self::MomentsPay { after, expected } => {
+                write!(f, "they save time from {after:.0} iterations on, and {} are expected", number(*expected))
+            }
+            Self::DensityRequested => f.write_str("the requested density is computed from them"),
+            Self::UntilMomentsPay { after } => write!(f, "moments save time only from {after:.0} iterations on"),
+            Self::MomentsPaidOff => f.write_str("the iterations so far have taken as long as computing moments"),
+            Self::MomentsExist => f.write_str("with moments, an iteration costs the same for any number of samples"),
+            Self::MomentsPayLate { after } if after.is_finite() => {
+                write!(f, "moments would save time only from {after:.0} iterations on")
+            }
+            Self::MomentsPayLate { .. } => f.write_str("an iteration by moments wouldn't be faster"),
+            Self::NoMoments => f.write_str("moments aren't available for these samples"),
+            Self::SlowIterations => f.write_str("faster than iterations with slow progress"),
+            Self::NoFactor => f.write_str("in place of a factor that can't be computed"),
+        }
+    }
+}
+
+/// Returns an expected number of iterations as text; it is infinite if there are no more rows than columns.
+fn number(iterations: f64) -> String {
+    if iterations.is_finite() { format!("about {iterations:.0}") } else { "many".to_owned() }
+}
