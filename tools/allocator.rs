@@ -75,22 +75,22 @@ fn advised(array: *mut u8, bytes: usize) -> *mut u8 {
 // SAFETY: all calls are forwarded unchanged to the system allocator.
 unsafe impl GlobalAlloc for LargePages {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: the caller upholds the contract of `System`, which is the same.
+        // SAFETY: the method of `System` has the same contract, which the caller upholds.
         advised(unsafe { System.alloc(layout) }, layout.size())
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        // SAFETY: the caller upholds the contract of `System`, which is the same.
+        // SAFETY: the method of `System` has the same contract, which the caller upholds.
         advised(unsafe { System.alloc_zeroed(layout) }, layout.size())
     }
 
     unsafe fn dealloc(&self, array: *mut u8, layout: Layout) {
-        // SAFETY: the caller upholds the contract of `System`, which is the same; `System` allocated the array.
+        // SAFETY: the method of `System` has the same contract, which the caller upholds; `System` allocated the array.
         unsafe { System.dealloc(array, layout) };
     }
 
     unsafe fn realloc(&self, array: *mut u8, layout: Layout, bytes: usize) -> *mut u8 {
-        // SAFETY: the caller upholds the contract of `System`, which is the same; `System` allocated the array.
+        // SAFETY: the method of `System` has the same contract, which the caller upholds; `System` allocated the array.
         advised(unsafe { System.realloc(array, layout, bytes) }, bytes)
     }
 }

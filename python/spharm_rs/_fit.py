@@ -16,7 +16,7 @@ from ._parametrize import Parametrization
 from ._progress import Progress, callback
 from ._repair import changes_of, named_change
 from ._store import Store
-from ._surface import Path, as_surface, named_icosphere, read_signal
+from ._surface import Path, Surface, as_surface, named_icosphere
 from ._transform import Transform
 from ._warnings import warn
 from .reports import FitReport
@@ -90,15 +90,17 @@ def _sphere_of(vertices: int, triangles: Any, sphere: Any) -> tuple[Any, Any, bo
     return directions, faces, parametrized
 
 
-def _read(target: Any, sphere: Any) -> tuple[Floats, Any]:
-    """Returns the positions and triangles of a mesh; or, given a sphere and a file that has no mesh, its signal and None."""
+def _read(target: Any, sphere: Any, gaps: bool) -> tuple[Floats, Any]:
+    """Returns the positions and triangles of a mesh; or, given a sphere and a file that has no mesh, its signal and None.
+    With `gaps`, positions and values of files may be NaN, because a mask or weights may leave them out."""
+    is_file = isinstance(target, (str, os.PathLike))
     try:
-        mesh = as_surface(target)
+        mesh = Surface(*_core.read_surface(os.fspath(target), gaps=True)) if is_file and gaps else as_surface(target)
     except errors.MeshError as error:
-        if not isinstance(target, (str, os.PathLike)):
+        if not is_file:
             raise
         try:
-            signal = read_signal(target)
+            signal = _core.read_values(os.fspath(target), gaps=gaps)
         except (errors.SpharmError, OSError, ValueError):
             raise error from None
         if sphere is None:
@@ -262,7 +264,7 @@ def fit(
     if isinstance(surface, np.ndarray):
         values, is_surface = _arrays.channels("surface", surface), surface.ndim == 2 and surface.shape[1] == 3
     else:
-        values, triangles = _read(surface, sphere)
+        values, triangles = _read(surface, sphere, mask is not None or not isinstance(weights, str))
         is_surface = triangles is not None
     if isinstance(sphere, (int, float, np.number)):
         raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")

@@ -20,9 +20,6 @@ from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from ._warnings import warn
 from .reports import FitReport
 
-#: Endings of meshes, which models aren't written as.
-_MESHES = (".ply", ".stl", ".obj", ".off", ".vtk", ".vtp", ".gii", ".glb", ".gltf", ".3mf", ".wrl", ".msh", ".pial", ".white")
-
 
 class Model(Values):
     """A model: functions on the sphere, each a sum of real spherical harmonics.
@@ -285,7 +282,7 @@ class Model(Values):
             Replace an existing file.
         """
         name = os.fspath(path)
-        if name.lower().removesuffix(".gz").endswith(_MESHES):
+        if _core.is_mesh_name(name):
             raise ValueError(f"path: expected a model's name such as NAME.spharm.npz, found {name}; model.surface(5).save writes meshes")
         self._inner.write(name, overwrite=bool(overwrite))
 

@@ -26,19 +26,10 @@ from ._surface import Path, Surface, as_surface, icosphere, read_signal
 from ._warnings import warn
 
 
-def _stem(path: str) -> str:
-    """Returns a file's name without known suffixes: ``sub-01.surf.gii`` becomes ``sub-01``, ``lh.pial`` is
-    unchanged."""
-    name = os.path.basename(path)
-    for suffix in (".gz", ".npz", ".spharm", ".gii", ".surf", ".ply", ".obj", ".off", ".stl", ".vtk", ".vtp", ".glb", ".3mf", ".wrl"):
-        name = name.removesuffix(suffix)
-    return name or os.path.basename(path)
-
-
 def _names(surfaces: Sequence[Any], first: int = 0) -> list[str]:
     """Returns names: for paths their stems if these are unique, otherwise the paths; for other surfaces numbers."""
     paths = [os.fspath(item) if isinstance(item, (str, os.PathLike)) else None for item in surfaces]
-    stems = [None if path is None else _stem(path) for path in paths]
+    stems = [None if path is None else _core.stem(path) for path in paths]
     known = [stem for stem in stems if stem is not None]
     if len(set(known)) < len(known):
         stems = paths

@@ -144,6 +144,17 @@ def test_a_mask_is_a_weight_of_zero(study: Study, tmp_path: Path) -> None:
         for mask in (keep, keep.astype(np.int32).tolist(), label):
             found = sp.fit(wild, sphere, 8, objective=objective, mask=mask)
             assert np.array_equal(found.coefficients, right.coefficients)
+    # Files whose values are missing there are read, too.
+    mesh, values = tmp_path / "wild.obj", tmp_path / "wild.csv"
+    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in wild.tolist())
+    mesh.write_text(corners + "".join(f"f {a} {b} {c}\n" for a, b, c in (surface.faces + 1).tolist()))
+    values.write_text("x\n" + "".join(f"{x!r}\n" for x in wild[:, 0].tolist()))
+    right = sp.fit(surface, sphere, 8, mask=keep)
+    for settings in ({"mask": keep}, {"weights": keep.astype(float)}):
+        assert np.array_equal(sp.fit(mesh, sphere, 8, **settings).coefficients, right.coefficients)
+        assert np.isfinite(sp.fit(values, sphere, 8, **settings).coefficients).all()
+    with pytest.raises(sp.errors.MeshError, match="wild.obj"):
+        sp.fit(mesh, sphere, 8)
     # Weights given beside it count where the mask reads.
     weights = np.random.default_rng(0).random(len(keep)) + 0.5
     both = sp.fit(wild, sphere, 8, weights=weights, mask=keep).coefficients

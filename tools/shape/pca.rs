@@ -34,8 +34,9 @@ use super::plan::Plan;
         "spharm shape pca @group.txt --modes 10 --quality --scores scores.csv -o group.shape-model.npz",
     ],
     &[
-        "Generalisation is the mean distance of a member from the model of the others, specificity that of a random shape \
-         from the nearest member, in the surfaces' unit, with 1, 2, ... modes.",
+        "Generalisation is the mean distance between a member and the nearest shape that the modes of the others can form. \
+         Specificity is the mean distance between a random shape and the nearest member. Both are in the surfaces' unit, \
+         with 1, 2, ... modes; lower is better.",
     ],
 ))]
 pub(super) struct Cli {

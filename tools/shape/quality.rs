@@ -37,9 +37,10 @@ use super::{frames, landmarks, masks};
         "spharm shape quality @group.txt --landmarks landmarks/ --frames group.json",
     ],
     &[
-        "Generalisation is the mean distance of a member from the modes of the others, specificity that of a random shape \
-         from the nearest member, in the surfaces' unit, with 1, 2, ... modes. Both also decrease if directions drift to \
-         places at which members differ little, so only landmarks show whether places correspond.",
+        "Generalisation is the mean distance between a member and the nearest shape that the modes of the others can form. \
+         Specificity is the mean distance between a random shape and the nearest member. Both are in the surfaces' unit, \
+         with 1, 2, ... modes; lower is better. At equal directions, both also decrease if directions drift to places at \
+         which members differ little, so only landmarks show whether places correspond.",
     ],
 ))]
 pub(super) struct Cli {

@@ -25,7 +25,7 @@ pub(super) struct Fits<'a> {
 }
 
 impl Fits<'_> {
-    /// Lists the tables of the outcomes.
+    /// Returns the sorted paths of the status files (`*.tsv`, one per shard) in the status folder.
     pub(super) fn status_files(&self) -> Result<Vec<PathBuf>> {
         let folder = &self.status;
         let read = || format!("{}: cannot read the folder", folder.display());

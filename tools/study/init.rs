@@ -7,6 +7,7 @@ use anyhow::Result;
 use spharm::parametrize::volume::is_volume;
 use spharm_cli::output::counted;
 use spharm_cohort::Manifest;
+use spharm_surface::io::{is_named_signal, mesh_format};
 
 use super::config::{escaped, template};
 use crate::shape::table::Table;
@@ -178,11 +179,10 @@ fn is_surface(path: &str) -> bool {
         return false;
     }
     let unpacked = name.strip_suffix(".gz").unwrap_or(&name);
-    let mesh = [".surf.gii", ".ply", ".obj", ".stl", ".off", ".vtk", ".vtp", ".glb", ".3mf", ".wrl"]
-        .iter()
-        .any(|ending| unpacked.ends_with(ending));
+    let path = Path::new(path);
+    let mesh = mesh_format(path).is_some_and(|format| !format.hemisphere_prefix) && !is_named_signal(path);
     let freesurfer = ["lh.pial", "lh.white", "rh.pial", "rh.white"].contains(&unpacked);
-    mesh || freesurfer || (is_volume(Path::new(path)) && !IMAGES.iter().any(|image| name.contains(image)))
+    mesh || freesurfer || (is_volume(path) && !IMAGES.iter().any(|image| name.contains(image)))
 }
 
 #[cfg(test)]

@@ -1,10 +1,9 @@
 //! Reads spheres, surfaces and signals from files, and checks them before any work starts.
 
-use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm_surface::io::FORMATS;
+use spharm_cohort::file_stem;
 use spharm_surface::{Sphere, Target};
 
 use crate::console::Console;
@@ -102,45 +101,9 @@ pub fn stem(path: &Path) -> String {
     file_stem(path).to_string_lossy().into_owned()
 }
 
-/// Returns the name of an input without folder and format, with the exact bytes, for use in file names.
-#[must_use]
-pub fn file_stem(path: &Path) -> OsString {
-    let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-    let lower = name.to_ascii_lowercase();
-    let unpacked = lower.strip_suffix(".gz").unwrap_or(&lower);
-    let proper = FORMATS.iter().filter(|format| !format.hemisphere_prefix).flat_map(|format| format.endings);
-    let endings = proper
-        .chain(&[".nii", ".moments", ".nrrd", ".nhdr", ".ome.tif", ".ome.tiff", ".tif", ".tiff", ".npy"])
-        .filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
-    // Both `.surf.gii` and `.gii` are endings; the longest match is removed.
-    let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
-    // Each call of `Path::file_stem` removes the last dot and what follows it, so an ending with n dots takes n calls.
-    let dots = name.get(length..).unwrap_or_default().matches('.').count();
-    let mut exact = PathBuf::from(path.file_name().unwrap_or_default());
-    (0..dots).for_each(|_| exact = PathBuf::from(exact.file_stem().unwrap_or_default()));
-    exact.into_os_string()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn stems_lose_the_format_only() {
-        for (path, expected) in [
-            ("a/lh.pial.surf.gii", "lh.pial"),
-            ("fsaverage5.pial_left.gii.gz", "fsaverage5.pial_left"),
-            ("lh.pial", "lh.pial"),
-            ("HEAD.OBJ", "HEAD"),
-            ("lh.thickness.fwhm10.mgz", "lh.thickness.fwhm10"),
-            ("spot.obj.gz", "spot"),
-            ("cells.nii.gz", "cells"),
-            ("cells.ome.tif", "cells"),
-            (".gii", ".gii"),
-        ] {
-            assert_eq!(stem(Path::new(path)), expected);
-        }
-    }
 
     #[test]
     fn lists_may_begin_with_a_byte_order_mark() {

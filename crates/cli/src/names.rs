@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Result, bail};
-
-use crate::inputs::file_stem;
+use spharm_cohort::file_stem;
+use spharm_surface::io::mesh_format;
 
 /// Maximum number of folder levels above a file that a template may name.
 const DEEPEST: usize = 9;
@@ -179,10 +179,11 @@ pub fn model_files(
     template: &NameTemplate,
     surfaces: &[(PathBuf, Option<i64>)],
 ) -> Result<Vec<PathBuf>> {
-    const OTHER_FILES: [&str; 15] =
-        ["csv", "tsv", "npy", "json", "gii", "gz", "ply", "obj", "off", "stl", "vtk", "vtp", "glb", "3mf", "png"];
+    const OTHER_FILES: [&str; 7] = ["csv", "tsv", "npy", "json", "gii", "gz", "png"];
     let folder = output.unwrap_or(Path::new(""));
     let ending = folder.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    // The endings of FreeSurfer's surfaces, such as `.orig`, are also common names of folders.
+    let is_mesh = mesh_format(folder).is_some_and(|format| !format.hemisphere_prefix);
     match surfaces {
         _ if folder.is_dir() => {}
         [_] if ending == "npz" => return Ok(vec![folder.to_owned()]),
@@ -193,7 +194,7 @@ pub fn model_files(
                 several.len()
             );
         }
-        _ if OTHER_FILES.contains(&ending.as_str()) => {
+        _ if OTHER_FILES.contains(&ending.as_str()) || is_mesh => {
             bail!("{}: --output must name a folder, or a file ending in .npz", folder.display());
         }
         _ => {}

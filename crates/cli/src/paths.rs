@@ -4,11 +4,11 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-
+use spharm_cohort::file_stem;
 use spharm_cohort::files::ModelFiles;
 pub use spharm_cohort::files::serialize_shown;
 
-use crate::inputs::{expand_lists, file_stem};
+use crate::inputs::expand_lists;
 
 /// Replaces each `@LIST` by the paths in the file LIST, and each folder by those of its files whose names end in
 /// `ending`, sorted by name.

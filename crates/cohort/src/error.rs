@@ -113,6 +113,22 @@ pub enum CohortError {
         /// Line number of the first of the two rows.
         first: usize,
     },
+    /// The folder has no surfaces.
+    #[error("{}: the folder has no meshes (such as .ply, .obj, .surf.gii) or label volumes (such as .nii.gz)", .path.display())]
+    NoSurfaces {
+        /// Path of the folder.
+        path: PathBuf,
+    },
+    /// The name of a surface's file can't be an id.
+    #[error("{}: the id of this file would be {id:?}, but {problem}; rename the file", .path.display())]
+    FileId {
+        /// Path of the file.
+        path: PathBuf,
+        /// The name without the ending of its format.
+        id: String,
+        /// Reason why this can't be the id.
+        problem: String,
+    },
     /// Another process is writing to the status file.
     #[error("{}: another process is writing to this status file; give each shard its own status file", .path.display())]
     Locked {

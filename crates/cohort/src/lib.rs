@@ -30,7 +30,8 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`Manifest`], [`Row`] | the surfaces to fit |
+//! | [`Manifest`], [`Row`] | the surfaces to fit, from a table |
+//! | [`rows_of_folder`] | the surfaces to fit, from a folder |
 //! | [`Shard`] | the rows of one process |
 //! | [`StatusFile`], [`Entry`], [`State`] | outcomes of one process, a line at a time |
 //! | [`Merged`] | outcomes of all processes |
@@ -52,6 +53,7 @@ pub mod equal;
 mod error;
 pub mod evaluate;
 pub mod files;
+mod folder;
 mod formulas;
 mod manifest;
 mod merge;
@@ -64,6 +66,7 @@ mod status;
 mod table;
 
 pub use error::CohortError;
+pub use folder::{file_stem, rows_of_folder};
 pub use formulas::{cell, guarded, unguarded};
 pub use manifest::{Manifest, Row, check_id, is_model};
 pub use merge::Merged;

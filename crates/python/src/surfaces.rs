@@ -8,7 +8,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use serde_json::{Value, json};
 use spharm::generate::{Cortex, cortex};
-use spharm::io::{WriteOptions, read_mesh, read_signal, write_mesh, write_signal};
+use spharm::io::{
+    WriteOptions, mesh_format, read_mesh, read_mesh_with_gaps, read_signal, read_signal_with_gaps, write_mesh,
+    write_signal,
+};
 use spharm::metrics::{SurfaceDistanceParams, compare_at, distances_to_surface, surface_distance_at, vertex_distances};
 use spharm::parametrize::quality::Quality;
 use spharm::parametrize::{
@@ -16,6 +19,8 @@ use spharm::parametrize::{
     resample as resample_mesh,
 };
 use spharm::{Mesh, Monitor, Place, Preparation, Seam, Signal, Sphere};
+use spharm_cohort::files::ModelFiles;
+use spharm_cohort::{file_stem, is_model};
 
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, rows, seam_out};
 use crate::errors::Failure;
@@ -24,6 +29,8 @@ use crate::repairs::Changes;
 use crate::run::{run, run_owned};
 
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_function(wrap_pyfunction!(is_mesh_name, module)?)?;
+    module.add_function(wrap_pyfunction!(stem, module)?)?;
     module.add_function(wrap_pyfunction!(read_surface, module)?)?;
     module.add_function(wrap_pyfunction!(write_surface, module)?)?;
     module.add_function(wrap_pyfunction!(read_values, module)?)?;
@@ -40,9 +47,27 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
+/// Returns whether a file's name has the ending of a format for meshes.
 #[pyfunction]
-fn read_surface(py: Python<'_>, path: PathBuf) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
-    let mesh = run(py, Some(1), None, move |_| Ok(read_mesh(path)?))?;
+fn is_mesh_name(path: PathBuf) -> bool {
+    mesh_format(&path).is_some()
+}
+
+/// Returns the name of a file of a surface or a model, without its folder and the ending of its format.
+#[pyfunction]
+fn stem(path: PathBuf) -> String {
+    match is_model(&path) {
+        true => ModelFiles { model: path }.name(),
+        false => file_stem(&path).to_string_lossy().into_owned(),
+    }
+}
+
+/// Reads a surface; with `gaps`, positions may be NaN.
+#[pyfunction]
+#[pyo3(signature = (path, *, gaps = false))]
+fn read_surface(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
+    let read = move |_: &dyn Monitor| Ok(if gaps { read_mesh_with_gaps(path)? } else { read_mesh(path)? });
+    let mesh = run(py, Some(1), None, read)?;
     Ok(mesh_arrays(py, mesh))
 }
 
@@ -60,10 +85,13 @@ fn write_surface(
     run(py, Some(1), None, move |_| Ok(write_mesh(path, &mesh, &WriteOptions { overwrite, double })?))
 }
 
+/// Reads a signal; with `gaps`, values may be NaN.
 #[pyfunction]
-fn read_values(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyArray2<f64>>> {
+#[pyo3(signature = (path, *, gaps = false))]
+fn read_values(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let values = run(py, Some(1), None, move |_| {
-        let Signal { values, vertices, channels } = read_signal(path)?;
+        let signal = if gaps { read_signal_with_gaps(path)? } else { read_signal(path)? };
+        let Signal { values, vertices, channels } = signal;
         Array2::from_shape_vec((vertices, channels), values).map_err(|_| Failure::Panic)
     })?;
     Ok(values.into_pyarray(py))

@@ -1,6 +1,7 @@
 //! Defines the events that a run reports while it works.
 
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 
 use serde::Serialize;
 use spharm::parametrize::volume::Repair;
@@ -9,6 +10,7 @@ use spharm::{FitParams, FitReport, FitWarning, ManyReport, MappedSurface};
 use spharm_surface::repair::MeshRepair;
 
 use super::error::RunError;
+use super::sync::lock;
 use crate::files::ModelFiles;
 use crate::{Entry, Row};
 
@@ -30,6 +32,25 @@ pub trait Observer: Sync {
 pub struct Unobserved;
 
 impl Observer for Unobserved {}
+
+/// An observer that collects the rows that failed.
+#[derive(Debug, Default)]
+pub struct Failures(Mutex<Vec<(String, String)>>);
+
+impl Failures {
+    /// Returns the id and the error of each row that has failed so far.
+    pub fn list(&self) -> Vec<(String, String)> {
+        lock(&self.0).clone()
+    }
+}
+
+impl Observer for Failures {
+    fn event(&self, event: &Event<'_>) {
+        if let Event::Finished { row, outcome: Outcome::Failed(error), .. } = event {
+            lock(&self.0).push((row.id.clone(), self.line(error)));
+        }
+    }
+}
 
 /// An event of a run.
 #[derive(Debug)]

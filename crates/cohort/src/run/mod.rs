@@ -39,7 +39,7 @@ use spharm::io::remove_leftovers;
 use spharm::parametrize::volume::steps_of_labels;
 
 pub use error::{RunError, chained, concerns_all};
-pub use event::{Event, Mapping, Observer, Outcome, RowFit, Unobserved};
+pub use event::{Event, Failures, Mapping, Observer, Outcome, RowFit, Unobserved};
 pub use params::{Check, Cohort, RunParams};
 pub use preview::{Preview, PreviewedSphere, preview};
 pub use sphere::read_sphere;
@@ -57,27 +57,23 @@ use work::Work;
 /// the run ends.
 ///
 /// ```
-/// use spharm_cohort::Row;
-/// use spharm_cohort::run::{Cohort, Event, Observer, Outcome, RunParams, run};
-/// use spharm::generate::{Cortex, cortex};
-/// use spharm::prelude::write_mesh;
 /// use spharm::{FitParams, Model, Silent};
+/// use spharm_cohort::rows_of_folder;
+/// use spharm_cohort::run::{Cohort, Failures, RunParams, run};
+/// # use spharm::generate::{Cortex, cortex};
+/// # use spharm::prelude::write_mesh;
+/// # let folder = tempfile::tempdir()?;
+/// # let (meshes, models) = (folder.path().join("meshes"), folder.path().join("models"));
+/// # std::fs::create_dir(&meshes)?;
+/// # write_mesh(meshes.join("a.ply"), &cortex(&Cortex { subdivisions: 2, variant: 0 }).0)?;
 ///
-/// struct Failures;
-/// impl Observer for Failures {
-///     fn event(&self, event: &Event<'_>) {
-///         if let Event::Finished { row, outcome: Outcome::Failed(error), .. } = event {
-///             eprintln!("{}: {}", row.id, error.line());
-///         }
-///     }
+/// let failures = Failures::default();
+/// let cohort = Cohort::new(rows_of_folder(&meshes)?, &models);
+/// run(&cohort, &RunParams::new(FitParams::lsq(4)), &failures, &Silent)?;
+/// for (id, error) in failures.list() {
+///     eprintln!("{id}: {error}");
 /// }
-///
-/// let folder = tempfile::tempdir()?;
-/// let surface = folder.path().join("a.ply");
-/// write_mesh(&surface, &cortex(&Cortex { subdivisions: 2, variant: 0 }).0)?;
-/// let rows = vec![Row { id: "a".to_owned(), surface, ..Row::default() }];
-/// run(&Cohort::new(rows, folder.path()), &RunParams::new(FitParams::lsq(4)), &Failures, &Silent)?;
-/// assert_eq!(Model::read(folder.path().join("a.spharm.npz"))?.coefficients.max_degree(), 4);
+/// assert_eq!(Model::read(models.join("a.spharm.npz"))?.coefficients.max_degree(), 4);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///

@@ -65,6 +65,15 @@ pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError>
     to_write(path, |format| format.write_signal.is_some())
 }
 
+/// Returns the format for surfaces, read or written, that a file's name implies; `None` if it implies none.
+#[must_use]
+pub fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
+    let name = name_without_gz(path);
+    // A format that isn't for values only is for surfaces.
+    let for_meshes = |format: &&FormatSpec| format.write_mesh.is_some() || format.write_signal.is_none();
+    FORMATS.iter().filter(for_meshes).find(|format| has_ending(format, &name))
+}
+
 /// Returns whether a file's name implies values on vertices rather than a surface.
 #[must_use]
 pub fn is_named_signal(path: &Path) -> bool {
@@ -163,6 +172,15 @@ mod tests {
         assert_eq!(signal("lh.anything"), Some("a FreeSurfer curv file"));
         assert_eq!(signal("lh.thickness.mgz"), Some("a FreeSurfer map"));
         assert_eq!((signal("a.ply"), signal("lh.ply"), signal("a.tsv")), (None, None, Some("a TSV table")));
+    }
+
+    #[test]
+    fn surfaces_are_told_by_any_of_their_endings() {
+        let is_mesh = |name: &str| mesh_format(Path::new(name)).is_some();
+        for name in ["a.ply", "a.OBJ.gz", "a.surf.gii", "a.gii", "lh.pial", "a.vtu", "a.glb", "a.meta", "a.vrml"] {
+            assert!(is_mesh(name), "{name}");
+        }
+        assert!(["a.csv", "lh.curv", "a.mgz", "a.npz", "a.shape.gi", "pial"].iter().all(|name| !is_mesh(name)));
     }
 
     #[test]

@@ -66,7 +66,7 @@ fn label(bytes: &[u8], vertices: usize) -> Result<Vec<bool>, Flaw> {
         let vertex: usize = next_number(&mut words(line), "a vertex", at)?;
         let Some(keep) = mask.get_mut(vertex) else {
             return Err(Flaw::new(
-                format!("vertices below {vertices}, the surface's"),
+                format!("vertices below {vertices}, the surface's number of vertices"),
                 format!("{vertex} on line {at}"),
             ));
         };

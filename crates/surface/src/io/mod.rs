@@ -78,7 +78,7 @@ pub use atomic::write_new;
 pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, mesh_with_gaps, signal as check_signal, signal_with_gaps};
 pub(crate) use choose::name_without_gz;
-pub use choose::{Output, check_output, is_named_signal, to_write_mesh, to_write_signal};
+pub use choose::{Output, check_output, is_named_signal, mesh_format, to_write_mesh, to_write_signal};
 pub use formats::FORMATS;
 pub use leftovers::remove_leftovers;
 pub use load::MOST_EXPANSION;
@@ -160,6 +160,19 @@ pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
         Input::Signal(signal) => signal_with_gaps(path, signal)?,
     }
     Ok(input)
+}
+
+/// Reads a surface whose positions may be NaN or infinite, for fits that don't read these vertices.
+///
+/// # Errors
+///
+/// The errors of [`read_mesh`], except those for positions.
+pub fn read_mesh_with_gaps(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
+    let path = path.as_ref();
+    match read_input_with_gaps(path)? {
+        Input::Mesh(mesh) => Ok(mesh),
+        Input::Signal(_) => read_mesh(path),
+    }
 }
 
 /// Reads values on vertices. Missing values are allowed and are stored as NaN.
