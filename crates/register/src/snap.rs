@@ -93,7 +93,8 @@ pub fn snap(
     Ok(vertices)
 }
 
-/// Returns three pairs that together pull a landmark equally in all directions.
+/// Returns three pairs, one per coordinate axis, that together pull the template's landmark to the guide's point. A
+/// single pair pulls only along its normal.
 fn of_guide(guide: &Guide, vertices: &[Vec3], weight: f64) -> [Pair; 3] {
     let off = sub(guide.point, guide.place.of(vertices));
     let Place { corners, shares } = guide.place;

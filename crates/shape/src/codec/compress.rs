@@ -24,9 +24,9 @@ const LEAST_LEVEL: usize = 256;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum Target {
-    /// Maximum root mean square distance between the model's surface and the compressed one's, measured both by nearest
-    /// points and along the normal: a relative length, 1e-8 to 1. The distance reached is at most about 2 % below this
-    /// maximum. For a signal, the maximum root mean square error.
+    /// Maximum root mean square distance between the surfaces of the model and of the compressed model: the larger of
+    /// the distance to the nearest points and the displacement along the normal. A relative length, 1e-8 to 1; the
+    /// distance reached is usually between 98 % and 100 % of it. For a signal, the maximum root mean square error.
     Tolerance(f64),
     /// Maximum file size in bytes. If possible, the file uses at least 99.5 % of it.
     Bytes(usize),

@@ -66,8 +66,8 @@ pub(super) fn bands(
     ])
 }
 
-/// Returns the mean of `rows`, each of which has m numbers for a member or shape, with a band from a bootstrap over the
-/// rows.
+/// Returns the mean of `rows` as a curve, with a band from a bootstrap over the rows. Each row belongs to one member or
+/// shape, and has `most` values, one for each number of modes.
 pub(super) fn of_rows(rows: &[Vec<f64>], most: usize, params: &QualityParams) -> Curve {
     let values = mean_of(rows.iter().map(Vec::as_slice), most);
     let draws: Vec<Vec<f64>> = (0..params.bands)

@@ -25,7 +25,8 @@ impl Kernels {
         }
     }
 
-    /// Moves the batch's kernels to the places of their samples, at rows and columns `corners` of the piece.
+    /// Copies the batch's kernel values into `rows` and `columns`, so that each kernel starts at its corner (row of the
+    /// strip, column of the piece), which may be negative. The values by row are multiplied by `counts`.
     pub(super) fn shift(&mut self, corners: &[[isize; 2]], counts: &[f64]) {
         for (i, (&[down, along], count)) in corners.iter().zip(counts).enumerate() {
             let at = |from: isize| MAX_WIDTH.saturating_add_signed(from);
