@@ -203,6 +203,20 @@ mod tests {
     }
 
     #[test]
+    fn the_degree_has_the_same_short_option_everywhere() {
+        fn check(command: &Command, found: &mut usize) {
+            for argument in command.get_arguments().filter(|argument| argument.get_long() == Some("max-degree")) {
+                assert_eq!(argument.get_short(), Some('L'), "{}", command.get_name());
+                *found += 1;
+            }
+            command.get_subcommands().for_each(|verb| check(verb, found));
+        }
+        let mut found = 0;
+        check(&command(), &mut found);
+        assert!(found > 15, "{found}");
+    }
+
+    #[test]
     fn flags_of_every_verb_may_stand_before_it() {
         let quiet = |line: &[&str]| {
             let parsed = Parsed::of(line).unwrap();

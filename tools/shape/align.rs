@@ -82,7 +82,7 @@ pub(super) struct Cli {
     /// Highest degree to compare [default: the lowest of the models']
     ///
     /// The transforms are applied to all degrees.
-    #[arg(short = 'L', long, alias = "max-degree", value_name = "L", help_heading = METHOD)]
+    #[arg(short = 'L', long = "max-degree", alias = "degree", value_name = "L", help_heading = METHOD)]
     degree: Option<usize>,
     /// Number of local optima of the search to refine [default: 6, 3 for a group]
     #[arg(long, value_name = "N", help_heading = METHOD)]
@@ -148,7 +148,7 @@ impl Cli {
             (self.method != How::Joint, "--method"),
             (self.pose == Some(PoseBy::Joint), "--pose joint"),
             (!self.mirrored.is_empty(), "--mirrored"),
-            (self.degree.is_some(), "--degree"),
+            (self.degree.is_some(), "--max-degree"),
             (self.starts.is_some(), "--starts"),
             (self.templates.is_some(), "--templates"),
             (self.mean.is_some(), "--mean"),

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::Result;
 use spharm::parametrize::volume::is_volume;
 use spharm_cli::output::counted;
-use spharm_cohort::Manifest;
+use spharm_cohort::{Manifest, is_named_sphere};
 use spharm_surface::io::{is_named_signal, mesh_format};
 
 use super::config::{escaped, template};
@@ -175,7 +175,7 @@ fn pattern_of(path: &str, id: &str) -> Option<String> {
 /// Returns whether a file has the name of a surface, or of a volume that may contain labels.
 fn is_surface(path: &str) -> bool {
     let name = path.rsplit('/').next().unwrap_or(path).to_ascii_lowercase();
-    if name.contains("sphere") {
+    if is_named_sphere(&name) {
         return false;
     }
     let unpacked = name.strip_suffix(".gz").unwrap_or(&name);

@@ -132,7 +132,7 @@ pub(crate) fn run(
         parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
     }
     // Wrong values in the study's file are found before the fits, which take long.
-    for stage in plan.stages(&plan.subjects_planned()).iter().filter(|_| cli.shard.is_none()) {
+    for stage in &plan.stages(&plan.subjects_planned()) {
         parse(&call.arguments(stage)).with_context(|| format!("{}: {}", study.display(), stage.name))?;
     }
     if cli.dry_run {

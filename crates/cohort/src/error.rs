@@ -114,7 +114,11 @@ pub enum CohortError {
         first: usize,
     },
     /// The folder has no surfaces.
-    #[error("{}: the folder has no meshes (such as .ply, .obj, .surf.gii) or label volumes (such as .nii.gz)", .path.display())]
+    #[error(
+        "{}: the folder has no meshes (such as .ply, .obj, .surf.gii) or label volumes (such as .nii.gz); list others, such \
+         as lh.pial, in a table",
+        .path.display()
+    )]
     NoSurfaces {
         /// Path of the folder.
         path: PathBuf,

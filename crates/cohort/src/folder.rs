@@ -1,5 +1,6 @@
 //! Lists the surfaces in a folder.
 
+use std::collections::HashMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -15,14 +16,17 @@ const OTHER_ENDINGS: [&str; 9] =
 
 /// Lists the surfaces in a folder as rows, in natural order: `cell.2.ply` comes before `cell.10.ply`.
 ///
-/// A row is made for each mesh and each label volume whose name has the ending of its format; its id is the name
-/// without the ending. Hidden files are skipped, as are files with `sphere` in their names, such as the spheres that a
-/// run writes. Folders within the folder aren't searched.
+/// A row is made for each mesh and each volume (NIfTI, NRRD, TIFF) whose name has the ending of its format; its id is
+/// the name without the ending. Skipped are hidden files, spheres such as those that a run writes (`a.sphere.surf.gii`),
+/// links that lead nowhere, and names that may be of values on vertices (`.gii` alone, `.mgz`) or have no ending of
+/// their own (FreeSurfer's `lh.pial`); list such surfaces in a table. Images can't be told from label volumes by their
+/// names. Folders within the folder aren't searched.
 ///
 /// # Errors
 ///
 /// [`CohortError::Io`] if the folder can't be read, [`CohortError::NoSurfaces`] if it has no surfaces, and
-/// [`CohortError::FileId`] if a name can't be an id or two files have the same id.
+/// [`CohortError::FileId`] if a name can't be an id, or if two ids are equal or differ only in case, which some file
+/// systems ignore.
 pub fn rows_of_folder(folder: impl AsRef<Path>) -> Result<Vec<Row>, CohortError> {
     let folder = folder.as_ref();
     let failed = |source| CohortError::Io { path: folder.to_owned(), action: "read the folder", source };
@@ -38,11 +42,14 @@ pub fn rows_of_folder(folder: impl AsRef<Path>) -> Result<Vec<Row>, CohortError>
     }
     alphanumeric_sort::sort_path_slice(&mut paths);
     let mut rows: Vec<Row> = Vec::with_capacity(paths.len());
+    let mut first: HashMap<String, usize> = HashMap::with_capacity(paths.len());
     for surface in paths {
         let id = file_stem(&surface).to_string_lossy().into_owned();
-        let same = rows.iter().find(|row| row.id == id).map(|row| format!("{} has it, too", row.surface.display()));
-        let invalid = check_id(&id).err().map(|valid| format!("expected {valid}"));
-        if let Some(problem) = same.or(invalid) {
+        let same = first.insert(id.to_lowercase(), rows.len());
+        let same = same.map(|same| format!("{} has the same", rows[same].surface.display()));
+        let unreadable = surface.file_name().and_then(|name| name.to_str()).is_none().then_some("a name in UTF-8");
+        let invalid = unreadable.or(check_id(&id).err()).map(|valid| format!("expected {valid}"));
+        if let Some(problem) = invalid.or(same) {
             return Err(CohortError::FileId { path: surface, id, problem });
         }
         rows.push(Row { id, surface, ..Row::default() });
@@ -53,8 +60,15 @@ pub fn rows_of_folder(folder: impl AsRef<Path>) -> Result<Vec<Row>, CohortError>
 /// Returns whether a file's name implies a mesh or a label volume, rather than a sphere, a signal or something else.
 fn is_named_surface(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let mesh = mesh_format(path).is_some_and(|format| !format.hemisphere_prefix) && !is_named_signal(path);
-    !name.starts_with('.') && !name.contains("sphere") && (mesh || is_volume(path))
+    let mesh = mesh_format(path).is_some_and(|format| !format.hemisphere_prefix);
+    let volume = is_volume(path) && !name.ends_with(".npy") && !name.ends_with(".npy.gz");
+    !name.starts_with('.') && !is_named_sphere(&name) && !is_named_signal(path) && (mesh || volume)
+}
+
+/// Returns whether a file's name, in lower case, has `sphere` as one of the words between dots, hyphens and underscores.
+#[must_use]
+pub fn is_named_sphere(name: &str) -> bool {
+    name.split(['.', '-', '_']).any(|word| word == "sphere")
 }
 
 /// Returns the name of an input without folder and format, with the exact bytes, for use in file names:
@@ -91,7 +105,11 @@ mod tests {
             "d.nii.gz",
             "x.vtu",
             "c.sphere.surf.gii",
+            "left_hemisphere.stl",
             "thickness.shape.gii",
+            "lh.thickness.mgz",
+            "lh.pial",
+            "array.npy",
             "ages.csv",
             "cell.2.spharm.npz",
             ".hidden.ply",
@@ -103,11 +121,11 @@ mod tests {
         std::fs::create_dir(folder.path().join("folder.ply")).unwrap();
         let rows = rows_of_folder(folder.path()).unwrap();
         let ids: Vec<&str> = rows.iter().map(|row| row.id.as_str()).collect();
-        assert_eq!(ids, ["b", "c", "cell.2", "cell.10", "d", "x"]);
+        assert_eq!(ids, ["b", "c", "cell.2", "cell.10", "d", "left_hemisphere", "x"]);
         assert_eq!(rows[2].surface, folder.path().join("cell.2.ply"));
-        std::fs::write(folder.path().join("b.ply"), "").unwrap();
+        std::fs::write(folder.path().join("B.ply"), "").unwrap();
         let error = rows_of_folder(folder.path()).unwrap_err().to_string();
-        assert!(error.contains("b.surf.gii") && error.contains("b.ply"), "{error}");
+        assert!(error.contains("b.surf.gii") && error.contains("B.ply"), "{error}");
     }
 
     #[test]

@@ -66,7 +66,7 @@ mod status;
 mod table;
 
 pub use error::CohortError;
-pub use folder::{file_stem, rows_of_folder};
+pub use folder::{file_stem, is_named_sphere, rows_of_folder};
 pub use formulas::{cell, guarded, unguarded};
 pub use manifest::{Manifest, Row, check_id, is_model};
 pub use merge::Merged;

@@ -160,7 +160,8 @@ impl Directions {
     }
 }
 
-/// Squared lengths of vectors whose coordinates' squares neither overflow nor lose digits by underflow.
+/// Squared lengths of vectors that are normalised without scaling: their coordinates' squares don't overflow, and
+/// squares that underflow are too small to change the sum.
 const SAFE_SQUARES: std::ops::RangeInclusive<f64> = 1e-200..=1e200;
 
 /// Normalises `vertices` into `units` and returns the range of their radii. `first` is the index of the first vertex,
@@ -232,12 +233,13 @@ mod tests {
 
     #[test]
     fn scaling_by_powers_of_two_changes_no_bit() {
-        let vector = [0.3, -1.7e-3, 0.9];
-        let bits = |scale: f64| normalise(vector.map(|c| c * scale), 0).unwrap();
-        let (unit, length) = bits(1.0);
-        for exponent in [-900, -340, -330, 330, 340, 900] {
-            let scale = 2f64.powi(exponent);
-            assert_eq!(bits(scale), (unit, length * scale), "2^{exponent}");
+        for vector in [[0.3, -1.7e-3, 0.9], [1.0, 1e-20, -1e-17]] {
+            let bits = |scale: f64| normalise(vector.map(|c| c * scale), 0).unwrap();
+            let (unit, length) = bits(1.0);
+            for exponent in [-900, -340, -330, 330, 340, 900] {
+                let scale = 2f64.powi(exponent);
+                assert_eq!(bits(scale), (unit, length * scale), "2^{exponent}");
+            }
         }
     }
 

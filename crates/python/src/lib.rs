@@ -61,7 +61,7 @@ use std::ffi::OsString;
 
 use pyo3::prelude::*;
 
-/// Arrays of this module lie in huge pages, as NumPy's own arrays do.
+/// Requests huge pages for the large arrays of this module, as NumPy does for its own.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 #[global_allocator]
 static ALLOCATOR: spharm_tools::allocator::LargePages = spharm_tools::allocator::LargePages;

@@ -47,10 +47,13 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns whether a file's name has the ending of a format for meshes.
+/// Returns whether a file's name has the ending of a format for meshes or GIfTI. Of FreeSurfer's surfaces, whose endings
+/// are common words, only `.pial` and `.white` count.
 #[pyfunction]
 fn is_mesh_name(path: PathBuf) -> bool {
-    mesh_format(&path).is_some()
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    let named = [".pial", ".white", ".gii", ".gii.gz"].iter().any(|ending| name.ends_with(ending));
+    named || mesh_format(&path).is_some_and(|format| !format.hemisphere_prefix)
 }
 
 /// Returns the name of a file of a surface or a model, without its folder and the ending of its format.
@@ -62,7 +65,7 @@ fn stem(path: PathBuf) -> String {
     }
 }
 
-/// Reads a surface; with `gaps`, positions may be NaN.
+/// Reads a surface; with `gaps`, positions may be NaN or infinite.
 #[pyfunction]
 #[pyo3(signature = (path, *, gaps = false))]
 fn read_surface(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {

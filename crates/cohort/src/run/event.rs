@@ -33,13 +33,23 @@ pub struct Unobserved;
 
 impl Observer for Unobserved {}
 
+/// A row that failed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct Failure {
+    /// Id of the row.
+    pub id: String,
+    /// The error, as one line.
+    pub error: String,
+}
+
 /// An observer that collects the rows that failed.
 #[derive(Debug, Default)]
-pub struct Failures(Mutex<Vec<(String, String)>>);
+pub struct Failures(Mutex<Vec<Failure>>);
 
 impl Failures {
-    /// Returns the id and the error of each row that has failed so far.
-    pub fn list(&self) -> Vec<(String, String)> {
+    /// Returns the rows that have failed so far, in the order in which they failed.
+    pub fn list(&self) -> Vec<Failure> {
         lock(&self.0).clone()
     }
 }
@@ -47,7 +57,7 @@ impl Failures {
 impl Observer for Failures {
     fn event(&self, event: &Event<'_>) {
         if let Event::Finished { row, outcome: Outcome::Failed(error), .. } = event {
-            lock(&self.0).push((row.id.clone(), self.line(error)));
+            lock(&self.0).push(Failure { id: row.id.clone(), error: self.line(error) });
         }
     }
 }

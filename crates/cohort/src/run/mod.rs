@@ -39,7 +39,7 @@ use spharm::io::remove_leftovers;
 use spharm::parametrize::volume::steps_of_labels;
 
 pub use error::{RunError, chained, concerns_all};
-pub use event::{Event, Failures, Mapping, Observer, Outcome, RowFit, Unobserved};
+pub use event::{Event, Failure, Failures, Mapping, Observer, Outcome, RowFit, Unobserved};
 pub use params::{Check, Cohort, RunParams};
 pub use preview::{Preview, PreviewedSphere, preview};
 pub use sphere::read_sphere;
@@ -70,8 +70,8 @@ use work::Work;
 /// let failures = Failures::default();
 /// let cohort = Cohort::new(rows_of_folder(&meshes)?, &models);
 /// run(&cohort, &RunParams::new(FitParams::lsq(4)), &failures, &Silent)?;
-/// for (id, error) in failures.list() {
-///     eprintln!("{id}: {error}");
+/// for failure in failures.list() {
+///     eprintln!("{}: {}", failure.id, failure.error);
 /// }
 /// assert_eq!(Model::read(models.join("a.spharm.npz"))?.coefficients.max_degree(), 4);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

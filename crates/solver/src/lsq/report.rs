@@ -83,7 +83,8 @@ impl LsqReport {
     pub fn add_steps(&mut self, others: Vec<StepReport>) {
         for other in others {
             let same = |step: &&mut StepReport| {
-                (step.name, step.preconditioner, &step.left) == (other.name, other.preconditioner, &other.left)
+                (step.name, step.preconditioner) == (other.name, other.preconditioner)
+                    && (&step.why, &step.left) == (&other.why, &other.left)
             };
             match self.steps.iter_mut().find(same) {
                 Some(step) => {

@@ -157,7 +157,7 @@ impl LsqSolver<'_> {
             (false, true) => Some("rounding errors in the moments limit the accuracy"),
             (false, false) => None,
         };
-        let why = "the gradient of the iterations accumulates rounding errors";
+        let why = "checks the gradient, in which rounding errors accumulate";
         taken.add(Done::new("confirmation", name, &why), cg, wrong.map(str::to_owned));
         if too_far {
             // Rounding errors have dominated: repeat the iterations, but only up to the best one.

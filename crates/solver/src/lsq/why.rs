@@ -19,15 +19,15 @@ pub(super) enum Why {
     DensityRequested,
     /// Moments pay off only after some iterations by samples.
     UntilMomentsPay { after: f64 },
-    /// The iterations before the step have taken as long as computing moments.
+    /// After the iterations before the step, moments would have saved time, so they may for the rest, too.
     MomentsPaidOff,
     /// The moments exist or were computed in the step before.
     MomentsExist,
     /// Moments would pay off too late, or never.
     MomentsPayLate { after: f64 },
-    /// Moments can't be computed.
+    /// There are no moments, and they can't be computed or don't fit in memory.
     NoMoments,
-    /// The iterations before the step were predicted to take longer than a factor.
+    /// The iterations before the step didn't converge, and were predicted to take longer than a factor.
     SlowIterations,
     /// The factor of the step before couldn't be computed.
     NoFactor,
@@ -38,21 +38,21 @@ impl fmt::Display for Why {
         match self {
             Self::Requested => f.write_str("requested"),
             Self::FactorMade => f.write_str("a factor was computed for an earlier batch"),
-            Self::FactorStored => f.write_str("a factor is stored, and using it is faster than iterating"),
+            Self::FactorStored => f.write_str("a factor is stored, and iterations aren't expected to be faster"),
             Self::AfterFactor => f.write_str("refines the factor's solution to the tolerance"),
             Self::MomentsPay { after, expected } => {
                 write!(f, "they save time from {after:.0} iterations on, and {} are expected", number(*expected))
             }
             Self::DensityRequested => f.write_str("the requested density is computed from them"),
             Self::UntilMomentsPay { after } => write!(f, "moments save time only from {after:.0} iterations on"),
-            Self::MomentsPaidOff => f.write_str("the iterations so far have taken as long as computing moments"),
+            Self::MomentsPaidOff => f.write_str("moments would have saved time by now"),
             Self::MomentsExist => f.write_str("with moments, an iteration costs the same for any number of samples"),
             Self::MomentsPayLate { after } if after.is_finite() => {
                 write!(f, "moments would save time only from {after:.0} iterations on")
             }
             Self::MomentsPayLate { .. } => f.write_str("an iteration by moments wouldn't be faster"),
-            Self::NoMoments => f.write_str("moments aren't available for these samples"),
-            Self::SlowIterations => f.write_str("faster than iterations with slow progress"),
+            Self::NoMoments => f.write_str("moments aren't available, or don't fit in memory"),
+            Self::SlowIterations => f.write_str("the iterations before didn't converge soon enough"),
             Self::NoFactor => f.write_str("in place of a factor that can't be computed"),
         }
     }

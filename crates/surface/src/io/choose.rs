@@ -65,10 +65,14 @@ pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError>
     to_write(path, |format| format.write_signal.is_some())
 }
 
-/// Returns the format for surfaces, read or written, that a file's name implies; `None` if it implies none.
+/// Returns the format for surfaces, read or written, whose ending a file's name has; `None` if it has none. The ending
+/// `.gii` counts, although files with it may hold values instead; the prefixes `lh.` and `rh.` don't.
 #[must_use]
 pub fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
     let name = name_without_gz(path);
+    if [".func.gii", ".shape.gii"].iter().any(|ending| name.ends_with(ending)) {
+        return None;
+    }
     // A format that isn't for values only is for surfaces.
     let for_meshes = |format: &&FormatSpec| format.write_mesh.is_some() || format.write_signal.is_none();
     FORMATS.iter().filter(for_meshes).find(|format| has_ending(format, &name))
@@ -180,7 +184,11 @@ mod tests {
         for name in ["a.ply", "a.OBJ.gz", "a.surf.gii", "a.gii", "lh.pial", "a.vtu", "a.glb", "a.meta", "a.vrml"] {
             assert!(is_mesh(name), "{name}");
         }
-        assert!(["a.csv", "lh.curv", "a.mgz", "a.npz", "a.shape.gi", "pial"].iter().all(|name| !is_mesh(name)));
+        assert!(
+            ["a.csv", "lh.curv", "a.mgz", "a.npz", "a.shape.gii", "a.func.gii.gz", "pial"]
+                .iter()
+                .all(|name| !is_mesh(name))
+        );
     }
 
     #[test]

@@ -171,7 +171,9 @@ pub fn read_mesh_with_gaps(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError>
     let path = path.as_ref();
     match read_input_with_gaps(path)? {
         Input::Mesh(mesh) => Ok(mesh),
-        Input::Signal(_) => read_mesh(path),
+        Input::Signal(Signal { vertices, channels, .. }) => {
+            Err(SurfaceError::NotAMesh { path: path.to_owned(), vertices, channels })
+        }
     }
 }
 
