@@ -17,10 +17,10 @@ const OTHER_ENDINGS: [&str; 9] =
 /// Lists the surfaces in a folder as rows, in natural order: `cell.2.ply` comes before `cell.10.ply`.
 ///
 /// A row is made for each mesh and each volume (NIfTI, NRRD, TIFF) whose name has the ending of its format; its id is
-/// the name without the ending. Skipped are hidden files, spheres such as those that a run writes (`a.sphere.surf.gii`),
-/// links that lead nowhere, and names that may be of values on vertices (`.gii` alone, `.mgz`) or have no ending of
-/// their own (FreeSurfer's `lh.pial`); list such surfaces in a table. Images can't be told from label volumes by their
-/// names. Folders within the folder aren't searched.
+/// the name without the ending. Skipped are hidden files, spheres such as those a run writes (`a.sphere.surf.gii`),
+/// broken links, and names that may be of values on vertices (`.gii` alone, `.mgz`) or have no ending of their own
+/// (FreeSurfer's `lh.pial`); list such surfaces in a table. Images can't be told from label volumes by their names.
+/// Folders within the folder aren't searched.
 ///
 /// # Errors
 ///
@@ -65,7 +65,8 @@ fn is_named_surface(path: &Path) -> bool {
     !name.starts_with('.') && !is_named_sphere(&name) && !is_named_signal(path) && (mesh || volume)
 }
 
-/// Returns whether a file's name, in lower case, has `sphere` as one of the words between dots, hyphens and underscores.
+/// Returns whether a file's name, in lower case, has `sphere` as one of the words between dots, hyphens and
+/// underscores.
 #[must_use]
 pub fn is_named_sphere(name: &str) -> bool {
     name.split(['.', '-', '_']).any(|word| word == "sphere")

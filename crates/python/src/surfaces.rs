@@ -47,8 +47,8 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns whether a file's name has the ending of a format for meshes or GIfTI. Of FreeSurfer's surfaces, whose endings
-/// are common words, only `.pial` and `.white` count.
+/// Returns whether a file's name has the ending of a format for meshes or GIfTI. Of FreeSurfer's surfaces, whose
+/// endings are common words, only `.pial` and `.white` count.
 #[pyfunction]
 fn is_mesh_name(path: PathBuf) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
