@@ -53,14 +53,14 @@ fn check_names(study: &Study) -> Result<()> {
     let plain = |c: char| c.is_alphanumeric() || c == '-';
     if let Some(name) = sides.iter().find(|name| name.is_empty() || !name.chars().all(plain) || *name == ASYMMETRY) {
         bail!(
-            "`sides` in [subjects]: expected names of letters, digits and -, other than {ASYMMETRY:?}, found {name:?}"
+            "`sides` in [subjects]: expected names made up of letters, digits and hyphens, and not {ASYMMETRY:?}; found {name:?}"
         );
     }
     if first == second {
         bail!("`sides` in [subjects]: expected two different names, found {first:?} twice");
     }
     if surface.is_none() {
-        bail!("`sides` in [subjects] needs a pattern `surface` with {SIDE}, or with `labels`; found none");
+        bail!("`sides` in [subjects] needs a `surface` pattern with {SIDE}, or with `labels`; found none");
     }
     match labels[..] {
         [] => {}

@@ -31,10 +31,10 @@ pub(super) fn manifest(
 ) -> Result<(Manifest, Option<Vec<u8>>)> {
     let Some(surface) = &subjects.surface else {
         if subjects.sphere.is_some() {
-            bail!("`sphere` in [subjects] is a pattern, and needs a pattern `surface`");
+            bail!("`sphere` in [subjects] is a pattern, so it needs a `surface` pattern beside it");
         }
         if subjects.label.is_some() {
-            bail!("`label` in [subjects] needs a pattern `surface`; a table of surfaces has a column `label`");
+            bail!("`label` in [subjects] needs a `surface` pattern; a table of surfaces has a column `label`");
         }
         return Ok((Manifest::read(table)?, None));
     };
@@ -234,7 +234,7 @@ mod tests {
         assert_eq!(found.rows[1].sphere, Some(site.path().join("fs/sub-02/surf/lh.sphere.reg")));
         for (subjects, expected) in [
             (Subjects { surface: Some("lh.pial".to_owned()), ..subjects.clone() }, "{id}"),
-            (Subjects { surface: None, ..subjects.clone() }, "needs a pattern"),
+            (Subjects { surface: None, ..subjects.clone() }, "needs a `surface` pattern"),
             (Subjects { id: "id".to_owned(), ..subjects.clone() }, "participant_id"),
         ] {
             let error = format!("{:#}", of(&subjects).unwrap_err());

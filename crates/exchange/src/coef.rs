@@ -34,7 +34,7 @@ pub(crate) fn is_coef(bytes: &[u8]) -> bool {
 pub(crate) fn read(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     let text = text(bytes)?;
     let head = text.trim_start().strip_prefix('{').and_then(|rest| rest.split_once(','));
-    let (count, rows) = head.ok_or_else(|| Flaw::new("{ COUNT, at the beginning", quoted(text)))?;
+    let (count, rows) = head.ok_or_else(|| Flaw::new("`{ COUNT,` at the beginning", quoted(text)))?;
     let count: usize = count.trim().parse().map_err(|_| Flaw::new("the count of rows", quoted(count)))?;
     let mut values = Vec::new();
     for (line, text) in rows.lines().enumerate() {

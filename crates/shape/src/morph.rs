@@ -133,7 +133,7 @@ pub fn volume_ratio(morph: &Morph, monitor: &dyn Monitor) -> Result<f64, ShapeEr
 pub fn volume_warning(ratio: f64) -> Option<String> {
     (ratio < LEAST_VOLUME).then(|| {
         format!(
-            "halfway the volume is {ratio:.2} times the smaller volume of the two ends: the surfaces don't correspond, \
+            "halfway between the surfaces, the volume is {ratio:.2} times that of the smaller one: they don't correspond, \
              and the shapes between the ends are unreliable"
         )
     })
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn small_volumes_half_way_are_warned_of() {
         assert_eq!(volume_warning(0.85), None);
-        assert!(volume_warning(0.5).is_some_and(|text| text.contains("0.50 times the smaller volume")));
+        assert!(volume_warning(0.5).is_some_and(|text| text.contains("0.50 times that of the smaller one")));
     }
 
     #[test]

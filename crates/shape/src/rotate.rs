@@ -171,7 +171,8 @@ mod tests {
         values.iter().fold(0.0, |largest: f64, v| largest.max(v.abs()))
     }
 
-    /// Returns the largest relative difference between f'(u) and f(R^T u), both by direct sums.
+    /// Rotates a sample function f to f', and returns the largest difference between f'(u) and f(R^T u) over some
+    /// directions u, relative to the largest value. Both are evaluated by direct summation.
     fn resynthesis(degree: usize, columns: usize, rotation: &Rotation) -> f64 {
         let a = sample(degree, columns);
         let rotated = rotate_parameters(&a, rotation, &Silent).unwrap();

@@ -28,8 +28,8 @@ pub fn shared(name: &str) -> Option<PathBuf> {
     }
     assert!(
         env::var_os(WITHOUT).is_some(),
-        "{}: no such file: expected the shared data there, or in the folder that {FOLDER} names; {WITHOUT}=1 leaves \
-         comparisons with it out",
+        "{}: no such file. Put the shared data there, or set {FOLDER} to its folder; {WITHOUT}=1 skips comparisons with \
+         the shared data",
         path.display()
     );
     None

@@ -168,7 +168,7 @@ fn scores(table: &Table, names: &[String]) -> Result<Vec<Vec<f64>>> {
     let modes = modes.map(|name| table.numbers(&name)).collect::<Result<Vec<_>>>()?;
     let row = |name: &String| match rows.get(name.as_str()) {
         Some(row) => Ok(modes.iter().map(|mode| mode[*row]).collect()),
-        None => bail!("{}: no scores of {name}", table.path().display()),
+        None => bail!("{}: no scores for {name}", table.path().display()),
     };
     names.iter().map(row).collect()
 }

@@ -364,8 +364,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// Returns `sphere` with the path of this row's sphere, if `sphere` was read from another row's file with the same
-/// contents. Otherwise returns `None`.
+/// Returns a copy of `sphere` under the path that this row gives for its sphere: rows whose files have the same
+/// contents share one sphere. Returns `None` if `sphere` already has this path, or the row names no sphere.
 fn own_name(row: &Row, sphere: &Sphere) -> Option<Sphere> {
     let own = row.sphere.as_ref().filter(|path| sphere.path.as_ref() != Some(*path));
     own.map(|path| Sphere { path: Some(path.clone()), ..sphere.clone() })

@@ -15,11 +15,11 @@ use crate::volume::QuadMesh;
 /// numbers.
 const EQUAL: f64 = 1e-5;
 
-/// Smallest and largest target area, relative to the mean area. Faces of voxels are always within these bounds;
-/// quadrangles of other surfaces can be outside.
+/// Bounds to which target areas are clamped, relative to the mean area; there is no upper bound. Faces of voxels are
+/// never clamped, but quadrangles of other surfaces may be.
 const AREA: (f64, f64) = (1e-6, f64::INFINITY);
-/// Smallest and largest weight of an edge. Faces of voxels are always within these bounds; quadrangles of other
-/// surfaces can be outside.
+/// Bounds to which the weights of edges are clamped. Weights on faces of voxels are never clamped, but weights on other
+/// surfaces may be.
 const WEIGHT: (f64, f64) = (1e-2, 1e2);
 
 /// Target areas and weights of a surface's quadrangles.

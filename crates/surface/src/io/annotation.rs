@@ -123,7 +123,7 @@ fn table(cursor: &mut Cursor<'_>) -> Result<Vec<(i64, String)>, Flaw> {
     let mut table = Vec::with_capacity(count);
     for _ in 0..count {
         if numbered {
-            whole(cursor, "a number of a region")?;
+            whole(cursor, "a region number")?;
         }
         let name = text(cursor)?;
         let mut colour = 0;

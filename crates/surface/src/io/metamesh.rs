@@ -21,7 +21,7 @@ pub(super) fn is_metamesh(bytes: &[u8]) -> bool {
 /// Reads the points and polygons of the first mesh in a file.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     if !is_metamesh(bytes) {
-        return Err(Flaw::new("ObjectType = Scene, or Mesh", shown(bytes)));
+        return Err(Flaw::new("`ObjectType = Scene` or `ObjectType = Mesh`", shown(bytes)));
     }
     let mut mesh = Mesh::default();
     let mut places: HashMap<i64, u32> = HashMap::new();

@@ -71,7 +71,7 @@ fn nodes_that_are_no_meshes_are_refused_or_skipped() {
 fn errors_name_their_line_and_repeats_are_bounded() {
     for (from, to, what) in [
         ("0 0 1]", "0 0 x]", "a coordinate on line 2"),
-        ("0 0 1]", "0 0]", "three coordinates to a point"),
+        ("0 0 1]", "0 0]", "three coordinates per point"),
         ("[0, 2, 1,", "[0, 2, 9,", "indices below 4"),
         ("[0, 2, 1,", "[0, 2, -3,", "indices below 4"),
         ("[0, 2, 1,", "[0, 2,", "polygons of three or more corners"),

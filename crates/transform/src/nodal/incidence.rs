@@ -252,8 +252,8 @@ impl Incidence {
         }
     }
 
-    /// Adds the kernels of a node's samples to the rows of a piece, starting with row `first_row` of a strip. `places`
-    /// are the indices of these rows among the values.
+    /// Adds the kernels of the samples of `piece`'s node to the rows of `piece`, the first of which is row `first_row`
+    /// of the strip. `places[i]` is the index in `values` of the i-th row.
     fn add_kernels(
         &self,
         piece: Piece,

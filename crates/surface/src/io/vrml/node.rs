@@ -201,7 +201,7 @@ impl<'a> Scene<'a> {
                 self.tokens.numbers("a coordinate", |x: f64| numbers.push(x))?;
                 let (points, rest) = numbers.as_chunks::<3>();
                 if !rest.is_empty() {
-                    return Err(Flaw::new("three coordinates to a point", format!("{} numbers", numbers.len())));
+                    return Err(Flaw::new("three coordinates per point", format!("{} numbers", numbers.len())));
                 }
                 node.points = points.to_vec();
             }
