@@ -7,7 +7,7 @@ use anyhow::Result;
 use spharm::parametrize::volume::is_volume;
 use spharm_cli::output::counted;
 use spharm_cohort::{Manifest, is_named_sphere};
-use spharm_surface::io::{is_named_signal, mesh_format};
+use spharm_surface::io::{is_named_mesh, is_named_signal};
 
 use super::config::{escaped, template};
 use crate::shape::table::Table;
@@ -180,7 +180,7 @@ fn is_surface(path: &str) -> bool {
     }
     let unpacked = name.strip_suffix(".gz").unwrap_or(&name);
     let path = Path::new(path);
-    let mesh = mesh_format(path).is_some_and(|format| !format.hemisphere_prefix) && !is_named_signal(path);
+    let mesh = is_named_mesh(path) && !is_named_signal(path);
     let freesurfer = ["lh.pial", "lh.white", "rh.pial", "rh.white"].contains(&unpacked);
     mesh || freesurfer || (is_volume(path) && !IMAGES.iter().any(|image| name.contains(image)))
 }

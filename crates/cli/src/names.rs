@@ -10,7 +10,7 @@ use std::str::FromStr;
 
 use anyhow::{Result, bail};
 use spharm_cohort::file_stem;
-use spharm_surface::io::mesh_format;
+use spharm_surface::io::is_named_mesh;
 
 /// Maximum number of folder levels above a file that a template may name.
 const DEEPEST: usize = 9;
@@ -182,8 +182,6 @@ pub fn model_files(
     const OTHER_FILES: [&str; 7] = ["csv", "tsv", "npy", "json", "gii", "gz", "png"];
     let folder = output.unwrap_or(Path::new(""));
     let ending = folder.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    // The endings of FreeSurfer's surfaces, such as `.orig`, are also common names of folders.
-    let is_mesh = mesh_format(folder).is_some_and(|format| !format.hemisphere_prefix);
     match surfaces {
         _ if folder.is_dir() => {}
         [_] if ending == "npz" => return Ok(vec![folder.to_owned()]),
@@ -194,7 +192,7 @@ pub fn model_files(
                 several.len()
             );
         }
-        _ if OTHER_FILES.contains(&ending.as_str()) || is_mesh => {
+        _ if OTHER_FILES.contains(&ending.as_str()) || is_named_mesh(folder) => {
             bail!("{}: --output must name a folder, or a file ending in .npz", folder.display());
         }
         _ => {}

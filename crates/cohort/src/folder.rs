@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use spharm::parametrize::volume::is_volume;
-use spharm_surface::io::{FORMATS, is_named_signal, mesh_format};
+use spharm_surface::io::{FORMATS, is_named_mesh, is_named_signal};
 
 use crate::error::CohortError;
 use crate::manifest::{Row, check_id};
@@ -19,8 +19,8 @@ const OTHER_ENDINGS: [&str; 9] =
 /// A row is made for each mesh and each volume (NIfTI, NRRD, TIFF) whose name has the ending of its format; its id is
 /// the name without the ending. Skipped are hidden files, spheres such as those a run writes (`a.sphere.surf.gii`),
 /// broken links, and names that may be of values on vertices (`.gii` alone, `.mgz`) or have no ending of their own
-/// (FreeSurfer's `lh.pial`); list such surfaces in a table. Images can't be told from label volumes by their names.
-/// Folders within the folder aren't searched.
+/// (FreeSurfer's `lh.pial`). List such surfaces in a table. A volume's name doesn't say whether it holds labels or an
+/// image, so images get rows, too. Folders within the folder aren't searched.
 ///
 /// # Errors
 ///
@@ -60,9 +60,8 @@ pub fn rows_of_folder(folder: impl AsRef<Path>) -> Result<Vec<Row>, CohortError>
 /// Returns whether a file's name implies a mesh or a label volume, rather than a sphere, a signal or something else.
 fn is_named_surface(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let mesh = mesh_format(path).is_some_and(|format| !format.hemisphere_prefix);
     let volume = is_volume(path) && !name.ends_with(".npy") && !name.ends_with(".npy.gz");
-    !name.starts_with('.') && !is_named_sphere(&name) && !is_named_signal(path) && (mesh || volume)
+    !name.starts_with('.') && !is_named_sphere(&name) && !is_named_signal(path) && (is_named_mesh(path) || volume)
 }
 
 /// Returns whether a file's name, in lower case, has `sphere` as one of the words between dots, hyphens and

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use serde_json::{Value, json};
 use spharm::generate::{Cortex, cortex};
 use spharm::io::{
-    WriteOptions, mesh_format, read_mesh, read_mesh_with_gaps, read_signal, read_signal_with_gaps, write_mesh,
+    WriteOptions, is_named_mesh, read_mesh, read_mesh_with_gaps, read_signal, read_signal_with_gaps, write_mesh,
     write_signal,
 };
 use spharm::metrics::{SurfaceDistanceParams, compare_at, distances_to_surface, surface_distance_at, vertex_distances};
@@ -53,7 +53,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
 fn is_mesh_name(path: PathBuf) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
     let named = [".pial", ".white", ".gii", ".gii.gz"].iter().any(|ending| name.ends_with(ending));
-    named || mesh_format(&path).is_some_and(|format| !format.hemisphere_prefix)
+    named || is_named_mesh(&path)
 }
 
 /// Returns the name of a file of a surface or a model, without its folder and the ending of its format.

@@ -67,8 +67,7 @@ pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError>
 
 /// Returns the format for surfaces, read or written, whose ending a file's name has; `None` if it has none. The ending
 /// `.gii` counts, although files with it may hold values instead; the prefixes `lh.` and `rh.` don't.
-#[must_use]
-pub fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
+fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
     let name = name_without_gz(path);
     if [".func.gii", ".shape.gii"].iter().any(|ending| name.ends_with(ending)) {
         return None;
@@ -76,6 +75,13 @@ pub fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
     // A format that isn't for values only is for surfaces.
     let for_meshes = |format: &&FormatSpec| format.write_mesh.is_some() || format.write_signal.is_none();
     FORMATS.iter().filter(for_meshes).find(|format| has_ending(format, &name))
+}
+
+/// Returns whether a file's name has the ending of a format for surfaces. FreeSurfer's endings, such as `.orig`, don't
+/// count, because they are also common words.
+#[must_use]
+pub fn is_named_mesh(path: &Path) -> bool {
+    mesh_format(path).is_some_and(|format| !format.hemisphere_prefix)
 }
 
 /// Returns whether a file's name implies values on vertices rather than a surface.

@@ -78,7 +78,7 @@ pub use atomic::write_new;
 pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, mesh_with_gaps, signal as check_signal, signal_with_gaps};
 pub(crate) use choose::name_without_gz;
-pub use choose::{Output, check_output, is_named_signal, mesh_format, to_write_mesh, to_write_signal};
+pub use choose::{Output, check_output, is_named_mesh, is_named_signal, to_write_mesh, to_write_signal};
 pub use formats::FORMATS;
 pub use leftovers::remove_leftovers;
 pub use load::MOST_EXPANSION;
@@ -115,10 +115,15 @@ pub struct WriteOptions {
 /// checks whether the surface is closed.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
     let path = path.as_ref();
-    match read_input(path)? {
+    mesh_of(path, read_input(path)?)
+}
+
+/// Returns the surface that was read from a file.
+fn mesh_of(path: &Path, input: Input) -> Result<Mesh, SurfaceError> {
+    match input {
         Input::Mesh(mesh) => Ok(mesh),
-        Input::Signal(signal) => {
-            Err(SurfaceError::NotAMesh { path: path.to_owned(), vertices: signal.vertices, channels: signal.channels })
+        Input::Signal(Signal { vertices, channels, .. }) => {
+            Err(SurfaceError::NotAMesh { path: path.to_owned(), vertices, channels })
         }
     }
 }
@@ -169,12 +174,7 @@ pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
 /// The errors of [`read_mesh`], except those for positions.
 pub fn read_mesh_with_gaps(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
     let path = path.as_ref();
-    match read_input_with_gaps(path)? {
-        Input::Mesh(mesh) => Ok(mesh),
-        Input::Signal(Signal { vertices, channels, .. }) => {
-            Err(SurfaceError::NotAMesh { path: path.to_owned(), vertices, channels })
-        }
-    }
+    mesh_of(path, read_input_with_gaps(path)?)
 }
 
 /// Reads values on vertices. Missing values are allowed and are stored as NaN.
