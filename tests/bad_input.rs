@@ -115,7 +115,7 @@ fn spheres_that_do_not_fit_their_surface() {
     refuses(
         &study,
         &mut study.fit(&["swapped.surf.gii"], &arguments),
-        &["swapped.surf.gii", "triangles differ between it and"],
+        &["swapped.surf.gii", "triangles differ between this surface and"],
     );
     refuses(&study, &mut study.fit(&["other.surf.gii"], &arguments), &["other.surf.gii", "differ"]);
 }

@@ -118,7 +118,7 @@ fn places_are_carried_to_where_the_truth_has_them() {
             .args(["carry", "group", "off.csv", "--from", "s01", "--to", "s02", "-o", "o.csv"])
             .current_dir(site.0.path()),
     );
-    assert!(output.status.success() && text(&output).contains("far from its surface: a"), "{}", text(&output));
+    assert!(output.status.success() && text(&output).contains("far from the surface: a"), "{}", text(&output));
 }
 
 #[test]
@@ -217,7 +217,7 @@ fn an_interrupted_group_goes_on_where_it_was_ended() {
     // Registrations of another group, or in another folder, aren't used.
     let error = fail(&mut site.correspond("group", &["--resume", "state", "--rounds", "1"]));
     assert!(
-        error.contains("state/key.json") && error.contains("registrations of other surfaces or settings"),
+        error.contains("state/key.json") && error.contains("registrations of other surfaces or with other settings"),
         "{error}"
     );
     let error = fail(&mut site.correspond("group", &["--resume", "in"]));

@@ -76,7 +76,7 @@ fn landmarks_that_guide_stay_together() {
     assert!(wrong(&["--guide"]).contains("--guide needs landmarks"));
     fs::copy(site.path().join("in/s01.ply"), site.path().join("other.ply")).expect("a copy");
     let error = wrong(&["--guide", "--landmarks", "in", "--template", "other.ply"]);
-    assert!(error.contains("other.ply: with --guide the template has to be one of the surfaces"), "{error}");
+    assert!(error.contains("other.ply: with --guide, the template must be one of the surfaces"), "{error}");
 }
 
 #[test]
@@ -109,7 +109,7 @@ fn signals_are_found_beside_the_surfaces_or_in_a_table() {
     let overwrite = WriteOptions { overwrite: true, ..WriteOptions::default() };
     write_signal(site.path().join("in/s03.near.shape.gii"), &short, &overwrite).expect("written");
     let error = wrong("{stem}.near.shape.gii");
-    assert!(error.contains("in/s03.ply") && error.contains("found 3 for"), "{error}");
+    assert!(error.contains("in/s03.ply") && error.contains("found 3 values for"), "{error}");
 }
 
 #[test]

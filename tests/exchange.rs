@@ -192,7 +192,7 @@ fn channels_of_a_model_are_of_one_format_and_degree() {
         assert!(said.contains(expected), "{said}");
     }
     let two = finish(&mut site.run("import", &["a.x.sh", "a.y.sh", "-o", "y.npz"]));
-    assert!(text(&two).contains("2 channels: imported as a signal; a surface has 3"), "{}", text(&two));
+    assert!(text(&two).contains("2 channels: imported as a signal, because a surface has 3"), "{}", text(&two));
     // Test a table without its third row, and a table truncated at the end.
     let table = std::fs::read_to_string(site.path("c.csv")).expect("a table");
     let lines: Vec<&str> = table.lines().collect();

@@ -5,6 +5,7 @@ use std::process::Command;
 
 use serde_json::Value;
 use spharm_model::Model;
+use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, cortex, icosphere};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
@@ -269,6 +270,34 @@ fn an_output_is_a_model_or_a_folder() {
 /// Models are compared where meshes are, by surface distance; a mesh in place of a model is named, with the verb that
 /// makes a model of it.
 #[test]
+fn models_of_separate_maps_are_compared_by_their_surfaces() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // The same surface with its vertices in two orders, so that it is mapped in two ways.
+    let mesh = cortex(&Cortex { subdivisions: 3, variant: 0 }).0;
+    let count = mesh.vertices.len();
+    let vertices: Vec<[f64; 3]> = (0..count).map(|v| mesh.vertices[(v * 5 + 7) % count]).collect();
+    let mut number = vec![0; count];
+    (0..count).for_each(|v| number[(v * 5 + 7) % count] = v as u32);
+    let faces = mesh.faces.iter().rev().map(|&[a, b, c]| [b, c, a].map(|v| number[v as usize])).collect();
+    write_mesh(at("a.ply"), &mesh, &OPTIONS).unwrap();
+    write_mesh(at("b.ply"), &Mesh::new(vertices, faces), &OPTIONS).unwrap();
+    for name in ["a", "b"] {
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(at(&format!("{name}.ply"))).args(["-q", "--max-degree", "15", "-o"]);
+        succeed(fit.arg(at(&format!("{name}.spharm.npz"))));
+    }
+    let models = ["a.spharm.npz", "b.spharm.npz"].map(at);
+    let output = finish(tool("compare").args(&models).arg("--json"));
+    assert!(output.status.success() && text(&output).contains("mapped separately"), "{}", text(&output));
+    let found: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert!(found["msd"].is_null() && found["surface_distance"]["rms"].is_number(), "{found}");
+    let same = finish(tool("compare").args([&models[0], &models[0]]).arg("--json"));
+    let same: Value = serde_json::from_slice(&same.stdout).expect("JSON");
+    assert_eq!(same["msd"], 0.0, "{same}");
+}
+
+#[test]
 fn models_are_compared_and_meshes_are_not_taken_for_models() {
     let subjects = Subjects::new(1);
     succeed(&mut subjects.fit(&[1], &[]));
@@ -285,7 +314,8 @@ fn models_are_compared_and_meshes_are_not_taken_for_models() {
     assert!(compare(&model, &model)["surface_distance"]["hausdorff"].as_f64().expect("a number") < 1e-12);
     let error = fail(tool("shape").args(["compress", "--tolerance", "0.01", "-o", "x.sphz"]).arg(&surface));
     assert!(
-        error.contains("it is a mesh, of which `spharm fit --surface ") && error.ends_with("makes a model"),
+        error.contains("this file is a mesh; make a model with `spharm fit --surface ")
+            && error.ends_with("--max-degree L`"),
         "{error}"
     );
 }

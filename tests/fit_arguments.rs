@@ -50,7 +50,11 @@ fn flags_that_do_not_go_together_are_usage_errors() {
         (false, &["--denoise", "--smoothness", "1e-3"], "--denoise"),
         (false, &["--denoise", "--smoothness", "auto"], "--smoothness"),
         (true, &["--objective", "surface"], "--objective surface"),
-        (true, &["--objective", "surface", "--method", "lsq"], "whose basis and factor are for the vertices"),
+        (
+            true,
+            &["--objective", "surface", "--method", "lsq"],
+            "because the basis and the factor in a store are for vertices",
+        ),
         (false, &["--objective", "surface", "--method", "quadrature"], "--objective surface"),
         (false, &["--objective", "points"], "surface or vertices"),
         (true, &["--method", "nlsf", "--stderr"], "--stderr"),

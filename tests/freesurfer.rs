@@ -167,7 +167,7 @@ fn the_other_hemispheres_sphere_is_known_by_its_vertices() {
     std::fs::copy(bert("rh.sphere.reg"), bert("lh.sphere.reg")).expect("copied");
     let output = finish(&mut subjects.run(&["--surface", "white", "--subject", "bert", "--hemi", "lh"]));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("rh.white: does the sphere belong to that hemisphere?"), "{said}");
+    assert!(said.contains("rh.white; is this the sphere of the other hemisphere?"), "{said}");
     let missing = finish(&mut subjects.run(&["--surface", "white", "--subject", "oscar"]));
     assert!(error_line(&missing).contains("oscar: no such subject"));
 }
@@ -227,12 +227,12 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     assert!(text(&output).contains("lh.absent.label: no such file"), "{}", text(&output));
     write_label(&bert("label/lh.other.label"), &[[0.0; 3]; 900], |_| true);
     let output = finish(&mut fit(&["--force", "--mask", "other"]));
-    assert!(text(&output).contains("expected vertices below 642"), "{}", text(&output));
+    assert!(text(&output).contains("expected vertex numbers below 642"), "{}", text(&output));
     // Without a label, all values are read, and a note says so.
     std::fs::remove_file(bert("label/lh.cortex.label")).expect("it is there");
     let output = finish(&mut fit(&["--force"]));
     assert!(
-        output.status.success() && text(&output).contains("no label/?h.cortex.label of bert lh"),
+        output.status.success() && text(&output).contains("no label/?h.cortex.label for bert lh"),
         "{}",
         text(&output)
     );
@@ -278,7 +278,7 @@ fn subjects_that_recon_all_did_not_finish_are_named_before_the_fits() {
     let output = finish(&mut subjects.run(&dry));
     let said = text(&output);
     assert!(
-        output.status.success() && said.contains("skipped 2 folders without a folder surf: sub-04, sub-07"),
+        output.status.success() && said.contains("skipped 2 folders without a folder `surf`: sub-04, sub-07"),
         "{said}"
     );
     // One subject has an empty surface, the other has another subject's sphere.

@@ -103,7 +103,7 @@ fn unusable_values_and_arguments_are_refused() {
         (&["p.npy", "--threshold", "0.5", "--smooth-radius", "9"], "expected 0.25 to 4 voxels"),
         (
             &["p.npy", "--probability", "--label-surface", "voxels", "--smooth-radius", "1"],
-            "--smooth-radius is for --label-surface smooth",
+            "--smooth-radius can only be used with --label-surface smooth",
         ),
     ] {
         let found = refused(&[arguments, &size].concat());
@@ -143,5 +143,5 @@ fn a_study_of_probabilities_passes_them_to_all_stages() {
         assert!((in_group / own - 1.0).abs() < 0.01, "{id}: {own} {in_group}");
     }
     let methods = fs::read_to_string(site.join("out/methods.md")).unwrap();
-    assert!(methods.contains("of a probability of 0.5 or more; its volume was the sum"), "{methods}");
+    assert!(methods.contains("with a probability of 0.5 or more; the enclosed volume was the sum"), "{methods}");
 }

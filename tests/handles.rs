@@ -118,7 +118,7 @@ fn a_cut_surface_and_its_sphere_are_files_that_a_fit_takes() {
     // Other formats lose the seams; a warning says so.
     let output = finish(&mut parametrize(&folder.path().join("cut.sphere.ply")));
     assert!(output.status.success());
-    assert!(String::from_utf8_lossy(&output.stderr).contains("doesn't keep the seams"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("doesn't store the seams"));
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn spheres_off_the_origin_and_of_the_other_hemisphere_are_refused_when_strict() 
         &study,
         &study.path("right.surf.gii"),
         "left.surf.gii",
-        "belongs to the left hemisphere, but the sphere to the right",
+        "belongs to the left hemisphere, but the sphere belongs to the right",
     );
 }
 
@@ -113,7 +113,7 @@ fn what_is_no_surface_is_named_for_what_it_is() {
     assert!(error.contains("a volume (TIFF)") && error.contains("--label N"), "{error}");
     std::fs::create_dir(study.path("subjects")).unwrap();
     let error = fail(&mut study.fit(&["subjects"], &["--max-degree", "6"]));
-    assert!(error.contains("is a folder; give the files in it, or a list of paths as @LIST"), "{error}");
+    assert!(error.contains("is a folder; give the files in the folder, or a list of paths as @LIST"), "{error}");
     let mut command = tool("reconstruct");
     fit(&study, "s0.surf.gii");
     let error = fail(command.arg("--model").arg(study.path("m.npz")).arg("-o").arg(study.path("a.usd")));

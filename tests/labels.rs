@@ -113,6 +113,9 @@ fn a_page_shows_a_label_beside_its_surface() {
     fs::remove_file(folder.path().join("cell.surf.gii")).unwrap();
     let output = finish(tool("report").args(["cell.spharm.npz", "-o", "without.html"]).current_dir(folder.path()));
     let said = text(&output);
-    assert!(output.status.success() && said.contains("there is no cell.surf.gii beside the model"), "{said}");
+    assert!(
+        output.status.success() && said.contains("its surface cell.surf.gii doesn't exist beside the model"),
+        "{said}"
+    );
     assert_eq!(page("without.html")[0]["reference"]["kind"], "model");
 }

@@ -121,7 +121,8 @@ fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
         ("wild/teapot.obj", "3 smaller pieces dropped (2"),
         (
             "wild/woody.obj",
-            "--largest-repair 68 allows it, and --wrap 128 replaces the mesh by the closed surface around it",
+            "--largest-repair 68 allows this repair; alternatively, --wrap 128 replaces the mesh \
+             by the closed surface around it",
         ),
     ] {
         let Some(output) = run(name, &[]) else { return };
@@ -147,7 +148,7 @@ fn the_surface_around_several_parts_is_fitted() {
     let output = finish(&mut site.run("fit", &[&fit[..], &["--wrap", "48"]].concat()));
     assert!(output.status.success(), "{}", text(&output));
     assert!(
-        text(&output).contains("warning: parts.ply: the mesh was repaired: wrapped at 48 voxels"),
+        text(&output).contains("warning: parts.ply: the mesh was repaired: wrapped with 48 voxels"),
         "{}",
         text(&output)
     );
@@ -160,7 +161,7 @@ fn the_surface_around_several_parts_is_fitted() {
     let again =
         |voxels: &str| text(&finish(&mut site.run("fit", &[&fit[..], &["--update", "--wrap", voxels]].concat())));
     assert!(again("48").contains("up to date") || again("48").contains("skipped"), "{}", again("48"));
-    assert!(again("50").contains("wrapped at 50 voxels"));
+    assert!(again("50").contains("wrapped with 50 voxels"));
     let output = finish(&mut site.run("fit", &[&fit[..], &["--wrap", "5"]].concat()));
     assert!(text(&output).contains("expected a number of voxels from 16 to 512"), "{}", text(&output));
     for (name, said) in [("wild/teapot.obj", ""), ("wild/beetle.obj", ""), ("wild/woody.obj", "encloses no voxel")] {
@@ -216,7 +217,7 @@ fn the_error_names_the_options_that_repair_a_mesh() {
     let said = "which leaves 1 handle: 1 hole filled";
     assert!(error.contains(said) && error.ends_with("; give --fix --cut-handles"), "{error}");
     let error = refused("torus.ply", &["--force", "--fix"]);
-    assert!(error.contains("--cut-handles cuts the handles") && !error.contains("--fix"), "{error}");
+    assert!(error.contains("use --cut-handles to cut the handles") && !error.contains("--fix"), "{error}");
 
     // No repair makes a closed surface of a Möbius strip.
     let strip = |k: u32| {
@@ -283,7 +284,7 @@ fn masked_vertices_and_missing_values_are_not_read() {
     succeed(&mut fit(&["surface.ply"], "masked", &masked));
     std::fs::write(site.path("short.csv"), "1\n0\n").expect("written");
     let said = error_line(&finish(&mut fit(&["full.csv"], "short", &["--mask", "short.csv"])));
-    assert!(said.contains("short.csv: 2 vertices, but the sphere has 642"), "{said}");
+    assert!(said.contains("short.csv: found 2 vertices, but the sphere has 642"), "{said}");
     site.column("none.csv", |_, _| 0.0);
     let said = fail(&mut fit(&["full.csv"], "none", &["--mask", "none.csv"]));
     assert!(said.contains("all vertices are excluded by the mask"), "{said}");

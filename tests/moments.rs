@@ -234,7 +234,7 @@ fn a_degree_that_the_samples_do_not_determine_is_said_with_the_gap() {
     let output = finish(&mut survey.fit("north.moments", 12, &[]));
     assert!(output.status.success(), "{}", text(&output));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("isn't determined by the samples") && said.contains("resolves 15.0"), "{said}");
+    assert!(said.contains("isn't determined by the samples") && said.contains("resolves angles of 15.0"), "{said}");
     let report = json(&String::from_utf8_lossy(&output.stdout));
     let gap = report["fit"]["largest_gap"].as_f64().expect("a number");
     // The largest gap is determined to within three cells of 180 / 26 degrees.

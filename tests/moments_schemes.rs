@@ -178,7 +178,7 @@ fn standard_input_has_a_row_for_each_vertex_too() {
     assert_same(&site.read("piped.moments"), &site.read("whole.moments"));
     for (output, expected) in [
         (piped(&b"1\n".repeat(N + 1), &[]), "-: expected 2562 rows, one for each vertex of the sphere, found 2563"),
-        (piped(&table, &["--shard", "0/2"]), "standard input can't be read in shards"),
+        (piped(&table, &["--shard", "0/2"]), "standard input can't be divided into shards"),
     ] {
         assert!(output.status.code() == Some(1) && text(&output).contains(expected), "{}", text(&output));
     }
@@ -197,7 +197,7 @@ fn rows_and_options_that_do_not_fit_are_refused() {
     let over = ["--icosphere", "4"];
     for (samples, value, more, expected) in [
         ("thickness.npy", "1", &over[..], "no column 1"),
-        ("thickness.npy", "radius", &over, "the value radius and a centre need positions given as vectors (x, y, z)"),
+        ("thickness.npy", "radius", &over, "the value `radius` and a centre require positions as vectors (x, y, z)"),
         ("lh.sphere.obj", "0", &over, "lh.sphere.obj"),
         ("thickness.npy", "0", &["--sphere", "none.ply"], "none.ply"),
         ("thickness.npy", "0", &["--sphere", "thickness.npy"], "thickness.npy"),

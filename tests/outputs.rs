@@ -117,7 +117,7 @@ fn no_output_replaces_an_input_or_another_output() {
     let said = line(&of(&["--surface", "in.ply", "-o", "a.npz", "--report", "hard.ply"]));
     assert!(said.contains("an input") && said.contains("--report"), "{said}");
     let said = line(&["shape", "align", "models", "--group", "-o", "models", "--force"]);
-    assert!(said.contains("m.spharm.npz: is an input"), "{said}");
+    assert!(said.contains("m.spharm.npz: this file is an input"), "{said}");
     // An existing output is replaced, even through a link, if it isn't an input.
     site.done(&of(&["--surface", "in.ply", "-o", "m.spharm.npz"]));
 }

@@ -101,7 +101,7 @@ fn landmarks_that_do_not_fit_are_said() {
     assert_eq!(found["landmarks"]["names"], serde_json::json!(["x1"]));
     let warnings = found["warnings"].to_string();
     assert!(
-        warnings.contains("far from its surface")
+        warnings.contains("landmarks far from the surface")
             && warnings.contains("landmarks omitted because other files lack them"),
         "{warnings}"
     );

@@ -198,7 +198,7 @@ fn a_dry_run_ends_as_the_run_would() {
     let weighted = table.replace("sphere\n", "sphere\tweights\n").replace(".ply\n", ".ply\tuniformm\n");
     fs::write(folder.path().join("weights.tsv"), weighted).expect("a table");
     let error = fail(&mut fit("weights.tsv", "4", &["--force"]));
-    assert!(error.contains("A: column weights: expected uniform, area or a file, found uniformm"), "{error}");
+    assert!(error.contains("A: column weights: expected uniform, area or an existing file, found uniformm"), "{error}");
     assert_eq!(fail(&mut fit("weights.tsv", "4", &["--force", "--dry-run"])), error);
     let said = text(&finish(&mut fit("weights.tsv", "4", &["--force", "--keep-going"])));
     assert!(said.contains("C: sphere.ply: column weights: expected uniform"), "{said}");

@@ -90,7 +90,7 @@ fn a_group_that_is_killed_goes_on_and_ends_in_the_same_bits() {
     let output = finish(&mut site.align("killed", &resumed));
     let told = text(&output);
     assert!(output.status.success() && told.contains("MiB planned"), "{told}");
-    assert!(told.contains(&format!("resuming after {last} alignments of an earlier run")), "{told}");
+    assert!(told.contains(&format!("resuming an earlier run that finished {last} alignments")), "{told}");
     assert!(site.bits("killed") == site.bits("undisturbed"));
     assert!(!state.exists(), "it isn't needed any more");
     // If the earlier run ended while writing its outputs, the outputs that it had written are kept.
@@ -126,7 +126,7 @@ fn what_keeps_the_state_is_a_file_of_its_own() {
         let output = finish(command);
         assert!(output.status.code() == Some(2) && text(&output).contains(expected), "{}", text(&output));
     };
-    misused(&mut site.align("out", &["--resume", "./out.mean.npz"]), "--resume must not be an output");
+    misused(&mut site.align("out", &["--resume", "./out.mean.npz"]), "--resume must name a file that");
     let alone = ["align", "a.npz", "--to", "b.npz", "-o", "c.npz", "--resume", "s"];
     misused(tool("shape").args(alone), "--group");
 }

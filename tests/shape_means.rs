@@ -110,7 +110,7 @@ fn questions_that_mean_nothing_are_refused() {
     }
     let some = ["year1/s0.spharm.npz", "year1/s1.spharm.npz"];
     for (a, b, paired, words) in [
-        (&some[..], &["year2/s0.spharm.npz"][..], true, "as many models in --b as in --a, 2, found 1"),
+        (&some[..], &["year2/s0.spharm.npz"][..], true, "expected 2 models in --b, as in --a, found 1"),
         (&some, &["./year1/s1.spharm.npz", "year2/s2.spharm.npz"], false, "in both groups"),
         (&["year1/s0.spharm.npz", "./year1/s0.spharm.npz"], &["year2/s2.spharm.npz"], false, "in the same group twice"),
     ] {
@@ -219,9 +219,9 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
         (
             &["short.csv"][..],
             "short.csv: expected a mask for the 42 vertices of an icosphere of 1 subdivision, found one for 2; give the \
-             mask's own sphere by --sphere",
+             mask's own sphere with --sphere",
         ),
-        (&["mask.csv", "other.label"], "vertices of an icosphere of 1 subdivision (give the mask's own sphere by"),
+        (&["mask.csv", "other.label"], "vertices of an icosphere of 1 subdivision (give the mask's own sphere with"),
         (&["mask.csv", "third.csv"], "mask.csv, third.csv: expected a vertex within all masks, found none"),
     ] {
         let masks = masks.iter().flat_map(|mask| ["--mask", *mask]);

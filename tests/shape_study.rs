@@ -152,7 +152,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
         "positions have no map of one effect"
     );
     let none = fail(&mut run(site.path(), &["picture", "--test", "meshes", "-o", "none.png"]));
-    assert!(none.contains("meshes: expected a folder of `spharm shape test`"), "{none}");
+    assert!(none.contains("meshes: expected a folder written by `spharm shape test`"), "{none}");
     let without = fail(&mut run(site.path(), &[&contour[..], &["test/effect.shape.gii", "-o", "x.png"]].concat()));
     assert!(without.contains("--contour-level is required for maps other than p values"), "{without}");
     let wrong = ["picture", "meshes/a01.ply", "--map", "test/test.csv", "-o", "other.png"];

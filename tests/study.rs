@@ -172,7 +172,7 @@ fn a_subject_that_fails_is_named_and_the_others_make_the_study() {
     let output = finish(&mut again);
     let printed = text(&output);
     assert!(printed.contains("warning: b02: ") && printed.contains("1 subject of 6 failed"), "{printed}");
-    assert!(output.status.success() && printed.contains("the same bytes as recorded"), "{printed}");
+    assert!(output.status.success() && printed.contains("identical to the recorded results"), "{printed}");
 }
 
 #[test]
@@ -201,7 +201,7 @@ fn studies_that_are_none_are_refused_in_words() {
     assert!(fail(&mut again).contains("mine.toml"));
     for (from, to, expected) in [
         ("max_degree", "max_degre", "did you mean `max_degree`?"),
-        ("effect = \"group\"", "effect = \"site\"", "has no column \"site\"; it has group"),
+        ("effect = \"group\"", "effect = \"site\"", "has no column \"site\"; its columns are group"),
         ("meshes/study.csv", "meshes/other.csv", "other.csv"),
         ("max_degree = 4", "max_degree = ", "line "),
     ] {

@@ -97,7 +97,7 @@ fn a_failed_subject_is_no_difference_from_another_folder() {
         for (folder, record) in [(Path::new("/"), whole.as_str()), (&at("meshes"), "../out/provenance.json")] {
             let output = finish(&mut study(folder, &["--again", record]));
             let printed = text(&output);
-            assert!(output.status.success() && printed.contains("the same bytes as recorded"), "{printed}");
+            assert!(output.status.success() && printed.contains("identical to the recorded results"), "{printed}");
         }
     }
 }
@@ -284,7 +284,11 @@ fn a_study_is_run_again_from_its_provenance() {
         finish(tool("study").args(["--again", "moved/out/provenance.json"]).args(more).current_dir(elsewhere.path()))
     };
     let output = again(&[]);
-    assert!(output.status.success() && text(&output).contains("the same bytes as recorded"), "{}", text(&output));
+    assert!(
+        output.status.success() && text(&output).contains("identical to the recorded results"),
+        "{}",
+        text(&output)
+    );
     assert!(moved.join("out-again/report.html").is_file());
     let output = again(&["--threads", "1", "--output", "other"]);
     assert!(elsewhere.path().join("other/report.html").is_file(), "{}", text(&output));
@@ -293,10 +297,10 @@ fn a_study_is_run_again_from_its_provenance() {
     let kept = fs::read(&mesh).expect("a mesh");
     fs::copy(moved.join("meshes/b01.ply"), &mesh).expect("a copy");
     let output = again(&[]);
-    let expected = "1 of the recorded 6 inputs missing or changed, so the results couldn't be the same; the first: \
+    let expected = "1 of the recorded 6 inputs missing or changed, so the results can't be reproduced; first: \
                     meshes/a03.ply: the file has changed";
     assert!(!output.status.success() && text(&output).contains(expected), "{}", text(&output));
     fs::write(&mesh, kept).expect("a mesh");
     fs::write(moved.join("out/provenance.json"), "{}").expect("a file");
-    assert!(text(&again(&[])).contains("expected provenance.json of `spharm study`"));
+    assert!(text(&again(&[])).contains("expected a provenance.json written by `spharm study`"));
 }

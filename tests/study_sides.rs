@@ -80,12 +80,12 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     assert!(methods.contains("Surfaces of the side rh were mirrored first."), "{methods}");
     assert!(
         methods.contains("the mean of the displacement")
-            && methods.contains("difference lh minus mirrored rh of each subject), of 11 subjects"),
+            && methods.contains("difference lh minus mirrored rh in each subject) in 11 subjects"),
         "{methods}"
     );
     for (from, to, expected) in [
         ("side = \"rh\"", "side = \"right\"", "side: expected \"lh\", \"rh\" or \"asymmetry\", found \"right\""),
-        ("side = \"rh\"\n", "", "expected `side`, \"lh\", \"rh\" or \"asymmetry\""),
+        ("side = \"rh\"\n", "", "expected `side` (\"lh\", \"rh\" or \"asymmetry\")"),
         (
             "{side}.ply",
             "lh.ply",
@@ -94,7 +94,7 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
         ("[\"lh\", \"rh\"]", "[\"lh\", \"lh\"]", "found \"lh\" twice"),
         ("\"rh\"]\n", "\"rh\"]\nlabels = [17]\n", "expected two labels, one for each side, found 1"),
         ("mean = true\nside = \"asymmetry\"", "mean = true\nside = \"lh\"", "their mean is always zero"),
-        ("[fit]", "[align]\nmethod = \"none\"\n[fit]", "expected another method"),
+        ("[fit]", "[align]\nmethod = \"none\"\n[fit]", "expected a method other than"),
         ("s12", "s13", "no subject \"s13\""),
         ("{side}.ply", "{hemi}.ply", "expected {id} or {side}, found {hemi}"),
         ("[fit]", "[align]\nmirror = true\n[fit]", "the second of the `sides` is mirrored already"),
@@ -211,7 +211,7 @@ fn labels_of_both_sides_are_in_one_volume() {
     assert!(quality.contains("s0_rh\texcluded") && quality.contains("\ns0_lh\t"), "{quality}");
     fs::write(site.join("study.toml"), format!("{head}{test}").replace("[17, 53]", "[53, 17]")).expect("a study");
     let said = text(&study(site));
-    assert!(said.contains("in all of 5 subjects, side lh lies where rh is expected"), "{said}");
+    assert!(said.contains("in all of 5 subjects, side lh is where side rh is expected"), "{said}");
     // A study of only one of the two labels in each volume.
     let one = head.replace("sides = [\"lh\", \"rh\"]\nlabels = [17, 53]\nexclude = [\"s0_rh\"]", "label = 53");
     let test = test.replace("mean = true\nside = \"asymmetry\"", "effect = \"group\"");

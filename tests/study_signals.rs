@@ -149,7 +149,7 @@ fn a_subject_without_its_signal_is_left_out_of_everything() {
     fs::remove_file(site.join("subjects/s3/surf/lh.thickness")).expect("a file");
     let output = study(site, &[]);
     assert!(!output.status.success() && text(&output).contains("warning: s3: "), "{}", text(&output));
-    assert!(error_line(&output).contains("`spharm status out/signals/status` lists them"), "{}", text(&output));
+    assert!(error_line(&output).contains("`spharm status out/signals/status` lists the failures"), "{}", text(&output));
     let table = fs::read_to_string(site.join("out/tests/thickness/summary.csv")).expect("a table");
     assert!(table.contains("\nvolume,7,"), "{table}");
     let subjects = fs::read_to_string(site.join("out/.study/subjects.tsv")).expect("a table");
@@ -215,7 +215,7 @@ fn studies_of_signals_that_would_mislead_are_refused() {
     fs::write(site.join("short.csv"), "0\n1\n").expect("a mask");
     for (from, to, expected) in [
         (signal, "", "\"value\" needs `signal` in [subjects]"),
-        (signal, "mask = \"x\"\n", "there is no `signal`"),
+        (signal, "mask = \"x\"\n", "but no `signal` is given"),
         (
             "lh.thickness\"",
             "lh.thickness\"\nmask = \"lh.cortex.label\"",

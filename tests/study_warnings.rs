@@ -172,11 +172,11 @@ fn exclusions_that_cannot_be_are_refused() {
         ("\"a03\"".to_owned(), "found string"),
         ("[{ id = \"a03\", reason = \"\" }]".to_owned(), "found a table without an id and a reason"),
         ("[{ id = \"a03\", why = \"x\" }]".to_owned(), "`exclude` in [subjects]: expected a list, such as"),
-        (format!("[{}]", all[..8].join(", ")), "expected 3 subjects or more, found 2 besides 8 subjects excluded"),
+        (format!("[{}]", all[..8].join(", ")), "expected 3 subjects or more, found 2 (8 subjects excluded)"),
         (
             "[{ id = \"b01\", reason = \"moved\" }, \"b02\", \"b03\", \"b04\", \"b05\"]".to_owned(),
-            "test \"bump\": no subject with group \"b\" is left of 5 subjects; excluded: b01 (moved), b02, b03 and 2 more; \
-             keep or repair some of them, or change the test",
+            "test \"bump\": no subject with group \"b\" is left, of 5 subjects in the table; excluded: b01 (moved), \
+             b02, b03 and 2 more; keep or repair some of them, or change the test",
         ),
     ] {
         let text = study.replace("[fit]", &format!("exclude = {exclude}\n[fit]"));
@@ -204,7 +204,10 @@ fn a_group_of_which_no_subject_is_left_is_named_with_the_reasons() {
     assert!(output.status.success(), "{}", text(&output));
     for named in ["levels = [\"a\", \"b\", \"c\"]", "contrast = \"a - 1/2 b - 1/2 c\""] {
         let error = error_line(&run(&without.replace("permutations", &format!("{named}\npermutations")), &[]));
-        assert!(error.contains("no subject with group \"c\" is left of 2 subjects; excluded: b04, b05;"), "{error}");
+        assert!(
+            error.contains("no subject with group \"c\" is left, of 2 subjects in the table; excluded: b04, b05;"),
+            "{error}"
+        );
     }
     fs::write(site.path().join("meshes/study.csv"), table).expect("a table");
     // Failures are found before the models are aligned.
@@ -214,7 +217,8 @@ fn a_group_of_which_no_subject_is_left_is_named_with_the_reasons() {
     let output = run(&study.replace("[fit]", "exclude = [{ id = \"b01\", reason = \"moved\" }]\n[fit]"), &[]);
     let error = error_line(&output);
     for said in [
-        "study.toml: test \"bump\": no subject with group \"b\" is left of 5 subjects; excluded: b01 (moved); failed: b02 (",
+        "study.toml: test \"bump\": no subject with group \"b\" is left, of 5 subjects in the table; excluded: \
+         b01 (moved); failed: b02 (",
         "meshes/b02.ply: ",
         " and 1 more; keep or repair some of them",
     ] {

@@ -78,7 +78,7 @@ fn every_label_is_a_model_and_a_row() {
     assert!(none["state"] == "failed" && none["error"].contains("c.nii") && none["voxels"] == "n/a");
 
     // A second run replaces nothing without a flag; --skip-existing keeps existing models.
-    assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists; --skip-existing resumes it"));
+    assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists; give --skip-existing to resume"));
     let before = std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model");
     finish(&mut site.run(&["in/a.nii", "in/b.nii", "--fix", "--skip-existing"]));
     let states: Vec<String> = site.table().iter().map(|row| row["state"].clone()).collect();
@@ -185,7 +185,7 @@ fn small_labels_and_those_at_the_border_are_skipped() {
     assert_eq!(found, [["in/b.nii", "fitted"], ["in/a.nii", "kept"]]);
     // A warning names an existing model whose label is skipped.
     let output = succeed_with_warnings(&mut site.run(&["in/b.nii", "--min-voxels", "500", "--table", "u.tsv"]));
-    assert!(output.contains("out/b.17.spharm.npz exists; delete it"), "{output}");
+    assert!(output.contains("out/b.17.spharm.npz exists; delete this file"), "{output}");
 }
 
 #[test]

@@ -31,7 +31,7 @@ impl Surface {
         }
         let model = Model::read(path)?;
         if model.kind() != Kind::Surface {
-            bail!("{}: expected a model of a surface, found one of a signal", path.display());
+            bail!("{}: expected a model of a surface, found a model of a signal", path.display());
         }
         let functions = (model.coefficients.max_degree() + 1).pow(2);
         let suits = |level: &u32| icosphere_counts(*level)[0] >= VERTICES * functions as u64;
@@ -50,6 +50,11 @@ impl Surface {
     /// Returns whether the surface is a model.
     pub(crate) fn is_model(&self) -> bool {
         matches!(self, Self::Model(..))
+    }
+
+    /// Returns whether two surfaces are models over separate maps, so that equal directions don't correspond.
+    pub(crate) fn mapped_apart(&self, other: &Self) -> bool {
+        matches!((self, other), (Self::Model(own, _), Self::Model(other, _)) if own.mapped_apart(other))
     }
 
     /// Returns the numbers of vertices and triangles of the mesh.

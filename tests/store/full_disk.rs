@@ -41,7 +41,7 @@ fn a_build_on_a_disk_of_any_size_fails_cleanly_and_completes_later() {
             // A plan that needs more than the free space is refused before anything is written. --yes builds anyway,
             // since compression may make the files fit.
             let line = fail(&mut builder(&store, &sphere, name));
-            assert!(line.contains(&store.display().to_string()) && line.contains("with more room"), "{line}");
+            assert!(line.contains(&store.display().to_string()) && line.contains("with more free space"), "{line}");
             assert!(!store.exists());
             let line = fail(builder(&store, &sphere, name).arg("--yes"));
             assert!(line.contains(&store.display().to_string()), "names the store: {line}");

@@ -96,11 +96,11 @@ const LIES: &[Lie] = &[
         put64(&mut f.header, 72, 16);
     }),
     // Header and footer agree on more chunks than the file has bytes for.
-    ("entries of the table", |f| {
+    ("number of entries in the table", |f| {
         put64(&mut f.header, 48, 8 << 22);
         put64(&mut f.header, 80, 1 << 22);
     }),
-    ("place of the table", |f| {
+    ("offset of the table", |f| {
         put64(&mut f.header, 48, 8 << 22);
         put64(&mut f.header, 80, 1 << 22);
         put64(&mut f.footer, 16, 1 << 22);
@@ -108,13 +108,13 @@ const LIES: &[Lie] = &[
     ("reserved bytes", |f| f.header[88] = 1),
     ("reserved bytes", |f| f.header[4063] = 1),
     ("footer (cut off?)", |f| f.footer[0] = b's'),
-    ("place of the table", |f| put64(&mut f.footer, 8, 0)),
-    ("place of the table", |f| put64(&mut f.footer, 8, 4095)),
-    ("place of the table", |f| put64(&mut f.footer, 8, u64::MAX)),
-    ("place of the table", |f| put64(&mut f.footer, 8, u64::MAX - 3 * 64 - 128 + 1)),
-    ("entries of the table", |f| put64(&mut f.footer, 16, 0)),
-    ("entries of the table", |f| put64(&mut f.footer, 16, 2)),
-    ("entries of the table", |f| put64(&mut f.footer, 16, u64::MAX)),
+    ("offset of the table", |f| put64(&mut f.footer, 8, 0)),
+    ("offset of the table", |f| put64(&mut f.footer, 8, 4095)),
+    ("offset of the table", |f| put64(&mut f.footer, 8, u64::MAX)),
+    ("offset of the table", |f| put64(&mut f.footer, 8, u64::MAX - 3 * 64 - 128 + 1)),
+    ("number of entries in the table", |f| put64(&mut f.footer, 16, 0)),
+    ("number of entries in the table", |f| put64(&mut f.footer, 16, 2)),
+    ("number of entries in the table", |f| put64(&mut f.footer, 16, u64::MAX)),
     ("length of the file", |f| put64(&mut f.footer, 24, 0)),
     ("length of the file", |f| put64(&mut f.footer, 24, u64::MAX)),
     ("reserved bytes of the footer", |f| f.footer[64] = 1),

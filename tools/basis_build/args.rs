@@ -11,15 +11,15 @@ use spharm_cli::values::Dtype;
 use spharm_store::Codec;
 use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 
-/// Compute the basis of a sampling scheme into a store, once for all fits over it
+/// Compute the basis of a sampling scheme once, and keep it in a store for all fits over this scheme
 ///
 /// Writes one immutable file per degree into the store. Existing files are kept, so the same command resumes an
 /// interrupted build, and a higher --max-degree extends a finished one. Several builds may run at once.
 ///
-/// With --factor, the Cholesky factor of the normal equations to degree L is computed as well and kept beside the
-/// basis. With the factor, a full least-squares fit over the scheme takes two triangular solves. The factor takes
-/// 4 (L + 1)^4 bytes of disk in f64, whatever the number of vertices. An interrupted computation of the factor starts
-/// again from the beginning.
+/// With --factor, the Cholesky factor of the normal equations to degree L is also computed and kept beside the basis. A
+/// full least-squares fit over the scheme then only takes two triangular solves. The factor takes 4 (L + 1)^4 bytes of
+/// disk in f64, whatever the number of vertices. An interrupted computation of the factor starts again from the
+/// beginning.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -66,9 +66,9 @@ pub(crate) struct Cli {
     /// zstd saves a few per cent of the space and makes fits several times slower.
     #[arg(long, value_enum, default_value_t = CodecName::None, help_heading = METHOD)]
     pub(super) codec: CodecName,
-    /// Rows of a chunk, a multiple of 8
+    /// Number of rows in each chunk, a multiple of 8
     ///
-    /// An existing scheme keeps its number of rows.
+    /// A scheme that exists already keeps its number of rows.
     #[arg(long, value_name = "ROWS", default_value_t = DEFAULT_CHUNK_ROWS, hide_short_help = true, help_heading = METHOD)]
     pub(super) chunk_rows: usize,
     /// Also compute the factor of the normal equations to degree L

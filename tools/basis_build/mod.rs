@@ -73,7 +73,10 @@ fn basis(cli: &Cli, sphere: &Sphere, params: &BuildParams, console: &Console) ->
     let report = build(&cli.store, &sphere.directions, params, &ConsoleMonitor::new(*console))?;
     report.warnings.iter().for_each(|warning| console.warn(warning));
     let planned = Size(report.memory);
-    console.detail(format!("{} threads, {planned} planned, chunks of {} rows", report.threads, report.chunk_rows));
+    console.detail(format!(
+        "{} threads, {planned} of memory planned, chunks of {} rows",
+        report.threads, report.chunk_rows
+    ));
     Ok(report)
 }
 
@@ -98,7 +101,9 @@ fn plan_factor<'a>(
     if let Some(plan) = planned.plan() {
         let place = if plan.in_memory { "in memory" } else { "out of core" };
         let (memory, disk) = (Size(plan.memory), Size(plan.disk as usize));
-        console.note(format!("factor of degree {max_degree}: {place}, {memory} of memory and {disk} of disk planned"));
+        console.note(format!(
+            "factor of degree {max_degree}, computed {place}: {memory} of memory and {disk} of disk planned"
+        ));
     }
     Ok(planned)
 }
@@ -111,8 +116,8 @@ fn factor_row(planned: &PlannedFactor<'_>, console: &Console) -> Result<FactorRo
     }
     if let Some(condition) = ill_conditioned(&report) {
         console.warn(format!(
-            "the normal equations are ill-conditioned (about {condition:.0e}): solutions lose that many digits; \
-             --smoothness helps"
+            "the normal equations are ill-conditioned (condition number about {condition:.0e}), so solutions lose most \
+             of their digits; --smoothness lowers the condition number"
         ));
     }
     Ok(FactorRow::from(&report))

@@ -9,12 +9,12 @@ use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 use spharm_cohort::Shard;
 
-/// Fit the cortices of a BIDS dataset, as a BIDS app does
+/// Fit the cortical surfaces of a BIDS dataset, as a BIDS app
 ///
 /// Surfaces are read from derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer,
-/// or from --freesurfer. Each is fitted over its subject's registered sphere, so that coefficients of subjects
-/// correspond. `participant` writes models, spectra, surfaces, errors and a page for each subject; `group` gathers all
-/// models.
+/// or from --freesurfer. Each surface is fitted over its subject's registered sphere, so that coefficients of different
+/// subjects correspond. `participant` writes models, spectra, surfaces, errors and a page for each subject; `group`
+/// gathers all models.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -24,9 +24,10 @@ use spharm_cohort::Shard;
         "spharm bids /data/study out group",
     ],
     &[
-        "Names follow BIDS derivatives: sub-01/anat/sub-01_hemi-L_desc-spharm_pial.npz with a .json that describes how it was made, ..._spectrum.tsv, \
-         ..._space-SPACE_den-DENSITY_desc-spharm_pial.surf.gii, ..._desc-spharmerror_pial.shape.gii; sub-01.html. Surfaces aren't \
-         part of BIDS yet: .bidsignore names them.",
+        "Names follow BIDS derivatives: sub-01/anat/sub-01_hemi-L_desc-spharm_pial.npz with a .json that describes how \
+         it was made, ..._spectrum.tsv, ..._space-SPACE_den-DENSITY_desc-spharm_pial.surf.gii, \
+         ..._desc-spharmerror_pial.shape.gii; sub-01.html. Surfaces aren't part of BIDS yet, so .bidsignore lists \
+         them.",
     ],
 ))]
 pub(crate) struct Cli {
@@ -57,10 +58,10 @@ pub(crate) struct Cli {
     /// Subdivisions of the icosphere on which models are evaluated
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
     pub(super) icosphere: u32,
-    /// Fit one part of the surfaces: I/N, counted from 0, or slurm
+    /// Fit only part I of N parts of the surfaces: I/N, with I counted from 0, or slurm
     #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
     pub(super) shard: Option<Shard>,
-    /// Replace models of another degree, and surfaces on another icosphere
+    /// Replace existing models of another degree, and existing surfaces on another icosphere
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     /// Don't write pages

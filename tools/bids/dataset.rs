@@ -25,8 +25,7 @@ pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result
     match spharm_files::read_text(&path, MOST_OWN) {
         Ok(text) if !is_ours(&text) => {
             bail!(
-                "{}: expected the description of a dataset made by spharm, found another description; choose another \
-                 OUT",
+                "{}: expected a dataset made by spharm, found the description of another dataset; choose another OUT",
                 path.display()
             )
         }
@@ -45,9 +44,9 @@ pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result
     text(&output.join(".bidsignore"), IGNORED)?;
     text(
         &output.join("README.md"),
-        "# spharm\n\nSpherical-harmonic models of cortical surfaces, fitted by `spharm bids`. Each model is a NumPy archive with a \
-         .json file that describes how it was made. Its spectrum, the surface on a common sampling, and its distances from the \
-         vertices are in files whose names begin in the same way.\n",
+        "# spharm\n\nSpherical-harmonic models of cortical surfaces, fitted by `spharm bids`. Each model is a NumPy \
+         archive with a .json file that describes how it was made. Files whose names begin in the same way have the \
+         spectrum of the model, its surface on a common sampling, and its distances from the fitted vertices.\n",
     )?;
     let mut rows: Vec<String> = subjects.iter().map(|subject| format!("sub-{subject}\n")).collect();
     if let Ok(found) = spharm_files::read_text(output.join("participants.tsv"), MOST_OWN) {

@@ -68,13 +68,15 @@ pub(super) fn discover(cli: &Cli) -> Result<Dataset> {
                 if dataset.found.len() == before {
                     let wanted = format!("hemi-{} {}", hemi.label(), surface.name());
                     let id = format!("sub-{subject}_hemi-{}_{}", hemi.label(), surface.name());
-                    dataset.missing.push((id, format!("sub-{subject}: no {wanted} with a registered sphere")));
+                    dataset
+                        .missing
+                        .push((id, format!("sub-{subject}: found no surface {wanted} with a registered sphere")));
                 }
             }
         }
     }
     if dataset.found.is_empty() {
-        bail!("{}: no surface with a registered sphere of {} subjects", root.display(), subjects.len());
+        bail!("{}: found no surface with a registered sphere for any of {} subjects", root.display(), subjects.len());
     }
     Ok(dataset)
 }
@@ -82,7 +84,7 @@ pub(super) fn discover(cli: &Cli) -> Result<Dataset> {
 fn source(cli: &Cli) -> Result<Source> {
     if let Some(folder) = &cli.freesurfer {
         if !folder.is_dir() {
-            bail!("{}: expected FreeSurfer's folder of subjects, found no folder", folder.display());
+            bail!("{}: expected FreeSurfer's SUBJECTS_DIR, found no such folder", folder.display());
         }
         return Ok(Source::FreeSurfer(folder.clone()));
     }
@@ -96,7 +98,7 @@ fn source(cli: &Cli) -> Result<Source> {
         Some(found) => Ok(Source::FreeSurfer(found)),
         None => bail!(
             "{}: expected surfaces in derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or \
-             sourcedata/freesurfer, found none of these folders; --freesurfer names another one",
+             sourcedata/freesurfer, found none of these folders; give another folder with --freesurfer",
             cli.dataset.display()
         ),
     }

@@ -18,7 +18,10 @@ use super::dataset::text;
 pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result<()> {
     let logs = cli.output.join("logs");
     if !logs.is_dir() {
-        bail!("{}: expected the output of the participant level, found no folder logs", cli.output.display());
+        bail!(
+            "{}: expected the output folder of the participant level, found no folder `logs` in it",
+            cli.output.display()
+        );
     }
     status(cli, &logs)?;
     let (mut modes, mut models) = (Vec::new(), 0);
@@ -35,7 +38,9 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
                 modes.push(variation(cli, hemi, surface, &group, spharm)?);
             } else {
                 let (hemi, surface, found) = (hemi.label(), surface.name(), counted(group.len(), "model"));
-                cli.common.console().warn(format!("hemi-{hemi} {surface}: no modes of {found}; they need at least 3"));
+                cli.common
+                    .console()
+                    .warn(format!("hemi-{hemi} {surface}: modes of variation need at least 3 models, found {found}"));
             }
         }
     }
@@ -72,7 +77,7 @@ fn status(cli: &Cli, logs: &Path) -> Result<()> {
     let lost = merged.entries().iter().filter(|entry| !entry.state.is_there()).count();
     if lost > 0 {
         let (lost, table) = (counted(lost, "surface"), cli.output.join("group_status.tsv"));
-        cli.common.console().warn(format!("without a model: {lost}; see {} for the reasons", table.display()));
+        cli.common.console().warn(format!("{lost} without a model; see {} for the reasons", table.display()));
     }
     text(&cli.output.join("group_status.tsv"), &String::from_utf8(writer.into_inner()?)?)
 }
@@ -102,7 +107,7 @@ fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<(
     for (mut of, (model, path)) in coefficients.outer_iter_mut().zip(models.iter().zip(group)) {
         let values = model.coefficients.up_to(degree);
         if values.ncols() != 3 {
-            bail!("{}: expected the model of a surface, found one of {} channels", path.display(), values.ncols());
+            bail!("{}: expected a model of a surface, found a model with {} channels", path.display(), values.ncols());
         }
         of.assign(&values);
     }

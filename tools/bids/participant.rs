@@ -107,8 +107,8 @@ fn check_earlier(cli: &Cli, found: &[Found]) -> Result<()> {
         let name = |path: &PathBuf| path.file_name().is_some_and(|name| !name.to_string_lossy().contains(&sampled));
         if let Some(other) = found.evaluations(&cli.output).iter().find(|path| name(path)) {
             bail!(
-                "{}: the file exists on another icosphere (requested: {}); give --force to replace the file, or choose \
-                 another OUT",
+                "{}: the existing file is a surface on another icosphere (requested: {}); give --force to replace the \
+                 file, or choose another OUT",
                 other.display(),
                 cli.icosphere
             );

@@ -11,11 +11,11 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 
 /// Measure the distance of a reconstruction from its surface
 ///
-/// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): in the input's unit, and
-/// after scaling both surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).
-/// With --surface-distance it also prints the distances between the surfaces themselves, which are also defined for
-/// surfaces with different triangles. A model in place of a mesh is evaluated at 163,842 vertices, and compared by
-/// surface distance.
+/// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): both in the input's unit
+/// and after scaling the surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).
+/// With --surface-distance, also prints the distances between the surfaces themselves, which don't require equal
+/// triangles. A model in place of a mesh is evaluated at 163,842 vertices, and compared by surface distance; two models
+/// whose surfaces were mapped separately are compared by surface distance alone.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -30,34 +30,35 @@ use spharm_surface::metrics::SurfaceDistanceParams;
 pub(crate) struct Cli {
     /// The original surface, or a model
     pub(super) original: PathBuf,
-    /// The reconstruction of the original, or a model of it
+    /// The reconstruction of the original surface, or a model
     ///
-    /// A mesh must have the original's triangles, unless --surface-distance is given.
+    /// A mesh must have the same triangles as the original, unless --surface-distance is given.
     pub(super) reconstruction: PathBuf,
     /// Also measure the distance between the surfaces
     ///
-    /// Mean, root mean square, 95th percentile and Hausdorff distance, from points all over both surfaces.
+    /// Mean, root mean square, 95th percentile and Hausdorff distance, measured from points spread over both surfaces.
     #[arg(long, help_heading = METHOD)]
     pub(super) surface_distance: bool,
-    /// File that selects the original's vertices to compare: those with nonzero values, or those of a FreeSurfer label
+    /// File that selects the vertices of the original to compare: one value per vertex, nonzero at the vertices to
+    /// compare, or a FreeSurfer label
     ///
-    /// The reconstruction must have the original's triangles. With --surface-distance, points are on the triangles
-    /// whose three corners are kept, and their distances are measured to the whole of the other surface.
+    /// The reconstruction must have the same triangles as the original. With --surface-distance, points are placed on
+    /// the triangles whose three corners are selected, and distances are measured to the whole other surface.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     pub(super) mask: Option<PathBuf>,
-    /// Number of points on each surface, with --surface-distance
+    /// Approximate number of points on each surface in addition to its vertices, with --surface-distance
     ///
-    /// The approximate number in addition to the vertices; the points are spread evenly.
+    /// The points are spread evenly.
     #[arg(long, value_name = "COUNT", default_value_t = SurfaceDistanceParams::default().samples, help_heading = METHOD)]
     pub(super) samples: usize,
     /// Write the reconstruction coloured by distance
     ///
-    /// .ply and .glb: the reconstruction with each vertex's distance as a value and as a colour; .vtk and .vtp: with
-    /// the value; .shape.gii, .func.gii: only the values. Distances are measured to the corresponding vertex or, with
-    /// --surface-distance, to the original surface.
+    /// .ply and .glb: the reconstruction with the distances as values and as colours; .vtk and .vtp: the reconstruction
+    /// with the values; .shape.gii, .func.gii: only the values. Distances are measured to the corresponding vertex or,
+    /// with --surface-distance, to the original surface.
     #[arg(short, long, value_name = "OUT.glb", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
-    /// Distance shown in the last colour [default: the largest]
+    /// Distance at the upper end of the colour scale [default: the largest distance]
     ///
     /// In the input's unit.
     #[arg(long, value_name = "DISTANCE", help_heading = OUTPUT)]

@@ -64,15 +64,24 @@ fn work(cli: &Cli) -> Result<()> {
     let surface_distance = cli.surface_distance || first.is_model() || second.is_model();
     let evaluating = first.bytes_to_evaluate().max(second.bytes_to_evaluate());
     budget.check(format_args!("compare {}", cli.original.display()), evaluating)?;
+    let apart = first.mapped_apart(&second);
     let [original, reconstruction] = [first.into_mesh()?, second.into_mesh()?];
     check_memory(cli, surface_distance, &original, &reconstruction, budget)?;
     let pair = || format!("{} and {}", cli.original.display(), cli.reconstruction.display());
     // If neither flag is given, `compare_at` itself refuses meshes with different triangles.
-    let corresponds = (cli.mask.is_some() || surface_distance) && correspond(&original, &reconstruction);
+    let corresponds = !apart && (cli.mask.is_some() || surface_distance) && correspond(&original, &reconstruction);
     let mask = cli.mask.as_ref().map(|path| read_mask(path, original.vertices.len())).transpose()?;
     let mask = mask.as_deref();
+    if apart {
+        let text = "the models' surfaces were mapped separately, so equal directions don't correspond; only the distance \
+                    between the surfaces is measured";
+        monitor.console().note(text);
+    }
+    if mask.is_some() && apart {
+        bail!("{}: --mask compares equal directions, which don't correspond in models of separate maps", pair());
+    }
     if mask.is_some() && !corresponds {
-        bail!("{}: --mask compares the same vertices of both surfaces, which need the same triangles", pair());
+        bail!("{}: --mask compares the same vertices of both surfaces, so both need the same triangles", pair());
     }
     let surfaces = if surface_distance {
         let params = SurfaceDistanceParams { samples: cli.samples };

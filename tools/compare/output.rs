@@ -107,7 +107,7 @@ pub(super) fn rows(report: &Report) -> Vec<Vec<String>> {
             row("between surfaces: root mean square", d.rms),
             row("between surfaces: 95th percentile", d.percentile95),
             row("between surfaces: Hausdorff", d.hausdorff),
-            row("Hausdorff: too low by at most", d.bound),
+            row("Hausdorff: underestimated by at most", d.bound),
         ]);
     }
     rows

@@ -23,8 +23,8 @@ pub(crate) const FORMATS: &str = "Formats:
 
 /// Write models in the formats of other packages
 ///
-/// Coefficients are converted to the package's harmonics and order of coefficients; text has 17 digits. A model that
-/// the format can't represent is refused.
+/// Coefficients are converted to the harmonics of the package and to its order of coefficients; text files have 17
+/// digits. A model that the format can't represent is refused.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -43,10 +43,10 @@ pub(crate) struct Cli {
     /// Format: pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, aics, afni, csv, json
     #[arg(long, value_name = "FORMAT", help_heading = METHOD)]
     pub(super) to: Format,
-    /// Scale of pyshtools' harmonics: ortho, or 4pi, the default of pyshtools
+    /// Normalisation of pyshtools' harmonics: ortho, or 4pi (pyshtools' own default)
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
-    /// File to write; for several models a folder
+    /// File to write; for several models, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Print a report as JSON instead of text

@@ -16,9 +16,9 @@ use crate::rows::CohortArgs;
 
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
-/// Without --store: the full least squares, by fast transforms. With --store: iterative residual fitting over a basis
-/// made by basis-build for the same sphere, in bounded memory. All surfaces of one call are fitted together, in as few
-/// sweeps as the memory allows.
+/// Without --store, surfaces are fitted by full least squares with fast transforms. With --store, they are fitted by
+/// iterative residual fitting, in bounded memory, over a basis that basis-build made for the same sphere. All surfaces
+/// of one call are fitted together, in as few sweeps over the basis as the memory allows.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -62,13 +62,14 @@ pub(super) struct Input {
     /// Table of surfaces and their ids, in place of --surface
     ///
     /// Columns id and surface, and optionally sphere, weights, output, label. Tab-separated, or comma-separated if the
-    /// name ends in .csv. Paths are relative to the table. A model is named by `output`, or else by the id, and records
-    /// the id. Other columns are ignored. --sphere is the sphere of rows without one.
+    /// name ends in .csv. Paths are relative to the table. A model's file is named after `output` or, without it, after
+    /// the id; the model records the id. Other columns are ignored. Rows without a sphere use --sphere.
     #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["files", "surface", "moments", "label", "name_template"])]
     pub(super) manifest: Option<PathBuf>,
     /// Moments of samples, in place of surfaces
     ///
-    /// A file written by `spharm moments` or `spharm moments merge`, for models of any degree up to its own.
+    /// A file written by `spharm moments` or `spharm moments merge`. Models can have any degree up to the degree of
+    /// this file.
     #[arg(
         long,
         value_name = "ALL.moments",
@@ -83,35 +84,36 @@ pub(super) struct Input {
     pub(super) sphere: Option<PathBuf>,
     /// Labels of a volume, or all: one model per label
     ///
-    /// A label volume (.nii, .mgz, .nrrd, .tif, .npy) is a surface too; the label is only needed if the volume has
-    /// several. The surfaces are written next to the models.
+    /// Surfaces can also be given as label volumes (.nii, .mgz, .nrrd, .tif, .npy); the label is only needed if a
+    /// volume has several labels. The surfaces are written next to the models.
     #[arg(long, value_name = "N|all", num_args = 1.., allow_negative_numbers = true, conflicts_with = "sphere")]
     pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
     /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
-    /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, turns triangles to
-    /// agree with their neighbours, separates parts that touch, and fills holes of up to 500 edges, the larger ones by
-    /// surfaces that bend least; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
+    /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, orients all
+    /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces of
+    /// least bending; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if above
-    /// the usual limits of 5 dropped and 25 added
+    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for dropped pieces and 25
+    /// for filled holes
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
-    /// Replace meshes by the closed surface around them, found on a grid of this many voxels along the longest side
+    /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the
+    /// longest side
     ///
-    /// For meshes that --fix can't close: parts that overlap, stand inside each other or lack large pieces, double
-    /// walls, and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of
-    /// the mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 suits most meshes; 16 to 512. The
-    /// new mesh is written next to the model, NAME.fixed.surf.gii.
+    /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
+    /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
+    /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 voxels suit most meshes; allowed are
+    /// 16 to 512. The new mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, value_name = "VOXELS", conflicts_with_all = ["sphere", "fix", "cut_handles"], value_parser = voxels, hide_short_help = true)]
     pub(super) wrap: Option<usize>,
     #[command(flatten)]
     pub(super) label_surface: LabelSurfaceArgs,
     #[command(flatten)]
     pub(super) volume: VolumeArgs,
-    /// Cut surfaces that have handles along short loops, and fill both sides
+    /// Cut the handles of surfaces along short loops, and fill both sides of each cut
     ///
     /// The cut surface is fitted, and written next to the model, NAME.cut.surf.gii. The model keeps the seams, so that
     /// reconstruct restores the original surface.
@@ -126,11 +128,11 @@ pub(super) struct Input {
     /// are ignored.
     #[arg(long, value_name = "uniform|area|FILE", default_value = "uniform")]
     pub(super) weights: String,
-    /// File in which 0 marks the vertices to ignore
+    /// File that selects the vertices to fit
     ///
-    /// A value for each vertex, or a FreeSurfer label. A surface is fitted on the triangles without ignored corners.
-    /// Least squares without --store also ignores vertices of signals without a value (NaN). The model still covers
-    /// the whole sphere.
+    /// A value for each vertex, with 0 for vertices to ignore, or a FreeSurfer label. A surface is fitted on the
+    /// triangles whose three corners are selected. Least squares without --store also ignores vertices at which a
+    /// signal has no value (NaN). The model still covers the whole sphere.
     #[arg(long, value_name = "FILE", requires = "sphere", hide_short_help = true)]
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
@@ -158,37 +160,39 @@ pub(super) struct MethodArgs {
     /// Use the lowest degree with at most this error [default: 0.2%]
     ///
     /// The error is the root mean square distance between model and surface: a length in the unit of the input, or a
-    /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have
-    /// the same degree, at most 256: the highest that the first, the middle and the last surface need, or that of an
-    /// existing model which isn't replaced. Without --accuracy, labels of a volume have the degree, from 4 to 60, that
-    /// suits their median size in voxels.
+    /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have the
+    /// same degree, at most 256: the highest degree that the first, the middle or the last surface needs, or the degree
+    /// of an existing model that isn't replaced. Without --accuracy, the degree for labels of a volume is 4 to 60,
+    /// chosen by their median size in voxels.
     #[arg(long, value_name = "RMS|PERCENT%", conflicts_with_all = ["store", "shard", "moments"])]
     pub(super) accuracy: Option<Accuracy>,
     /// Method of the fit [default: irf with --store, else lsq]
     #[arg(long, value_enum)]
     pub(super) method: Option<MethodName>,
-    /// Objective of the fit (lsq) [default: a mesh's surface]
+    /// Objective of the fit (lsq) [default: surface for meshes]
     ///
-    /// surface: all triangles, by samples as dense as the degree needs, each weighted by its share of the sphere.
-    /// vertices: only the vertices, as in the paper; the default for signals, and the only choice with --store.
+    /// surface: fit samples on all triangles, as dense as the degree requires, each weighted by its share of the
+    /// sphere. vertices: fit only the vertices, as in the paper; this is the default for signals, and the only choice
+    /// with --store.
     #[arg(long, value_name = "surface|vertices", alias = "target")]
     pub(super) objective: Option<Objective>,
-    /// Allowed area distortion of the maps of meshes, 0 to 1 [default: 0.8]
+    /// Allowed area distortion when meshes are mapped to the sphere, 0 to 1 [default: 0.8]
     ///
-    /// For meshes without a sphere: like --area of parametrize, but distortion is only used as far as it improves this
-    /// model. Use 0 for groups: their maps then differ by no more than the surfaces do.
+    /// For meshes without a sphere. Like --area of parametrize, but areas are only distorted as far as this improves
+    /// the model. Use 0 for groups, so that their maps differ no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
-    /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
+    /// Passes, p (irf, mirf) [default: 1; with --accelerate 16]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
-    /// Maximum basis functions per block, g (irf) [default: 100]
+    /// Most basis functions per block, g (irf) [default: 100]
     #[arg(long, value_name = "G", value_parser = values::at_least_one)]
     pub(super) granularity: Option<usize>,
-    /// Conjugate gradients over pairs of passes (irf, mirf)
+    /// Use conjugate gradients over pairs of passes (irf, mirf)
     ///
-    /// Each step is one pass forward and one backward. Reaches the least squares in far fewer passes if the sampling is
-    /// irregular. --passes is the maximum; the iteration ends early if further passes bring no improvement.
+    /// Each step is one pass forward and one pass backward. If the sampling is irregular, the iteration reaches the
+    /// least-squares solution in far fewer passes. --passes is then the maximum number of passes; the iteration ends
+    /// early if further passes bring no improvement.
     #[arg(long)]
     pub(super) accelerate: bool,
     /// Last degree of the first block, s (sirf, mirf) [default: 0]
@@ -196,10 +200,10 @@ pub(super) struct MethodArgs {
     pub(super) start_degree: Option<usize>,
     /// Smoothness penalty (lsq) [default: 0]
     ///
-    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the squared distances, whose weights sum to the number of vertices; auto
-    /// chooses LAMBDA for each surface by generalised cross-validation. With --objective vertices and without --sphere,
-    /// the default is a hundredth of the weight of the vertices at the highest degree, which keeps the model from
-    /// oscillating between them.
+    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the sum of squared distances, in which the weights sum to the number of
+    /// vertices; auto chooses LAMBDA for each surface by generalised cross-validation. With --objective vertices and
+    /// without --sphere, the default penalty at the highest degree has a hundredth of the weight of the vertices, which
+    /// keeps the model from oscillating between vertices.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
     /// Remove noise, degree by degree (lsq)
@@ -212,11 +216,11 @@ pub(super) struct MethodArgs {
     pub(super) denoise: bool,
     /// Don't measure the distance between model and surface
     ///
-    /// By default a fit of the surface ends by measuring the distances from the model to the surface and back, which
-    /// takes about a second for each surface.
+    /// By default, the distances from the model to the surface and from the surface to the model are measured after a
+    /// fit, which takes about a second for each surface.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
-    /// Fraction of the vertices to hold out of the fit and to assess
+    /// Fraction of the vertices at which only the error is measured
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,
 }
@@ -234,15 +238,15 @@ pub(super) struct Solver {
     pub(super) max_iterations: usize,
     /// Preconditioner of the iterations (lsq)
     ///
-    /// auto divides by the density of uneven samples if computing their moments pays off, and computes a factor if
-    /// iterations are slow. density always computes moments and divides by the density; none does neither; factor
-    /// computes a factor from the start.
+    /// auto: use the density of uneven samples if computing their moments pays off, and a Cholesky factor if iterations
+    /// are slow. density: always compute the moments and use the density. none: use no preconditioner. factor: use a
+    /// Cholesky factor from the start.
     #[arg(long, value_name = "auto|none|density|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
-    /// Scalar type of the basis [default: the store's, preferably f64]
+    /// Scalar type of the basis [default: the type in the store, f64 if it has both]
     #[arg(long, value_enum, hide_short_help = true)]
     pub(super) dtype: Option<Dtype>,
-    /// First check every byte of the basis against its hash
+    /// Before the fit, check every byte of the basis against its hash
     #[arg(long, hide_short_help = true)]
     pub(super) verify: bool,
 }
@@ -250,15 +254,16 @@ pub(super) struct Solver {
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = help::OUTPUT)]
 pub(super) struct Output {
-    /// Folder for the models [default: current, or the manifest's]
+    /// Folder for the models [default: the current folder, or the manifest's folder]
     ///
     /// Each model is NAME.spharm.npz. For one surface, OUT may also be a file whose name ends in .npz.
     #[arg(short, long, value_name = "OUT")]
     pub(super) output: Option<PathBuf>,
-    /// Names of the models
+    /// Template for the names of the models
     ///
-    /// Built from each input's path alone: {stem} is its name without folder and format, {label} the label of a volume,
-    /// {parent} the folder that contains it, {parent2} the folder above, with links resolved.
+    /// Placeholders stand for parts of each input's path, with links resolved: {stem} is the file's name without folder
+    /// and format, {label} the label in a volume, {parent} the folder that contains the file, {parent2} the folder
+    /// above {parent}.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
     /// Also write the paper's complex coefficients, NAME.spharm.csv
@@ -278,8 +283,8 @@ pub(super) struct Output {
     pub(super) force: bool,
     /// Skip surfaces whose model exists
     ///
-    /// The model must have been made of the same input with the same settings. If a mesh's sphere was written without
-    /// its model, it is reused if it was made of the same input for the same degree.
+    /// The model must have been made from the same input with the same settings. A mesh's sphere that was written
+    /// without a model is reused if it was made from the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
     /// Like --skip-existing, but refit surfaces that have changed
@@ -287,7 +292,7 @@ pub(super) struct Output {
     /// A model of another input, or with other settings, is replaced instead of refused.
     #[arg(long, conflicts_with_all = ["force", "skip_existing"])]
     pub(super) update: bool,
-    /// Don't print the note that models don't correspond: the caller aligns them
+    /// Don't print the note that models don't correspond, because the caller aligns the models
     #[arg(long, hide = true)]
     pub(super) aligned_later: bool,
 }
@@ -310,11 +315,11 @@ pub(super) enum MethodName {
     Lsq,
     /// Iterative residual fitting over a store
     Irf,
-    /// One pass, one degree per block (the paper's)
+    /// One pass, one degree per block (as in the paper)
     Sirf,
-    /// Several passes, one degree per block (the paper's)
+    /// Several passes, one degree per block (as in the paper)
     Mirf,
-    /// Full least squares over a store (the paper's)
+    /// Full least squares over a store (as in the paper)
     Nlsf,
     /// Quadrature on a resampled grid
     Quadrature,

@@ -68,7 +68,7 @@ fn chosen_degree(
         let error = anyhow::Error::from(error);
         if signal { error.context("signals need --max-degree L") } else { error }
     })?;
-    let text = format!("{chosen}; use --max-degree L to change it");
+    let text = format!("{chosen}; use --max-degree L for another degree");
     match chosen.reached() {
         true => monitor.console().note(text),
         false => monitor.console().warn(text),
@@ -110,7 +110,7 @@ fn preparation(input: &Input) -> Result<Preparation> {
     let (reading, label_surface) = (input.volume.reading(), input.label_surface.surface(&input.volume)?);
     let Input { fix, wrap, cut_handles, largest_repair, .. } = *input;
     if let Some(volume) = input.surface.iter().find(|path| wrap.is_some() && is_volume(path)) {
-        bail!("{}: --wrap is for meshes; --fix repairs a volume's label", volume.display());
+        bail!("{}: --wrap can only be used for meshes; use --fix to repair a label of a volume", volume.display());
     }
     Ok(Preparation { reading, label_surface, fix, wrap, cut_handles, largest_repair })
 }

@@ -23,7 +23,10 @@ use super::args::Cli;
 pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if cli.input.weights != "uniform" {
-        return Err(Usage::conflict("--weights cannot be used with --moments, which include weights").into());
+        return Err(Usage::conflict(
+            "--weights cannot be used with --moments, because moments already include weights",
+        )
+        .into());
     }
     let params = params.clone().with_store(None).with_method(Method::Lsq);
     let inputs = [(path.to_owned(), None)];

@@ -15,9 +15,9 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         None => {
             let input = &cli.input;
             let needs = [
-                (input.store.is_some(), "--store", "at most the degree of the basis"),
-                (input.moments.is_some(), "--moments", "at most the degree of the moments"),
-                (cli.cohort.shard.is_some(), "--shard", "the same for all shards"),
+                (input.store.is_some(), "--store", "expected at most the degree of the basis"),
+                (input.moments.is_some(), "--moments", "expected at most the degree of the moments"),
+                (cli.cohort.shard.is_some(), "--shard", "expected the same degree for all shards"),
                 (cli.method.method.is_some_and(|method| method != MethodName::Lsq), "--method", "there is no default"),
                 (cli.method.objective == Some(Objective::Vertices), "--objective vertices", "there is no default"),
             ];
@@ -82,13 +82,17 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (args.passes.is_some_and(|p| p > 1) && !repeated, "--passes", "; for several passes use --method mirf"),
         (args.accelerate && !repeated, "--accelerate", "; use --method irf or mirf"),
         (args.objective == Some(Objective::Surface) && method != Lsq, "--objective surface", "; use --method lsq"),
-        (of_surface_in_store, "--objective surface", " over a --store, whose basis and factor are for the vertices"),
+        (
+            of_surface_in_store,
+            "--objective surface",
+            " and --store, because the basis and the factor in a store are for vertices",
+        ),
         (args.smoothness.is_some() && method != Lsq, "--smoothness", "; use --method lsq"),
         (args.denoise && method != Lsq, "--denoise", "; use --method lsq"),
         (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),
         (by_factor && method != Lsq, "--preconditioner", "; use --method lsq"),
         (weighted && method == Quadrature, "--weights or --hold-out", ""),
-        (of_basis && !streamed, "--dtype or --verify", ", which doesn't read a basis"),
+        (of_basis && !streamed, "--dtype or --verify", ", because this method doesn't read a basis"),
     ];
     if let Some((_, flag, hint)) = conflicts.into_iter().find(|(conflict, ..)| *conflict) {
         return Err(Usage::conflict(format!("{flag} cannot be used with --method {name}{hint}")));

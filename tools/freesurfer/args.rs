@@ -13,9 +13,9 @@ use crate::rows::CohortArgs;
 
 /// Fit the surfaces of FreeSurfer's subjects, each on its own registered sphere
 ///
-/// Each of a subject's surfaces is fitted over its sphere.reg. A direction on it is the same place in every subject,
-/// whatever the number of vertices, so coefficients of different subjects correspond. Subjects that lack a file, or
-/// whose sphere doesn't belong to the surface, are listed at the end and don't stop the others.
+/// Each of a subject's surfaces is fitted over its sphere.reg. A direction on this sphere is the same anatomical place
+/// in every subject, whatever the number of vertices, so coefficients of different subjects correspond. Subjects that
+/// lack a file, or whose sphere doesn't belong to the surface, are listed at the end and don't stop the others.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -38,10 +38,10 @@ pub(crate) struct Cli {
     /// Values on the vertices, such as thickness, curv, sulc: one model for each
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
     pub(super) signal: Vec<String>,
-    /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; none reads all vertices
+    /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; `none` reads all vertices
     ///
-    /// Outside the label, values are extrapolated from its edge, because the zeros on the medial wall aren't a
-    /// thickness. Surfaces are always read entirely. [default: cortex, if it exists]
+    /// Outside the label, values are extrapolated from the edge of the label, because the zeros on the medial wall
+    /// aren't measurements. Surfaces are always read entirely. [default: cortex, if it exists]
     #[arg(long, value_name = "NAME|none", requires = "signal", help_heading = help::INPUT)]
     pub(super) mask: Option<String>,
     /// Hemispheres to fit
@@ -68,9 +68,9 @@ pub(crate) struct Cli {
     /// Also write each model's values at the vertices of one sphere
     ///
     /// icosphere:6 has 40,962 vertices. A name such as fsaverage5 selects the spheres of this subject, in SUBJECTS_DIR
-    /// or in FREESURFER_HOME/subjects. Or give the file of a sphere, with the sphere of the other hemisphere beside
-    /// it. Surfaces are SUBJECT.HEMI.NAME.ico6.surf.gii, values .shape.gii. Each vertex is the same place in every
-    /// subject.
+    /// or in FREESURFER_HOME/subjects. Alternatively, give the file of a sphere that has the sphere of the other
+    /// hemisphere beside it. Surfaces are written to files SUBJECT.HEMI.NAME.ico6.surf.gii, and values to files that
+    /// end in .shape.gii. Each vertex is the same anatomical place in every subject.
     #[arg(long, value_name = "icosphere:N|NAME|SPHERE", help_heading = help::OUTPUT)]
     pub(super) evaluate_on: Option<On>,
     /// Write a report to a JSON file

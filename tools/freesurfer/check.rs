@@ -50,7 +50,7 @@ pub(super) fn hemisphere(row: &Row, sphere: &Sphere, target: Result<Target, RunE
                 Some(path) => {
                     let (sphere, path) = (sphere.name().display(), path.display());
                     Err(RunError::Check(format!(
-                        "{error}; {sphere} has {vertices} vertices, as many as {path}: does the sphere belong to that \
+                        "{error}; {sphere} has {vertices} vertices, as many as {path}; is this the sphere of the other \
                          hemisphere?"
                     )))
                 }

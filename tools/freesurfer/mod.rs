@@ -89,7 +89,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
         if !left_out.is_empty() {
             let (count, names) = (counted(left_out.len(), "folder"), left_out.join(", "));
             console.warn(format!(
-                "{}: skipped {count} without a folder surf: {names}; did recon-all end early?",
+                "{}: skipped {count} without a folder `surf`: {names}; did recon-all end early?",
                 folder.display()
             ));
         }
@@ -109,7 +109,10 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
         bail!("{name} is given twice");
     }
     if found.is_empty() {
-        bail!("{}: expected folders of subjects with a folder surf, found none; is it SUBJECTS_DIR?", folder.display());
+        bail!(
+            "{}: expected folders of subjects with a folder `surf` in each, found none; is this SUBJECTS_DIR?",
+            folder.display()
+        );
     }
     for (at, subject) in found.iter().enumerate() {
         if let Err(expected) = check_id(subject) {
@@ -175,7 +178,8 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
     if !whole.is_empty() {
         const NAMED: usize = 5;
         console.warn(format!(
-            "no label/?h.{CORTEX}.label of {}: values on the medial wall are fitted as well; --mask selects another label",
+            "found no label/?h.{CORTEX}.label for {}, so values on the medial wall are fitted as well; give another \
+             label with --mask",
             first_of(whole.iter().map(String::as_str), NAMED)
         ));
     }

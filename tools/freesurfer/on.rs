@@ -61,7 +61,7 @@ fn files(cli: &Cli, named: &Path) -> Result<Files> {
         };
         if cli.hemi.iter().any(|of| *of != hemi) && !other.is_file() {
             bail!(
-                "--evaluate-on {}: expected the sphere of the other hemisphere beside it, found no {}",
+                "--evaluate-on {}: expected the sphere of the other hemisphere beside this file, found no {}",
                 named.display(),
                 other.display()
             );

@@ -9,10 +9,11 @@ use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_surface::generate::Family;
 
-/// Write test data: a folded surface and its sphere, a study of two groups, or a group of known correspondence
+/// Write test data: a folded surface and its sphere, a study of two groups, or a group with known correspondence
 ///
 /// A smooth map bends an icosphere into a closed surface with folds like those of a cortex, about 140 mm long and not
-/// star-shaped. Vertex i of the surface belongs to vertex i of the sphere. The same arguments give the same bits.
+/// star-shaped. Vertex i of the surface corresponds to vertex i of the sphere. The same arguments always give identical
+/// files.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -33,7 +34,7 @@ pub(crate) struct Cli {
         help_heading = METHOD
     )]
     pub(super) subdivisions: Option<u32>,
-    /// Number of the surface in the family, or seed of a study or a group
+    /// Number that selects one surface of the family, or seed of a study or a group
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     pub(super) variant: u64,
     /// Surface to write
@@ -44,13 +45,14 @@ pub(crate) struct Cli {
     pub(super) sphere: Option<PathBuf>,
     /// Folder for the meshes of a study, with study.csv
     ///
-    /// Subjects of two groups, a and b: bodies of 40 mm in random poses, without spheres; those of b have a bump.
+    /// The subjects of two groups, a and b, are bodies of 40 mm in random poses, without spheres. The bodies of group b
+    /// have a bump.
     #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions"], help_heading = OUTPUT)]
     pub(super) study: Option<PathBuf>,
     /// Folder for the label volumes of a study, ID.nii.gz, with study.csv
     ///
-    /// The bodies of --study in voxels of 1 mm. The header of one subject, the last of group a, is wrong: it has voxels
-    /// of 10 mm. `spharm study` flags this subject in quality control.
+    /// The same bodies as with --study, in voxels of 1 mm. The header of the last subject of group a wrongly states
+    /// voxels of 10 mm; `spharm study` flags this subject in quality control.
     #[arg(long, value_name = "DIR", group = "subjects_of", conflicts_with_all = ["surface", "sphere", "subdivisions", "double"], help_heading = OUTPUT)]
     pub(super) volumes: Option<PathBuf>,
     /// Number of subjects of a study, half of them in each group
@@ -59,10 +61,10 @@ pub(crate) struct Cli {
     /// Height of the bump, in mm
     #[arg(long, value_name = "MM", default_value_t = 2.0, requires = "subjects_of", help_heading = METHOD)]
     pub(super) bump: f64,
-    /// Family of a group to write, with known correspondence
+    /// Family of shapes of a group to write, with known correspondence
     ///
-    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori, with one or two parameters each. Every member
-    /// has its own mesh and a random pose.
+    /// moving-bump, sharp-bump, growing-bump, ellipsoids, rods or tori; each family has one or two parameters. Every
+    /// member has its own mesh and a random pose.
     #[arg(
         long,
         value_name = "FAMILY",
@@ -75,7 +77,7 @@ pub(crate) struct Cli {
     /// Number of members of a group
     #[arg(long, value_name = "N", default_value_t = 16, requires = "group", value_parser = clap::value_parser!(u64).range(2..=10_000), help_heading = METHOD)]
     pub(super) members: u64,
-    /// Leave the members of a group in their family's frame
+    /// Leave the members of a group in the coordinates of their family, without random poses
     #[arg(long, requires = "group", help_heading = METHOD)]
     pub(super) upright: bool,
     /// Folder for a group: meshes, their landmarks, and truth.csv with parameters and poses

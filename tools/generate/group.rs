@@ -43,5 +43,5 @@ pub(super) fn group(cli: &Cli, family: &str, folder: &Path) -> Result<()> {
         text += &format!("{name},{name}.ply,{name}.json,{}\n", numbers.join(","));
     }
     write_new(&table, cli.force, |out| out.write_all(text.as_bytes()))?;
-    print_line(&format!("{}: {} meshes with landmarks, truth.csv", folder.display(), meshes.len()))
+    print_line(&format!("{}: {} meshes with landmarks, and truth.csv", folder.display(), meshes.len()))
 }

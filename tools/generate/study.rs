@@ -39,7 +39,7 @@ pub(super) fn meshes(cli: &Cli, folder: &Path) -> Result<()> {
 /// Writes the label volumes of a study, one of them with a wrong header, and its table.
 pub(super) fn volumes(cli: &Cli, folder: &Path) -> Result<()> {
     if !(-HIGHEST..=HIGHEST).contains(&cli.bump) {
-        bail!("--bump is {}; for --volumes it must be between -{HIGHEST} and {HIGHEST} mm", cli.bump);
+        bail!("--bump is {}; for --volumes, expected a value between -{HIGHEST} and {HIGHEST} mm", cli.bump);
     }
     let study = Generated::new(cli, folder, ("--volumes", "nii.gz"), VOXELS)?;
     let spoilt = study.subjects.iter().rposition(|subject| subject.group == "a");
@@ -49,7 +49,9 @@ pub(super) fn volumes(cli: &Cli, folder: &Path) -> Result<()> {
         write_new(path, cli.force, |out| out.write_all(&bytes))?;
     }
     let named = spoilt.map(|at| study.subjects[at].name.clone()).unwrap_or_default();
-    let what = format!("label volumes, study.csv; the header of {named} states voxels of {WRONG} mm in place of 1 mm");
+    let what = format!(
+        "label volumes, and study.csv; the header of {named} wrongly states voxels of {WRONG} mm instead of 1 mm"
+    );
     study.finish(cli, folder, &what)
 }
 
@@ -89,7 +91,7 @@ impl Generated {
     /// Checks the arguments, the memory and the outputs. `more` is the memory in bytes needed in addition to a mesh.
     fn new(cli: &Cli, folder: &Path, (flag, ending): (&'static str, &str), more: u64) -> Result<Self> {
         if !cli.bump.is_finite() {
-            bail!("--bump is {}; it must be finite", cli.bump);
+            bail!("--bump is {}; expected a finite number", cli.bump);
         }
         let study = Study { seed: cli.variant, bump: cli.bump, ..Study::default() };
         let half = cli.subjects.div_ceil(2);

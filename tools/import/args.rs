@@ -35,7 +35,7 @@ pub(crate) struct Cli {
     /// Sphere of the model: a mesh at whose vertices the model is evaluated
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
-    /// Scale of pyshtools' harmonics: ortho, or 4pi, the default of pyshtools
+    /// Normalisation of pyshtools' harmonics: ortho, or 4pi (pyshtools' own default)
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
     /// Treat three channels as values, not as x, y and z

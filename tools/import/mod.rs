@@ -32,7 +32,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     };
     let (degree, channels) = (coefficients.max_degree(), coefficients.channels());
     if cli.files.len() > 1 && ![1, 3].contains(&channels) {
-        console.note(format!("{channels} channels: imported as a signal; a surface has 3, x, y and z"));
+        console
+            .note(format!("{channels} channels: imported as a signal, because a surface has 3 channels, x, y and z"));
     }
     let kind = if channels == 3 && !cli.signal { Kind::Surface } else { Kind::Signal };
     let mut model = match sphere {

@@ -11,19 +11,19 @@ use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 
 /// Formats of tables, for `--help`.
-const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbered from 0), .csv, .tsv and .txt (with or \
-                      without names in the first line), .parquet, .arrow, point clouds in .ply and .las; - is standard \
-                      input, a .npy or text.";
+const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbered from 0), .csv, .tsv and .txt (with \
+                      or without names in the first line), .parquet, .arrow, point clouds in .ply and .las; - reads \
+                      .npy or text from standard input.";
 
 /// Formats that are also read with --sphere or --icosphere, for `--help`.
 const OVER_A_SPHERE: &str = "With --sphere or --icosphere also values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files \
                              and maps (.mgh, .mgz); their columns are numbered from 0.";
 
-/// Sum up samples for fits, in bounded memory, in parts that can be added
+/// Compute the moments of samples for fits, in bounded memory and in parts that can be added
 ///
-/// A fit only needs the moments of its samples, whose size depends on the degree and not on the number of samples. This
-/// verb reads tables of samples once, in chunks; fit --moments makes models of any degree up to --max-degree from the
-/// result. Parts of the data can be read separately, with --shard, and are added by `spharm moments merge`.
+/// A fit only needs the moments of its samples; their size depends on the degree, not on the number of samples. This
+/// verb reads tables of samples once, in chunks. From the moments, `spharm fit --moments` makes models of any degree up
+/// to --max-degree. Parts of the data can be read separately, with --shard, and added by `spharm moments merge`.
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_long_help = help::examples(
@@ -78,13 +78,13 @@ pub(super) struct Form {
     pub(super) positions: PositionArgs,
     /// Columns of the values, one per channel
     ///
-    /// With vectors, radius stands for their length.
+    /// With --vectors, `radius` stands for the length of the vectors.
     #[arg(long, value_name = "COLUMN", num_args = 1.., required = true, help_heading = INPUT)]
     values: Vec<String>,
     /// Column of the weights [default: all are 1]
     #[arg(long, value_name = "COLUMN", help_heading = INPUT)]
     weight: Option<String>,
-    /// Part of each table to read: number I, from 0, of N
+    /// Part of each table to read: part I of N, with I counted from 0
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "0/1", help_heading = INPUT)]
     pub(super) shard: Shard,
     /// Highest degree of fits, inclusive

@@ -10,9 +10,9 @@ use spharm_cli::threads::Threads;
 
 /// Repeat the experiments of Shen and Chung (3DPVT 2006) and compare with the paper's results
 ///
-/// The experiments run on a generated cortex of 40,962 vertices and on the surfaces in --data. Each experiment is
-/// written as CSV and as SVG. A summary of all is written to paper.md and printed. Takes a few minutes, and 3.2 GiB of
-/// disk for the largest basis.
+/// The experiments run on a generated cortex of 40,962 vertices and on the surfaces in --data. The results of each
+/// experiment are written as CSV and as SVG. A summary of all experiments is written to paper.md and printed. The run
+/// takes a few minutes, and needs 3.2 GiB of disk for the largest basis.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &["spharm paper --quick -o results", "spharm paper --data ../shared/data --memory 2GiB -o results"],
@@ -21,13 +21,14 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Folder with the paper's surfaces
     ///
-    /// Any of cort40962, head27618, the hippocampi hippo_a01_l to a03_l, and reference.json.
+    /// It may contain cort40962, head27618, the hippocampi hippo_a01_l to a03_l, and reference.json.
     #[arg(long, value_name = "DIR", conflicts_with = "quick", help_heading = INPUT)]
     pub(super) data: Option<PathBuf>,
     /// Folder of the results; created if it doesn't exist
     #[arg(short, long, value_name = "DIR", default_value = "paper", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Folder of a basis store to use and to add to [default: one in --output, removed at the end]
+    /// Folder of a basis store, to which missing bases are added [default: a store in --output that is removed at the
+    /// end]
     #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) store: Option<PathBuf>,
     /// Replace existing results

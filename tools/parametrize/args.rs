@@ -15,8 +15,9 @@ use spharm_parametrize::Sampling;
 
 /// Map closed surfaces onto the sphere, one to one, for fits
 ///
-/// The sphere has the surface's vertices and triangles, and radius 1. With every method, an exact predicate checks that
-/// no triangle of the sphere is flipped or degenerate; otherwise the verb fails without writing a file.
+/// The sphere has radius 1, a vertex for each vertex of the surface, and the same triangles. With every method, an
+/// exact test checks that no triangle of the sphere is flipped or degenerate; otherwise the verb fails without writing
+/// a file.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -36,38 +37,39 @@ pub(crate) struct Cli {
     /// Alternative to MESH_OR_VOLUME
     #[arg(long, alias = "input", value_name = "MESH_OR_VOLUME", num_args = 1.., help_heading = INPUT)]
     pub(super) surface: Vec<PathBuf>,
-    /// Labels of a volume, or all; only needed if there are several
+    /// Labels of a volume, or all; only needed if the volume has several labels
     #[arg(long, value_name = "N|all", num_args = 1.., allow_negative_numbers = true, help_heading = INPUT)]
     pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
-    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds vertices that lie on
-    /// others, drops repeated and degenerate triangles, fins, unused vertices and all pieces except the largest, turns
-    /// triangles to agree with their neighbours, separates parts that touch, and fills holes of up to 500 edges, the
-    /// larger ones by surfaces that bend least; the repaired mesh is written to --surface-output.
+    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
+    /// repeated and degenerate triangles, fins, unused vertices and all pieces except the largest, orients all
+    /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces
+    /// of least bending; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Largest share of a mesh's area, in percent, that --fix may drop with pieces or add by filling holes, if above
-    /// the usual limits of 5 dropped and 25 added
+    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for dropped pieces and 25
+    /// for filled holes
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
     pub(super) largest_repair: Option<f64>,
-    /// Replace meshes by the closed surface around them, found on a grid of this many voxels along the longest side
+    /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the
+    /// longest side
     ///
-    /// For meshes that --fix can't close: parts that overlap, stand inside each other or lack large pieces, double
-    /// walls, and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of
-    /// the mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 suits most meshes; 16 to 512. The
-    /// new mesh is written to --surface-output.
+    /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
+    /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
+    /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 voxels suit most meshes; allowed are
+    /// 16 to 512. The new mesh is written to --surface-output.
     #[arg(long, value_name = "VOXELS", conflicts_with_all = ["fix", "cut_handles"], value_parser = voxels, hide_short_help = true, help_heading = INPUT)]
     pub(super) wrap: Option<usize>,
     #[command(flatten, next_help_heading = INPUT)]
     pub(super) label_surface: LabelSurfaceArgs,
     #[command(flatten, next_help_heading = INPUT)]
     pub(super) volume: VolumeArgs,
-    /// Cut surfaces that have handles along short loops, and fill both sides
+    /// Cut the handles of surfaces along short loops, and fill both sides of each cut
     ///
-    /// The cut surface is mapped and written to --surface-output: the input's vertices and triangles in their order,
-    /// copies of the vertices on the seams, and the fillings. Models over the sphere can restore the original surface
-    /// if the sphere is a GIfTI file, which stores the location of the seams.
+    /// The cut surface is mapped and written to --surface-output: the input's vertices and triangles in their original
+    /// order, copies of the vertices on the seams, and the fillings. Models over the sphere can restore the original
+    /// surface if the sphere is a GIfTI file, which stores the location of the seams.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
     /// Method of parameterisation
@@ -75,19 +77,20 @@ pub(crate) struct Cli {
     pub(super) method: MethodName,
     /// Allowed area distortion, from 0 to 1 (cald) [default: 0.1]
     ///
-    /// The root mean square of the log area ratio by which areas may deviate, to preserve shape and to adapt to the
-    /// residual of a model: 0 for areas as equal as possible, 0.25 for a map that only serves a fit.
+    /// Largest root mean square of the log area ratio. Areas may deviate from equal areas by this amount to preserve
+    /// shape and to adapt to the residual of a model: 0 keeps areas as equal as possible; 0.25 suits a map that is only
+    /// used for a fit.
     #[arg(long, value_name = "RMS", help_heading = METHOD)]
     pub(super) area: Option<f64>,
-    /// Degree of the model to whose residual the areas adapt (cald)
+    /// Degree of the model whose residual the areas adapt to (cald)
     ///
-    /// At most the degree that two thirds of the vertices determine. Below degree 2 the areas don't adapt. [default:
+    /// At most the degree that two thirds of the vertices determine. Below degree 2, the areas don't adapt. [default:
     /// the degree with half as many functions as vertices, at most 100]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
-    /// Resample the surface on another sphere
+    /// Resample the surface at the vertices of another sphere: icosphere:N or a file
     ///
-    /// The other sphere, icosphere:N or a file, is then written to --output.
+    /// The other sphere is then written to --output.
     #[arg(long, value_name = "icosphere:N|SPHERE", conflicts_with = "subdivisions", help_heading = METHOD)]
     pub(super) resample_to: Option<Sampling>,
     /// Subdivisions of the icosphere from which deform starts
@@ -100,21 +103,23 @@ pub(crate) struct Cli {
     /// Other seeds give other maps of the same quality.
     #[arg(long, value_name = "N", default_value_t = 0, help_heading = METHOD)]
     pub(super) seed: u64,
-    /// Sphere to write; for several surfaces a folder, in which it is NAME.sphere.surf.gii
+    /// Sphere to write; for several surfaces, a folder for files NAME.sphere.surf.gii
     ///
-    /// The format follows from the name (.surf.gii, .ply, .obj, ...), with 64 bits if the format supports them.
+    /// The name determines the format (.surf.gii, .ply, .obj, ...). Positions have 64 bits if the format supports them.
     #[arg(short, long, value_name = "SPHERE", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Surface to write, whose triangles are those of the sphere; for several a folder
+    /// Surface to write, with the same triangles as the sphere; for several surfaces, a folder
     ///
     /// Needed if the mapped surface differs from the input: for volumes, for deform, with --resample-to, --fix, --wrap
-    /// and --cut-handles. The default is then next to the sphere: NAME.surf.gii for NAME.sphere.surf.gii.
+    /// and --cut-handles. By default, the surface is then written next to the sphere: NAME.surf.gii for
+    /// NAME.sphere.surf.gii.
     #[arg(long, value_name = "MESH", help_heading = OUTPUT)]
     pub(super) surface_output: Option<PathBuf>,
-    /// Names of several outputs
+    /// Template for the names of several outputs
     ///
-    /// Derived from each input's path alone: {stem} is its name without folder and format, {label} the label of a
-    /// volume, {parent} the folder that contains it, {parent2} the folder above, with links resolved.
+    /// Placeholders stand for parts of each input's path, with links resolved: {stem} is the file's name without folder
+    /// and format, {label} the label in a volume, {parent} the folder that contains the file, {parent2} the folder
+    /// above {parent}.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
     /// Write a report to a JSON file
@@ -143,7 +148,7 @@ impl Cli {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum MethodName {
-    /// cald for meshes, equal-area for volumes; stretch if that fails
+    /// cald for meshes, equal-area for volumes; stretch if the first method fails
     Auto,
     /// Equal areas, with little length distortion (Shen and Makedon 2006)
     Cald,

@@ -69,7 +69,7 @@ pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Mon
 fn check(cli: &Cli, input: &Path) -> Result<()> {
     let volume = is_volume(input);
     if volume && cli.wrap.is_some() {
-        bail!("{}: --wrap is for meshes; --fix repairs a volume's label", input.display());
+        bail!("{}: --wrap can only be used for meshes; use --fix to repair a label of a volume", input.display());
     }
     let by_cald = !volume && !matches!(cli.method, MethodName::Conformal | MethodName::Stretch);
     if !by_cald && (cli.area.is_some() || cli.max_degree.is_some()) {
@@ -112,7 +112,9 @@ fn single(cli: &Cli, input: &Path, label: Option<i64>) -> Result<Item> {
         (None, None) => None,
         (None, Some(why)) => match beside(&cli.output) {
             Some(path) => Some(path),
-            None => bail!("{why} a new surface, to which the sphere belongs: name its file with --surface-output"),
+            None => bail!(
+                "{why} a new surface, to which the sphere belongs; give a file for this surface with --surface-output"
+            ),
         },
     };
     Ok(Item { input: input.to_owned(), label, sphere: cli.output.clone(), surface })
@@ -130,7 +132,11 @@ fn several(cli: &Cli, inputs: Vec<(PathBuf, Option<i64>)>) -> Result<Vec<Item>> 
     for (path, flag) in folders.into_iter().flatten() {
         // A path that ends in a known format names a file, not a folder.
         if !path.is_dir() && path.file_name().is_some_and(|name| stem(path) != name.to_string_lossy()) {
-            bail!("{}: can't hold the results of {} surfaces; {flag} must name a folder", path.display(), inputs.len());
+            bail!(
+                "{}: one file can't hold the results of {} surfaces; {flag} must name a folder",
+                path.display(),
+                inputs.len()
+            );
         }
     }
     let spheres = cli.name_template.outputs(&inputs, &cli.output, ".sphere.surf.gii")?;

@@ -76,13 +76,13 @@ fn one(cli: &Cli, item: &Item, reader: &SurfaceReader, budget: Budget, monitor: 
         cut.mark(&mut found.sphere);
         if Seam::of(&found.sphere.meta).is_none() {
             console.warn(
-                "the resampled sphere has no seams where handles were cut; models on this sphere reconstruct the cut \
-                 surface",
+                "the resampled sphere doesn't store the seams where handles were cut, so models on this sphere \
+                 reconstruct the cut surface",
             );
         } else if !item.keeps_metadata() {
             console.warn(format_args!(
-                "{}: this format doesn't keep the seams, so models on this sphere reconstruct the cut surface; write \
-                 .surf.gii",
+                "{}: this format doesn't store the seams where handles were cut, so models on this sphere reconstruct \
+                 the cut surface; write .surf.gii instead",
                 item.sphere.display()
             ));
         }

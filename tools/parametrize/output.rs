@@ -112,7 +112,7 @@ pub(super) fn described(input: &Input) -> String {
         }
         Input::Cut(cut, _) => {
             let (vertices, faces) = (cut.surface.vertices.len(), cut.surface.faces.len());
-            let cut = format!("{vertices} vertices, {faces} triangles once its handles are cut and filled");
+            let cut = format!("{vertices} vertices, {faces} triangles after its handles were cut and filled");
             input.label().map_or(cut.clone(), |label| format!("{}; {cut}", of_label(label)))
         }
         Input::Label(label) => {
@@ -137,7 +137,7 @@ fn cuts(handles: &HandlesReport) -> String {
     };
     let rows: Vec<Vec<String>> = std::iter::once(head).chain(handles.loops.iter().take(MOST_ROWS).map(row)).collect();
     let more = handles.loops.len().saturating_sub(MOST_ROWS);
-    let more = if more > 0 { format!("\nand {more} more, in the report") } else { String::new() };
+    let more = if more > 0 { format!("\nand {more} more, listed in the report") } else { String::new() };
     format!("{handles}\n{}{more}", table(&rows))
 }
 

@@ -8,7 +8,7 @@ use spharm_cli::help::{self, INPUT, OUTPUT};
 use spharm_cli::memory::Memory;
 use spharm_render::View;
 
-/// Draw surfaces side by side, and their distance in colour
+/// Draw surfaces side by side, and show the distance between them in colour
 ///
 /// All panels show the same region at the same scale; --centre and --fit-each move the surfaces into this region.
 #[derive(Debug, Args)]
@@ -30,8 +30,8 @@ pub(crate) struct Cli {
     pub(super) surfaces: Vec<PathBuf>,
     /// Show the result of `spharm shape test` in a folder: mean, effect, statistic and p values
     ///
-    /// A line encloses the vertices with p values of at most the test's level. These are family-wise p values, those of
-    /// TFCE if the test included it; without relabellings, they are false-discovery rates.
+    /// A line encloses the vertices with p values of at most the test's level. The p values are family-wise, from TFCE
+    /// if the test included TFCE; for a test without relabellings, they are false-discovery rates.
     #[arg(
         long,
         value_name = "FOLDER",
@@ -47,31 +47,33 @@ pub(crate) struct Cli {
     pub(super) sphere: Option<PathBuf>,
     /// Add a panel with the last surface coloured by its distance from the first
     ///
-    /// The distance of each vertex from the corresponding vertex of the first surface or, if the triangles differ,
-    /// from the nearest point. The label of the colour scale states which.
+    /// The colours show the distance of each vertex from the corresponding vertex of the first surface or, if the
+    /// triangles differ, from the nearest point of the first surface. The label of the colour scale states which
+    /// distance is shown.
     #[arg(long, help_heading = OUTPUT)]
     pub(super) error: bool,
     /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
-    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If any value is
-    /// negative, colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the last
-    /// colours, as the scale states. Otherwise colours range from the minimum to the maximum. --range overrides this.
-    /// For p values, in files called p, q or p-NAME, -log10 is shown: significant values have the last colours.
+    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If any value is negative,
+    /// colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the end colours,
+    /// as the label of the scale states. Otherwise colours range from the minimum to the maximum. --range overrides
+    /// this. For p values, in files called p, q or p-NAME, -log10 of the value is shown, so significant values have the
+    /// colours at the upper end of the scale.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
-    /// Draw the line on the first surface, and on its maps, along which this map has the value of --contour-level
+    /// Map whose contour line at --contour-level is drawn on the first surface and on its maps
     #[arg(long, value_name = "MAP", help_heading = INPUT)]
     pub(super) contour: Option<PathBuf>,
     /// Value along the contour [default: 0.05 for p values, in files called p, q or p-NAME]
     #[arg(long, value_name = "LEVEL", allow_negative_numbers = true, requires = "contour", help_heading = INPUT)]
     pub(super) contour_level: Option<f64>,
-    /// Values with the first and the last colour of the maps, or of --colour-by
+    /// Values at the lower and the upper end of the colour scale, for maps or for --colour-by
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range, help_heading = OUTPUT)]
     pub(super) range: Option<(f64, f64)>,
-    /// Colour each surface by its number in a column of a table, such as the tables of `spharm volumes` and `shape
-    /// measure`
+    /// Colour each surface by its value in a numeric column of a table, such as the tables of `spharm volumes` and
+    /// `shape measure`
     ///
-    /// The table's column `model` or, without one, its first column has the surfaces' paths or names.
+    /// The surfaces' paths or names are in the column `model` or, if there is no such column, in the first column.
     #[arg(long, value_name = "TABLE:COLUMN", value_parser = column, conflicts_with = "map", help_heading = INPUT)]
     pub(super) colour_by: Option<(PathBuf, String)>,
     /// Move all surfaces to the centre of the first
@@ -90,7 +92,7 @@ pub(crate) struct Cli {
     pub(super) view: Vec<Side>,
     /// Number of panels in a row [default: 0 for up to 6 panels, otherwise a square]
     ///
-    /// 0 puts all panels in one row. With several sides, 0 is the default, and puts the views of each surface in one
+    /// 0 puts all panels in one row. With several sides, the default is 0, which puts the views of each surface in one
     /// row.
     #[arg(long, value_name = "N", help_heading = OUTPUT)]
     pub(super) columns: Option<usize>,
@@ -108,8 +110,8 @@ pub(crate) struct Cli {
     /// Resolution in dots per inch, which gives the picture its size on paper
     ///
     /// At 300 dpi, 1063 pixels are 90 mm. The picture's width in pixels is --size times the number of panels in a row.
-    /// Text is at least 7 pt high on paper, and is broken into lines if it is wider than its panel; of text longer than
-    /// six lines, the middle is left out.
+    /// Text is at least 7 pt high on paper, and is broken into lines if it is wider than its panel; if a text has more
+    /// than six lines, its middle is left out.
     #[arg(long, value_name = "DPI", value_parser = clap::value_parser!(u16).range(30..=2400), help_heading = OUTPUT)]
     pub(super) dpi: Option<u16>,
     /// Picture to write

@@ -56,7 +56,7 @@ impl Content {
     fn of_test(folder: &Path) -> Result<Self> {
         let path = folder.join("test.json");
         let text = read_text(&path, "description of a test", LARGEST_DESCRIPTION)
-            .context("expected a folder of `spharm shape test`")?;
+            .context("expected a folder written by `spharm shape test`")?;
         let about: Value = serde_json::from_str(&text).context("test.json isn't JSON")?;
         let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
         let (tested, statistic) = (text(&about["tested"]), text(&about["statistic"]["name"]));
@@ -73,7 +73,7 @@ impl Content {
         let effect = map("effect", "effect", format!("{tested}{outward}"));
         let statistic = map("statistic", &statistic, format!("{statistic} of {tested}"));
         if statistic.is_none() {
-            bail!("expected maps of `spharm shape test`, found no statistic.shape.gii");
+            bail!("expected maps written by `spharm shape test`, found no statistic.shape.gii");
         }
         Ok(Self {
             surfaces: vec![folder.join("mean.surf.gii")],
@@ -153,7 +153,9 @@ impl ContourMap {
         if contour.line().is_none() {
             let (low, high) = contour.range;
             let (low, high) = (number(low), number(high));
-            console.warn(format!("{path}: the picture has no line at {stated}: all values are from {low} to {high}"));
+            console.warn(format!(
+                "{path}: the picture has no contour line at {stated}, because all values are between {low} and {high}"
+            ));
         }
         Ok(contour)
     }
@@ -173,7 +175,7 @@ impl ContourMap {
         } else {
             let (low, high) = self.range;
             let side = if low > stated { "above" } else { "at most" };
-            format!("no line: {label} is {side} {stated} everywhere ({} to {})", number(low), number(high))
+            format!("no contour line: {label} is {side} {stated} everywhere ({} to {})", number(low), number(high))
         }
     }
 }
@@ -184,7 +186,7 @@ fn read_map(path: &Path, surface: &Mesh) -> Result<Vec<f64>> {
     let (vertices, found) = (surface.vertices.len(), (signal.vertices, signal.channels));
     if found != (vertices, 1) {
         bail!(
-            "{}: expected one value for each of {vertices} vertices, found {} for each of {}",
+            "{}: expected one value for each of {vertices} vertices, found {} for each of {} vertices",
             path.display(),
             counted(found.1, "value"),
             found.0

@@ -29,7 +29,7 @@ use crate::surfaces::{Surface, meshes};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".png", ".svg"])], cli.force)?;
     if cli.range.is_some() && cli.map.is_empty() && cli.colour_by.is_none() {
-        let problem = "--range can only be used with --map or --colour-by, whose range of colours it sets";
+        let problem = "--range can only be used with --map or --colour-by, to set the range of their colours";
         return Err(Usage::missing(problem).into());
     }
     let budget = cli.memory.budget(1);
@@ -197,7 +197,7 @@ fn colours_of(numbers: &[f64]) -> (f64, f64) {
 fn read_sphere(path: &Path, surface: &Mesh) -> Result<Mesh> {
     let sphere = read_mesh(path)?;
     if sphere.faces != surface.faces || sphere.vertices.len() != surface.vertices.len() {
-        bail!("expected the sphere of the first surface, with its triangles; found other triangles");
+        bail!("expected the sphere of the first surface, with the same triangles; found other triangles");
     }
     let unit = Directions::from_vertices(&sphere.vertices)?;
     Ok(sphere.with_vertices(unit.as_slice().to_vec()))

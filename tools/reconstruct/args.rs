@@ -10,8 +10,8 @@ use spharm_cli::threads::Threads;
 
 /// Evaluate models at the vertices of any sphere
 ///
-/// Without further options the result is the fitted surface, smoothed. A lower --max-degree makes it coarser;
-/// --icosphere or --sphere puts it on another mesh. A model of a signal gives a signal.
+/// Without further options, the result is a smoothed version of the fitted surface. A lower --max-degree makes it
+/// coarser; --icosphere or --sphere puts it on another mesh. A model of a signal gives a signal.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -35,9 +35,9 @@ pub(crate) struct Cli {
     pub(super) max_degree: Option<usize>,
     #[command(flatten)]
     pub(super) sampling: Sampling,
-    /// File to write; for several models a folder
+    /// File to write; for several models, a folder
     ///
-    /// The format follows from the name: .ply, .surf.gii, .obj, ...; for signals .func.gii, .csv, ...
+    /// The name determines the format: .ply, .surf.gii, .obj, ...; for signals .func.gii, .csv, ...
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Format of the files in a folder [default: surf.gii, for signals func.gii]

@@ -87,7 +87,7 @@ fn check_memory(
     let fewer = (0..most).rev().map(|fewer| (fewer, icosphere_counts(fewer)));
     let fewer = fewer.filter(|(_, [count, _])| *count < vertices as u64);
     let fewer = fewer.map(|(fewer, [vertices, faces])| (format!("--icosphere {fewer}"), of(vertices, faces)));
-    budget.check_or(format_args!("{}: evaluating it at {vertices} vertices", path.display()), needed, fewer)?;
+    budget.check_or(format_args!("{}: evaluating the model at {vertices} vertices", path.display()), needed, fewer)?;
     if needed >= LARGE {
         console.note(format!("{vertices} vertices take about {} of memory", Size(needed as usize)));
     }
@@ -160,12 +160,13 @@ fn original(model: &Model, degree: usize, console: &Console) -> Result<Mesh> {
         let share = bounding_box_scale(&mesh.vertices).ok().map(|scale| gap / scale);
         let of_box = share.map(|share| format!(" ({} of the box)", number(share))).unwrap_or_default();
         let text = format!(
-            "welded {} vertices on the seams where handles were cut; they were up to {} apart{of_box}",
+            "welded {} vertices on the seams where handles were cut; before welding, copies of a vertex were up to {} \
+             apart{of_box}",
             copies.len(),
             number(gap),
         );
         match share {
-            Some(share) if share > WIDE => console.warn(format!("{text}: a model of a higher degree narrows the gap")),
+            Some(share) if share > WIDE => console.warn(format!("{text}; a model of a higher degree reduces this gap")),
             _ => console.note(text),
         }
     }

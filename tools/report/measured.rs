@@ -85,8 +85,8 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
             row
         };
         let rows = names.iter().zip(means).enumerate().map(row).collect();
-        let mut columns = vec!["landmark", "mean distance, carried from subject to subject"];
-        columns.extend(left_out.map(|_| "distance from the group's place, if not used as a guide"));
+        let mut columns = vec!["landmark", "mean distance of landmarks carried from subject to subject"];
+        columns.extend(left_out.map(|_| "distance from the landmark's place in the group, if not used as a guide"));
         let columns = columns.into_iter().map(str::to_owned).collect();
         tables.push(Table { title: "Landmarks".to_owned(), columns, rows, note: None });
     }

@@ -83,7 +83,7 @@ fn fitted_to(model: &Model, path: &Path, console: &Console) -> Option<(String, M
     let left_out = |why: String| {
         let model = path.display();
         console.note(format!(
-            "{model}: shown without the original surface, {input}: {why}; give the surface with --surface"
+            "{model}: shown without the original surface {input} ({why}); give the surface with --surface"
         ));
     };
     read.map_err(left_out).ok()
@@ -109,7 +109,8 @@ pub(crate) fn surface_path(model: &Model, path: &Path) -> Result<PathBuf, String
     if record.label.is_some() || is_volume(input) {
         // The surface around a label of a volume is stored in a file beside the model.
         let beside = ModelFiles { model: path.to_owned() }.surface();
-        let missing = || format!("the file is a volume, and there is no {} beside the model", shown(&beside));
+        let missing =
+            || format!("the file is a volume, and its surface {} doesn't exist beside the model", shown(&beside));
         return if beside.exists() { Ok(beside) } else { Err(missing()) };
     }
     if input.is_file() { Ok(input.to_owned()) } else { Err("no such file".to_owned()) }
@@ -121,7 +122,10 @@ fn report(path: &Path) -> Result<Vec<Value>> {
     let value: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
     match value.get("surfaces").and_then(Value::as_array) {
         Some(entries) => Ok(entries.clone()),
-        None => bail!("{}: expected a report of `spharm fit --report`, found JSON without `surfaces`", path.display()),
+        None => bail!(
+            "{}: expected a report written by `spharm fit --report`, found JSON without `surfaces`",
+            path.display()
+        ),
     }
 }
 
@@ -150,7 +154,10 @@ pub(super) fn tests(folders: &[PathBuf]) -> Result<Vec<Maps>> {
 fn test(folder: &Path) -> Result<Maps> {
     let mesh = folder.join("mean.surf.gii");
     if !mesh.is_file() {
-        bail!("{}: expected a folder of `spharm shape test`, found no mean.surf.gii in it", folder.display());
+        bail!(
+            "{}: expected a folder written by `spharm shape test`, found no mean.surf.gii in this folder",
+            folder.display()
+        );
     }
     let mesh = read_mesh(mesh)?;
     let mut maps = Vec::new();
@@ -167,7 +174,10 @@ fn test(folder: &Path) -> Result<Maps> {
         maps.push((name.to_owned(), signal.values));
     }
     if maps.is_empty() {
-        bail!("{}: expected maps of `spharm shape test`, such as statistic.shape.gii; found none", folder.display());
+        bail!(
+            "{}: expected maps written by `spharm shape test`, such as statistic.shape.gii; found none",
+            folder.display()
+        );
     }
     let name = folder.file_name().map_or_else(|| "test".to_owned(), |name| name.to_string_lossy().into_owned());
     let (meaning, about) = about(folder)?;
@@ -283,7 +293,10 @@ pub(super) fn provenance(path: &Path) -> Result<Vec<(String, String)>> {
     let text = read_text(path, "provenance", LARGEST_REPORT)?;
     let made: Value = serde_json::from_str(&text).with_context(|| format!("{}: not JSON", path.display()))?;
     let Some(version) = made["versions"]["spharm"].as_str() else {
-        bail!("{}: expected provenance.json of `spharm study`, found JSON without versions", path.display());
+        bail!(
+            "{}: expected a provenance.json written by `spharm study`, found JSON without `versions`",
+            path.display()
+        );
     };
     let table = &made["table"];
     let named = |value: &Value| value.as_str().unwrap_or_default().to_owned();
@@ -292,7 +305,7 @@ pub(super) fn provenance(path: &Path) -> Result<Vec<(String, String)>> {
         ("Version".to_owned(), version.to_owned()),
         ("Study".to_owned(), named(&made["file"])),
         ("Table".to_owned(), format!("{}, BLAKE3 {}", named(&table["path"]), named(&table["blake3"]))),
-        ("Inputs".to_owned(), format!("{}; their hashes are in {}", counted(inputs, "file"), shown(path))),
+        ("Inputs".to_owned(), format!("{}, with hashes in {}", counted(inputs, "file"), shown(path))),
         ("Threads".to_owned(), made["threads"].to_string()),
     ];
     let commands = made["commands"].as_array().into_iter().flatten().enumerate();

@@ -8,10 +8,10 @@ use spharm_cohort::Shard;
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Cohorts")]
 pub(crate) struct CohortArgs {
-    /// Part of the rows, such as 0/10 for the first of ten; or slurm
+    /// Part of the rows to process, such as 0/10; or slurm
     ///
-    /// Part i of n has the rows whose number, from 0, is i modulo n. slurm takes both from the environment of a job
-    /// array.
+    /// Part I of N has the rows whose number, counted from 0, is I modulo N. slurm reads I and N from the environment
+    /// of a job array.
     #[arg(long, value_name = "I/N|slurm")]
     pub(crate) shard: Option<Shard>,
     /// Continue if a surface can't be fitted; list the failures at the end
@@ -35,7 +35,7 @@ pub(crate) struct CohortArgs {
     /// Format of the lines on stderr: text, or one JSON object per line
     ///
     /// Each row has events: start, then done, failed, skipped or interrupted. The events note, warning, progress and
-    /// error have a text; end has the counts.
+    /// error contain a text; the event end contains the counts.
     #[arg(long, value_enum, value_name = "text|json", default_value = "text", hide_possible_values = true)]
     pub(crate) log: Log,
 }

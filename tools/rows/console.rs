@@ -230,8 +230,8 @@ impl<'a> Rows<'a> {
             false => {
                 let (by, seconds, area) = (&report.method, report.seconds, report.quality.area_rms);
                 format!(
-                    "{input}: no --sphere given; mapped by {by} in {seconds:.1} s, log area ratio {area:.3} rms, to \
-                     {path}"
+                    "{input}: no --sphere given; mapped by {by} in {seconds:.1} s to {path}, with log area ratio \
+                     {area:.3} rms"
                 )
             }
         });

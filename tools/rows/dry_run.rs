@@ -57,9 +57,9 @@ pub(crate) fn preview(cohort: &Cohort, options: &Options, monitor: &ConsoleMonit
     let mut lines = vec![format!("{}, of which {exist} exist{keeps}", counted(all, "model"))];
     lines.push(match (shared, own) {
         (0, _) => "each surface is mapped to its own sphere".to_owned(),
-        (_, 0) => format!("over {}", counted(shared, "sphere")),
+        (_, 0) => format!("fitted over {}", counted(shared, "sphere")),
         _ => format!(
-            "over {}; {} to their own spheres",
+            "fitted over {}; {} to their own spheres",
             counted(shared, "sphere"),
             if own == 1 { "1 surface is mapped".to_owned() } else { format!("{own} surfaces are mapped") }
         ),

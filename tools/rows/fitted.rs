@@ -110,11 +110,11 @@ impl Columns {
 
     pub(super) fn units(self) -> &'static str {
         if self.surface {
-            "rms, 95 %, hausdorff: between model and surface, in both directions, in the unit of the input; msd, xsd: \
-             at the vertices, \
-             bounding box scaled to volume 1"
+            "rms, 95 %, hausdorff: distances between model and surface in both directions, in the input's unit; msd, \
+             xsd: squared distances at the vertices, bounding box scaled to volume 1"
         } else {
-            "msd, xsd: bounding box scaled to volume 1; rms, max: in the input's unit; between: rms at triangles' centres"
+            "msd, xsd: squared distances, bounding box scaled to volume 1; rms, max: distances in the input's unit; \
+             between: rms at the centres of triangles"
         }
     }
 }

@@ -81,7 +81,7 @@ fn check_apart(cohort: &Cohort, options: &Options) -> Result<()> {
         for path in (ModelFiles { model: row.model(&cohort.folder) }).all() {
             if let Some((path, flag)) = beside.iter().find(|(other, _)| same_place(other, &path)) {
                 bail!(
-                    "{}: the name is reserved for a file of the model of {}; choose another {flag}",
+                    "{}: this name is reserved for an output file of {}; choose another {flag}",
                     path.display(),
                     row.id
                 );

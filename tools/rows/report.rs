@@ -91,7 +91,7 @@ pub(super) fn show(options: &Options, report: &Value, summary: &Summary, total: 
             }));
             let others = summary.counts().filter(|(state, count)| *state != State::Done && *count > 0);
             let others: String = others.map(|(state, count)| format!(", {count} {state}")).collect();
-            let units = "msd, xsd: at the vertices, bounding box scaled to volume 1";
+            let units = "msd, xsd: squared distances at the vertices, bounding box scaled to volume 1";
             print(&format!("{}{others}\n{}\n{units}\n{total:.2} s", counted(done, "model"), table(&rows)))
         }
     }

@@ -26,7 +26,7 @@ pub(super) fn journal(
     let journal = Journal::open(path, members, params)?;
     if journal.found() > 0 {
         let found = counted(journal.found(), "alignment");
-        monitor.console().note(format!("{}: resuming after {found} of an earlier run", path.display()));
+        monitor.console().note(format!("{}: resuming an earlier run that finished {found}", path.display()));
     }
     Ok(journal)
 }

@@ -30,7 +30,7 @@ use super::mirrored::Mirrored;
 use super::outputs::{check_beside, finish, outputs};
 use super::plan::Plan;
 
-/// Align models of surfaces, or meshes: to a target, or a group to its mean
+/// Align surface models or meshes to a target, or a group to its mean
 ///
 /// Finds the rotations of space and of the parameters that bring surfaces closest to each other, by a search over all
 /// rotations, so the result doesn't depend on the initial pose. With --group, the group is aligned to its mean
@@ -49,8 +49,9 @@ use super::plan::Plan;
         "spharm shape align @thousand.txt --group --resume align.state -o aligned",
     ],
     &[
-        "Methods: joint searches both rotations; fixed keeps the parameters, for vertices that correspond already (cortical \
-         spheres); foe rotates both into the frames of their first-order ellipsoids, for comparison with other programs.",
+        "Methods: joint searches the rotations of space and of the parameters together; fixed searches only the \
+         rotation of space, for vertices that correspond already (cortical spheres); foe rotates both surfaces into \
+         the frames of their first-order ellipsoids, for comparison with other programs.",
     ],
 ))]
 pub(super) struct Cli {
@@ -61,11 +62,12 @@ pub(super) struct Cli {
     /// Method of aligning the surfaces
     #[arg(long, value_enum, default_value_t = How::Joint, help_heading = METHOD)]
     method: How,
-    /// Criterion for the surfaces' pose in space, if both rotations are searched
+    /// Criterion for the surfaces' pose in space, with --method joint
     ///
-    /// surfaces: the pose is found by nearest points of the surfaces alone, and then the rotation of the parameters
-    /// under this pose. joint: both rotations together minimise the distance at equal directions. For models that were
-    /// mapped separately, this minimum may be at a wrong pose. [default: joint for models, surfaces for meshes]
+    /// surfaces: first the pose is found by nearest points of the surfaces, and then the rotation of the parameters in
+    /// this pose. joint: the rotations of space and of the parameters are found together, by the smallest distance at
+    /// equal directions. For models that were mapped to the sphere separately, the smallest distance may be at a wrong
+    /// pose. [default: joint for models, surfaces for meshes]
     #[arg(long, value_enum, help_heading = METHOD)]
     pose: Option<PoseBy>,
     /// Scale models to the target's size, or a group's members to a common size
@@ -79,15 +81,15 @@ pub(super) struct Cli {
     /// The transforms include the reflection.
     #[arg(long, value_name = "MODEL", num_args = 1.., help_heading = METHOD)]
     mirrored: Vec<PathBuf>,
-    /// Highest degree to compare [default: the lowest of the models']
+    /// Highest degree to compare [default: the lowest degree of the models]
     ///
     /// The transforms are applied to all degrees.
     #[arg(short = 'L', long = "max-degree", alias = "degree", value_name = "L", help_heading = METHOD)]
     degree: Option<usize>,
-    /// Number of local optima of the search to refine [default: 6, 3 for a group]
+    /// Number of the search's local optima to refine [default: 6, or 3 for a group]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     starts: Option<usize>,
-    /// Number of members used as starting points of a group's alignment [default: all of up to 20, else 5]
+    /// Number of members used as starting points of a group's alignment [default: all if at most 20, otherwise 5]
     #[arg(long, value_name = "N", requires = "group", help_heading = METHOD)]
     templates: Option<usize>,
     /// Model to write; for several models a folder
@@ -102,13 +104,14 @@ pub(super) struct Cli {
     /// File for the warnings about poses, for a study's page; the warnings name members without their paths
     #[arg(long, value_name = "OUT.json", requires = "group", hide = true)]
     warnings: Option<PathBuf>,
-    /// Don't print the warnings about poses: a study uses this alignment only for comparison
+    /// Don't print the warnings about poses, because a study uses this alignment only for comparison
     #[arg(long, requires = "group", hide = true)]
     for_comparison: bool,
     /// File that stores progress, so that an interrupted run can be resumed
     ///
-    /// The same command resumes where the last run stopped, gives the same bits, and finally removes the file. Results
-    /// that the last run had already written are kept. The file is valid only for these models and settings.
+    /// Run the same command again to resume where the last run stopped: the results are the same to the bit, and the
+    /// file is removed at the end. Results that the last run had already written are kept. The file is valid only for
+    /// these models and settings.
     #[arg(long, value_name = "FILE", requires = "group", help_heading = OUTPUT)]
     resume: Option<PathBuf>,
     #[command(flatten)]
@@ -120,7 +123,7 @@ pub(super) struct Cli {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct Target {
-    /// Model to which each of the models is aligned
+    /// Model to which each model is aligned
     #[arg(long, value_name = "MODEL", help_heading = INPUT)]
     to: Option<PathBuf>,
     /// Align the models to each other
@@ -190,7 +193,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         return Err(Usage::conflict("--resume can only be used with --group").into());
     }
     if cli.pose == Some(PoseBy::Surfaces) && cli.method != How::Joint {
-        return Err(Usage::conflict("--pose surfaces searches the parameters, which needs --method joint").into());
+        return Err(Usage::conflict("--pose surfaces needs --method joint, which searches the parameters").into());
     }
     let paths = cli.models.paths()?;
     if are_meshes(paths.iter().map(PathBuf::as_path).chain(cli.target.to.as_deref()))? {
@@ -213,7 +216,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     let named = targets.iter().chain(&cli.mean).chain(&cli.transforms).chain(&cli.report.report);
     if named.into_iter().any(|path| cli.resume.as_deref().is_some_and(|state| same_place(path, state))) {
-        return Err(Usage::conflict("--resume must not be an output").into());
+        return Err(Usage::conflict("--resume must name a file that is not also an output").into());
     }
     let params = |method: Method| AlignParams {
         method,
@@ -282,8 +285,11 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     if let (Some(report), Some(summary)) = (report.as_object_mut(), found.summary.as_object()) {
         report.extend(summary.clone());
     }
-    let names =
-        if cli.target.group { ["model", "from the mean, before", "after"] } else { ["model", "rmsd before", "after"] };
+    let names = if cli.target.group {
+        ["model", "distance from the mean, before", "after"]
+    } else {
+        ["model", "rmsd before", "after"]
+    };
     let mut rows = vec![names.map(str::to_owned).to_vec()];
     for (target, [before, after]) in targets.iter().zip(&found.distances) {
         rows.push(vec![target.display().to_string(), number(*before), number(*after)]);

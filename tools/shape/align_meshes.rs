@@ -104,7 +104,7 @@ pub(super) fn run(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<()> {
     let names = if asked.target.is_some() {
         ["surface", "distance before", "after"]
     } else {
-        ["surface", "from the others, before", "after"]
+        ["surface", "distance from the others, before", "after"]
     };
     let mut rows = vec![names.map(str::to_owned).to_vec()];
     for (target, [before, after]) in targets.iter().zip(&found.distances) {

@@ -23,7 +23,7 @@ use super::plan::Plan;
 pub(super) struct Models {
     /// Models, as `spharm fit` writes them
     ///
-    /// Files, folders (all their .npz files, but not the mean of a group that `shape correspond` wrote), or @LIST with
+    /// Files, folders (all .npz files in them, except the mean of a group written by `shape correspond`), or @LIST with
     /// one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required = true, help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
@@ -114,7 +114,7 @@ impl Resources {
 #[derive(Debug, Args)]
 #[group(multiple = false)]
 pub(super) struct Sampling {
-    /// Evaluate at the vertices of a sphere mesh [default: the model's own]
+    /// Evaluate at the vertices of a sphere mesh [default: the model's own sphere]
     #[arg(long, value_name = "SPHERE", help_heading = METHOD)]
     pub(super) sphere: Option<PathBuf>,
     /// Evaluate at the vertices of an icosphere

@@ -20,8 +20,9 @@ use super::outputs::finish;
 
 /// Carry landmarks from one member of a group to the same places on another member, or on all others
 ///
-/// Each member's landmarks are in its own frame, that of the file from which it was read. A landmark without a
-/// counterpart on both members gets a guessed position: it is listed by name, and has `reached` false in the report.
+/// Each member's landmarks are in the frame of the file from which the member was read. A landmark without a
+/// counterpart on both members gets a guessed position: the landmark is listed by name, and `reached` is false in the
+/// report.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -61,7 +62,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Some(index) => Ok(index),
         None => {
             let names = first_of(files.names().iter().map(String::as_str), 5);
-            bail!("{flag} {name}: no such member in {}; its members are {names}", cli.group.display())
+            bail!("{flag} {name}: no such member in {}; the group's members are {names}", cli.group.display())
         }
     };
     let source = index("--from", &cli.from)?;
@@ -104,7 +105,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let unreached: Vec<&str> = unreached.map(|(name, _)| name.as_str()).collect();
         if !unreached.is_empty() {
             let names = first_of(unreached.iter().copied(), 5);
-            monitor.console().warn(format!("{name}: no counterpart, positions guessed: {names}"));
+            monitor.console().warn(format!("{name}: landmarks without a counterpart, at guessed positions: {names}"));
         }
         rows.push(vec![name.clone(), found.len().to_string(), unreached.len().to_string()]);
         carried.push(json!({ "member": name, "output": shown(path), "landmarks": described(&landmarks, &found) }));

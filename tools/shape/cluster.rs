@@ -23,9 +23,9 @@ use super::plan::Plan;
 /// Group models by shape, in any pose
 ///
 /// Compares models by the singular values of each degree, which don't depend on pose, and merges the most similar ones
-/// step by step (Ward's linkage). The table has the cluster of each model, largest first, and its silhouette: near 1
-/// if the model is much nearer to its own cluster than to the next, near 0 if it lies between two clusters, below 0 if
-/// it is nearer to another one.
+/// step by step (Ward's linkage). The table has the cluster of each model, largest first, and its silhouette: near 1 if
+/// the model is much nearer to its own cluster than to the next, near 0 if it lies between two clusters, below 0 if it
+/// is nearer to another cluster.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -33,8 +33,8 @@ use super::plan::Plan;
         "spharm shape cluster cells --unit-size --clusters 4 -o clusters.csv",
         "spharm picture cells --centre --colour-by clusters.csv:cluster -o montage.png",
     ],
-    &["Without --clusters the number from 2 to 10 with the largest mean silhouette is taken; below 0.25 there is hardly any \
-       structure (Kaufman and Rousseeuw 1990)."],
+    &["Without --clusters, the number of clusters from 2 to 10 with the largest mean silhouette is chosen. A mean \
+       silhouette below 0.25 indicates hardly any structure (Kaufman and Rousseeuw 1990)."],
 ))]
 pub(super) struct Cli {
     #[command(flatten)]
@@ -42,7 +42,7 @@ pub(super) struct Cli {
     /// Number of clusters [default: chosen from 2 to 10]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     clusters: Option<usize>,
-    /// Highest degree to compare [default: the lowest of the models']
+    /// Highest degree to compare [default: the lowest degree of the models]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Compare models scaled to size 1
@@ -50,8 +50,8 @@ pub(super) struct Cli {
     unit_size: bool,
     /// Quantity by which models are compared
     ///
-    /// distance is a lower bound of the surfaces' distance, to which low degrees contribute most. standardized divides
-    /// each number by its standard deviation, so that fine detail weighs as much as coarse shape.
+    /// distance: a lower bound of the distance between the surfaces; low degrees contribute most. standardized: each
+    /// singular value is divided by its standard deviation, so that fine detail weighs as much as coarse shape.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Table to write
@@ -75,7 +75,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     if let Some(wanted) = cli.clusters.filter(|wanted| !(2..=paths.len()).contains(wanted)) {
         return Err(Usage::invalid(format!(
-            "--clusters: expected 2 to {}, the number of models; found {wanted}",
+            "--clusters: expected a number from 2 to {}, the number of models, found {wanted}",
             paths.len()
         ))
         .into());
@@ -95,7 +95,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut warnings = Vec::new();
     if found.mean < HARDLY {
         warnings.push(format!(
-            "the mean silhouette is {:.2}: the models hardly form clusters, and those found may depend on chance",
+            "the mean silhouette is {:.2}: the models hardly form clusters, and the clusters found may be due to \
+             chance",
             found.mean
         ));
         warnings.iter().for_each(|warning| monitor.console().warn(warning));

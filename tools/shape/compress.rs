@@ -20,18 +20,19 @@ use super::args::{Models, ReportArgs, Resources};
 use super::outputs::{check, finish, outputs};
 use super::plan::Plan;
 
-/// Compress models, to a distance or to a size
+/// Compress models to a given accuracy or file size
 ///
 /// Coefficients are rounded to multiples of a step and encoded; `spharm shape expand` restores models from the files.
 /// The step is given, or is determined by the size of the file, or by a distance: the root mean square distance between
 /// the model's surface and the compressed model's, measured both ways, with the bounding box scaled to volume 1. For
 /// signals, distance and step are fractions of each channel's standard deviation over the sphere.
 ///
-/// Compression loses digits, up to that distance. It also loses the model's sphere, including the number, the order and
-/// the triangles of the vertices. The expanded model can be evaluated on any sphere, `spharm reconstruct --icosphere
-/// N`, but not at the fitted vertices, unless their sphere is given. To keep the vertices, compress the mesh itself.
+/// Compression rounds the coefficients, which moves the surface by this distance. Compression also loses the model's
+/// sphere, including the number, the order and the triangles of the vertices. The expanded model can be evaluated on
+/// any sphere (`spharm reconstruct --icosphere N`), but not at the fitted vertices, unless their sphere is given. To
+/// keep the vertices, compress the mesh itself.
 ///
-/// The beginning of a file is a coarser model: `spharm shape expand --prefix`.
+/// The beginning of a file holds a coarser model, which `spharm shape expand --prefix` restores.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -51,7 +52,7 @@ pub(super) struct Cli {
     /// The default degrees have at least 256 bytes between them.
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
     levels: Option<Vec<usize>>,
-    /// Omit provenance and scheme key, about 500 bytes
+    /// Omit provenance and scheme key, which take about 500 bytes
     #[arg(long, help_heading = METHOD)]
     bare: bool,
     /// File to write; for several models a folder
@@ -66,13 +67,13 @@ pub(super) struct Cli {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct TargetArgs {
-    /// Root mean square distance of the surfaces, bounding box scaled to volume 1
+    /// Root mean square distance between the surfaces, with the bounding box scaled to volume 1
     #[arg(long, value_name = "D", help_heading = METHOD)]
     tolerance: Option<f64>,
     /// Maximum size of each file in bytes
     #[arg(long, value_name = "N", help_heading = METHOD)]
     bytes: Option<usize>,
-    /// Step of the coefficients, bounding box scaled to volume 1
+    /// Step of the coefficients, with the bounding box scaled to volume 1
     #[arg(long, value_name = "S", help_heading = METHOD)]
     step: Option<f64>,
 }
@@ -125,7 +126,7 @@ fn one(
     let degree = model.coefficients.max_degree();
     if file.max_degree < degree {
         monitor.console().warn(format!(
-            "{}: the degrees above {} are all zero and don't fit into a file this small; these degrees are omitted",
+            "{}: the degrees above {} are omitted, because they are all zero and don't fit into a file this small",
             path.display(),
             file.max_degree
         ));

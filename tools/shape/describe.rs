@@ -20,8 +20,9 @@ use super::plan::Plan;
 /// Describe models by rotation-invariant numbers
 ///
 /// One row per model: its size (root mean square distance from its mean position), the power of each degree and the
-/// singular values of each degree's coefficients. They don't change if the surface is rotated, reflected or translated,
-/// or its sphere rotated; they do depend on the parameterisation. Without --output the table is printed.
+/// singular values of each degree's coefficients. These numbers don't change if the surface is rotated, reflected or
+/// translated, or if its sphere is rotated, but they depend on the parameterisation. Without --output, the table is
+/// printed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -33,7 +34,7 @@ use super::plan::Plan;
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest of the models']
+    /// Highest degree [default: the lowest degree of the models]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Scale models to size 1
@@ -82,7 +83,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut warnings = Vec::new();
     if highest > degree {
         warnings.push(format!(
-            "the models have degrees from {degree} to {highest}; the table has the degrees up to {degree}"
+            "the models have degrees from {degree} to {highest}; the table has only the degrees up to {degree}"
         ));
         warnings.iter().for_each(|warning| monitor.console().warn(warning));
     }

@@ -35,7 +35,7 @@ impl Asked<'_> {
                 && is_constant(levels)
             {
                 let level = levels.first().map_or("", String::as_str);
-                bail!("covariate {name:?} is {level:?} for all subjects and has no effect; remove it");
+                bail!("covariate {name:?} is {level:?} for all subjects and has no effect; remove the covariate");
             }
         }
         let Some(effect) = self.effect else { return Ok(mean_question(table.count(), &covariates)?) };

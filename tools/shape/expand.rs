@@ -19,7 +19,7 @@ use super::outputs::{check, finish};
 /// Maximum size of a compressed model in bytes. Each channel of degree 2,000 has at most 96 MB of coefficients.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// Restore models from compressed ones
+/// Restore models from compressed files
 ///
 /// The models have no sphere: evaluate them with `spharm reconstruct --icosphere N`, or on any sphere.
 #[derive(Debug, Args)]

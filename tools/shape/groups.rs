@@ -63,7 +63,7 @@ pub(super) fn read_group(
     if kind == Kind::Surface && poses.is_none() && !one_key(keys.iter().map(Option::as_deref)) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }
-    warnings.extend(poses.map(|poses| format!("{poses} (spharm shape align --group)")));
+    warnings.extend(poses.map(|poses| format!("{poses} (align with `spharm shape align --group`)")));
     warnings.extend(equal_models(&members, paths, |path| path.display().to_string()));
     warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();

@@ -75,7 +75,7 @@ pub(super) fn of_surfaces(
     }
     let matched = Landmarks::matched(&subjects);
     if matched.names.is_empty() {
-        bail!("--landmarks: no name is common to all {} files", files.len());
+        bail!("--landmarks: no landmark name occurs in all {} files", files.len());
     }
     for (file, alone) in files.iter().zip(&matched.alone).filter(|(_, alone)| !alone.is_empty()) {
         let names = first_of(alone.iter().map(String::as_str), 5);
@@ -92,13 +92,16 @@ pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<
     let extent = dot(sub(high, low), sub(high, low)).sqrt();
     let placed = Landmarks::read(file)?.laid_on(surface);
     if placed.turned {
-        warnings.push(format!("{}: converted between LPS and RAS to lie on its surface", file.display()));
+        warnings.push(format!(
+            "{}: landmarks converted between LPS and RAS, so that they lie on the surface",
+            file.display()
+        ));
     }
     let far = |(name, distance): (&String, &f64)| (*distance > OFF * extent).then(|| format!("{name} ({distance:.3})"));
     let off: Vec<String> = placed.landmarks.names.iter().zip(&placed.distances).filter_map(far).collect();
     if !off.is_empty() {
         let off = first_of(off.iter().map(String::as_str), 5);
-        warnings.push(format!("{}: far from its surface: {off}", file.display()));
+        warnings.push(format!("{}: landmarks far from the surface: {off}", file.display()));
     }
     Ok((placed.landmarks, warnings))
 }
@@ -112,7 +115,11 @@ fn files(named: &[PathBuf], models: &[PathBuf]) -> Result<Vec<PathBuf>> {
     }
     let named = expand_lists(named)?;
     if named.len() != models.len() {
-        bail!("--landmarks: expected a folder or a file for each of {} models, found {}", models.len(), named.len());
+        bail!(
+            "--landmarks: expected a folder, or a file for each of {} models, found {} files",
+            models.len(),
+            named.len()
+        );
     }
     Ok(named)
 }
@@ -122,6 +129,10 @@ fn in_folder(folder: &Path, model: &Path) -> Result<PathBuf> {
     let found = ENDINGS.iter().map(|ending| folder.join(format!("{name}{ending}"))).find(|path| path.exists());
     match found {
         Some(path) => Ok(path),
-        None => bail!("{}: no landmarks of {name}: expected {name}{} there", folder.display(), ENDINGS.join(", ")),
+        None => bail!(
+            "{}: no landmarks of {name}: expected a file {name} with one of the endings {}",
+            folder.display(),
+            ENDINGS.join(", ")
+        ),
     }
 }

@@ -87,7 +87,7 @@ impl Maps {
         }
         let options = WriteOptions { overwrite: self.force, double: self.double };
         if self.painted() && sphere.faces.is_empty() {
-            bail!("{}: the sphere has no triangles to color; give --icosphere N", self.stem.display());
+            bail!("{}: the sphere has no triangles to colour; give --icosphere N", self.stem.display());
         }
         let positions = points.iter().map(|point| point.position).collect();
         let mesh = Mesh::new(positions, if self.painted() { sphere.faces.clone() } else { Vec::new() });

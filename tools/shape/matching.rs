@@ -23,9 +23,9 @@ use super::plan::Plan;
 /// Find the models that are nearest to a given one
 ///
 /// Models are first ranked by the singular values of each degree, which don't depend on pose. The distance between the
-/// singular values of two models is a lower bound of the root mean square distance of the surfaces, however they are
-/// rotated, mirrored and moved. Then the candidates with the smallest bounds are aligned, and ordered by the distance
-/// that remains, in the surfaces' unit. Signals aren't aligned.
+/// singular values of two models is a lower bound of the root mean square distance of the surfaces in any pose, mirror
+/// images included. Then the candidates with the smallest bounds are aligned, and ordered by the distance that remains,
+/// in the surfaces' unit. Signals aren't aligned.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -43,7 +43,7 @@ pub(super) struct Cli {
     /// Maximum number of matches shown
     #[arg(long, value_name = "N", default_value_t = 5, help_heading = METHOD)]
     top: usize,
-    /// Highest degree to compare [default: the lowest of the models']
+    /// Highest degree to compare [default: the lowest degree of the models]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Compare models scaled to size 1
@@ -52,7 +52,7 @@ pub(super) struct Cli {
     /// Quantity by which models are ordered
     ///
     /// standardized divides each number by its standard deviation over the searched models, so that high degrees, whose
-    /// numbers are small, weigh as much as low ones.
+    /// numbers are small, weigh as much as low degrees.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Maximum number of candidates to align; 0 for none

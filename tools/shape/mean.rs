@@ -22,14 +22,14 @@ use super::plan::Plan;
 
 /// Average models of surfaces
 ///
-/// Computes the mean of the coefficients. Surfaces have to correspond: by `spharm shape align --group`, or by
-/// registered spheres, such as those of cortical surfaces. Prints each model's distance from the mean.
+/// Computes the mean of the coefficients. The surfaces have to correspond, as after `spharm shape align --group`, or
+/// with registered spheres, such as the spheres of cortical surfaces. Prints each model's distance from the mean.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(&["spharm shape mean aligned -o mean.spharm.npz"], &[]))]
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest of the models']
+    /// Highest degree [default: the lowest degree of the models]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Model to write

@@ -21,11 +21,11 @@ use super::maps::Maps;
 use super::outputs::{TABLES, check, exact, finish, table_for, write_text};
 use super::plan::Plan;
 
-/// Measure models: area, volume, centroid; maps of curvature
+/// Measure models: area, volume, centroid and maps of curvature
 ///
-/// Computed from the coefficients: volume and centroid exactly up to rounding, the area to --tolerance. --maps writes
-/// mean and Gaussian curvature, shape index, curvedness and area element at the vertices of a sphere. Curvatures are
-/// positive on a sphere.
+/// All measures are computed from the coefficients: volume and centroid are exact up to rounding, and the area is
+/// accurate to --tolerance. --maps writes mean and Gaussian curvature, shape index, curvedness and area element at the
+/// vertices of a sphere. Curvatures are positive on a sphere.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -34,9 +34,10 @@ use super::plan::Plan;
         "spharm shape measure @group.txt --maps maps --icosphere 5 --format csv",
     ],
     &[
-        "Maps are NAME.mean-curvature.shape.gii, NAME.gaussian-curvature..., NAME.shape-index..., NAME.curvedness..., \
-         NAME.area-element...; with --format csv one table, NAME.geometry.csv, which has directions, positions and normals, \
-         too. With --format glb, ply, vtk or vtp they are the surface with values, and colours from the 2nd to the 98th percentile.",
+        "The maps are the files NAME.mean-curvature.shape.gii, NAME.gaussian-curvature..., NAME.shape-index..., \
+         NAME.curvedness... and NAME.area-element... With --format csv, one table, NAME.geometry.csv, has all maps, \
+         and also directions, positions and normals. With --format glb, ply, vtk or vtp, each file is the surface with \
+         the map's values, and with colours that range from the 2nd to the 98th percentile.",
         help::SIGNALS,
     ],
 ))]
@@ -124,7 +125,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let found = pool.install(|| measure(&coefficients, &params, monitor)).with_context(named)?;
         let mut warnings: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
         if model.provenance.handles.is_some() {
-            warnings.push("handles were cut: measures include the caps that close them".to_owned());
+            warnings.push("handles were cut: the measures include the caps that close the cuts".to_owned());
         }
         let mut singular = None;
         if let Some(maps) = maps.as_ref().and_then(|maps| maps.get(number)) {

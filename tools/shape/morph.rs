@@ -58,7 +58,7 @@ pub(super) struct Cli {
     /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Format of the files: that of a mesh, or spharm.npz for models
+    /// Format of the files: a format of meshes, or spharm.npz for models
     #[arg(long, value_name = "ENDING", default_value = "ply", help_heading = OUTPUT)]
     format: String,
     /// Animation to write
@@ -156,7 +156,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "seconds": seconds,
     });
     let line = format!(
-        "{}: {} shapes; distance of the ends {after:.6}; volume half way {ratio:.3} of the smaller end's",
+        "{}: {} shapes; distance between the ends {after:.6}; volume halfway {ratio:.3} times that of the smaller end",
         cli.output.display(),
         files.len()
     );

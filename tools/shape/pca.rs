@@ -26,7 +26,7 @@ use super::plan::Plan;
 /// Compute a group's modes of variation: principal components
 ///
 /// The models have to correspond, as after `spharm shape align --group`; their position in space is ignored. Writes a
-/// shape model: mean, modes, variances and the members' scores. `spharm shape sample` generates shapes from it.
+/// shape model: mean, modes, variances and the members' scores. `spharm shape sample` generates shapes.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -34,18 +34,18 @@ use super::plan::Plan;
         "spharm shape pca @group.txt --modes 10 --quality --scores scores.csv -o group.shape-model.npz",
     ],
     &[
-        "Generalisation is the mean distance between a member and the nearest shape that the modes of the others can form. \
-         Specificity is the mean distance between a random shape and the nearest member. Both are in the surfaces' unit, \
-         with 1, 2, ... modes; lower is better.",
+        "Generalisation is the mean distance between a member and the nearest shape that the modes of the other \
+         members can form. Specificity is the mean distance between a random shape and the nearest member. Both are in \
+         the surfaces' unit, with 1, 2, ... modes; lower is better.",
     ],
 ))]
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest of the models']
+    /// Highest degree [default: the lowest degree of the models]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Maximum number of modes to write [default: all, one fewer than models]
+    /// Maximum number of modes to write [default: all, one fewer than there are models]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     modes: Option<usize>,
     /// Measure generalisation and specificity

@@ -82,7 +82,7 @@ impl Plan {
     /// fits.
     pub(super) fn check(&self, needed: u64, others: impl IntoIterator<Item = (String, u64)>) -> Result<()> {
         let GroupSizes { models, max_degree, .. } = self.group;
-        let what = format!("shape {} of {} of degree {max_degree}", self.subcommand, counted(models, "model"));
+        let what = format!("shape {} with {} of degree {max_degree}", self.subcommand, counted(models, "model"));
         self.budget.check_or(what, needed, others)
     }
 

@@ -24,11 +24,11 @@ use super::outputs::{check_beside, finish};
 use super::plan::Plan;
 use super::{frames, landmarks, masks};
 
-/// Measure how well a group corresponds: compactness, generalisation, specificity, landmarks
+/// Measure how well a group corresponds: compactness, generalisation, specificity, landmark errors
 ///
 /// The models have to correspond, as after `spharm shape align --group`; their position in space is ignored. Places are
-/// weighted by the area around them; distances between surfaces are by nearest points. The bands are 95 % intervals of
-/// a bootstrap over the members.
+/// weighted by the area around them; distances between surfaces are measured between nearest points. The bands are 95 %
+/// intervals of a bootstrap over the members.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -37,16 +37,17 @@ use super::{frames, landmarks, masks};
         "spharm shape quality @group.txt --landmarks landmarks/ --frames group.json",
     ],
     &[
-        "Generalisation is the mean distance between a member and the nearest shape that the modes of the others can form. \
-         Specificity is the mean distance between a random shape and the nearest member. Both are in the surfaces' unit, \
-         with 1, 2, ... modes; lower is better. At equal directions, both also decrease if directions drift to places at \
-         which members differ little, so only landmarks show whether places correspond.",
+        "Generalisation is the mean distance between a member and the nearest shape that the modes of the other \
+         members can form. Specificity is the mean distance between a random shape and the nearest member. Both are in \
+         the surfaces' unit, with 1, 2, ... modes; lower is better. Measured at equal directions, both also decrease \
+         if directions drift to places at which members differ little, so only landmarks show whether places \
+         correspond.",
     ],
 ))]
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest of the models']
+    /// Highest degree [default: the lowest degree of the models]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Maximum number of modes to measure
@@ -69,29 +70,30 @@ pub(super) struct Cli {
     no_surfaces: bool,
     /// Landmarks of the models, in their own frames
     ///
-    /// A folder with one file per model and of the same name, or one file per model, or @LIST, in the models' order:
-    /// .mrk.json, .fcsv, .json, .csv or .tsv. Names that occur in all files are compared.
+    /// A folder with one file per model, named like the model; or one file per model, or @LIST, in the models' order.
+    /// The files are .mrk.json, .fcsv, .json, .csv or .tsv. Names that occur in all files are compared.
     #[arg(long, value_name = "FILE", num_args = 1.., help_heading = METHOD)]
     landmarks: Vec<PathBuf>,
-    /// Transforms from the landmarks' frames to the models'
+    /// Transforms from the landmarks' frames to the models' frames
     ///
     /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`, for landmarks on the
     /// original surfaces.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
-    /// File with nonzero values at the directions of the icosphere to compare, or the folder of a group
+    /// Mask of the icosphere's directions: a file with nonzero values at directions to compare, or the folder of a
+    /// group
     ///
     /// In a group made by `spharm shape correspond`, some places have no counterpart on the members, such as lids of
-    /// the template's holes; these are skipped.
+    /// the template's holes; these places are skipped.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     mask: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap
     #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = METHOD)]
     seed: u64,
-    /// JSON file to write all measures to
+    /// JSON file to write, with all measures
     #[arg(short, long, value_name = "OUT.json", help_heading = OUTPUT)]
     output: Option<PathBuf>,
-    /// Picture of the curves and their bands to write
+    /// Picture to write, with the curves and their bands
     #[arg(long, value_name = "OUT.png", help_heading = OUTPUT)]
     curves: Option<PathBuf>,
     /// Print the measures as JSON in place of the table
@@ -187,7 +189,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 /// Returns for each vertex of an icosphere whether it is compared.
 fn mask(path: &Path, subdivisions: u32) -> Result<Vec<bool>> {
     let sampling = masks::sampling(None, subdivisions);
-    masks::read(path, &Sphere::icosphere(subdivisions), &sampling, "give the mask's own icosphere by --icosphere")
+    masks::read(path, &Sphere::icosphere(subdivisions), &sampling, "give the mask's own icosphere with --icosphere")
 }
 
 fn curve(curve: &Curve) -> Value {

@@ -22,11 +22,11 @@ use super::args::{ReportArgs, Resources};
 use super::correspond::surfaces::{read, surfaces};
 use super::outputs::finish;
 
-/// Move a template onto surfaces, for meshes with the template's triangles
+/// Move a template onto surfaces, to make meshes with the template's triangles
 ///
 /// First each surface is brought into the template's pose by nearest points; then the template's vertices are moved
-/// onto it. A surface may have handles, holes and several pieces. The resulting meshes lie on the surfaces, in the
-/// surfaces' own frames.
+/// onto the surface. A surface may have handles, holes and several pieces. The resulting meshes lie on the surfaces, in
+/// the surfaces' own frames.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &["spharm shape register --template mean.ply s01.ply s02.ply -o registered"],
@@ -92,7 +92,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     // surface with its own search trees.
     let (n, stages) = (mesh.vertices.len() as u64, params.drift.len() as u64);
     let needed = 1600 * stages * (n + 3000) + 8000 * n + 4 * bytes_to_read(largest) + (8 << 20);
-    budget.check(format!("shape register of a template of {n} vertices"), needed)?;
+    budget.check(format!("shape register with a template of {n} vertices"), needed)?;
     let named = || cli.template.display().to_string();
     let template = pool.install(|| Template::new(&mesh, None, &params, monitor)).with_context(named)?;
     let fixed = PoseSurface::new(&mesh).ok_or(spharm::Error::NoArea).with_context(named)?;

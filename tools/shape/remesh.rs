@@ -24,9 +24,9 @@ use super::plan::Plan;
 /// Number of integration steps with which vertices are moved; the error is far below the resolution of a mesh.
 const STEPS: usize = 16;
 
-/// Make meshes of models: within a distance, by levels, evenly in area
+/// Make meshes of models: within a distance, at several degrees, or with evenly spread vertices
 ///
-/// Dropping the degrees above a given one moves the surface by a root mean square distance that is known exactly.
+/// Omitting the degrees above a given degree moves the surface by a root mean square distance that is known exactly.
 /// --tolerance uses the lowest degree within a distance; --levels writes a file for each degree, all with the same
 /// triangles. --even moves the vertices so that they are spread evenly over the surface's area.
 #[derive(Debug, Args)]
@@ -68,7 +68,7 @@ struct Degree {
     /// Highest degree to use [default: the model's]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Lowest degree within a root mean square distance of the model, in the model's unit
+    /// Use the lowest degree within this root mean square distance of the model, in the model's unit
     #[arg(long, value_name = "D", allow_negative_numbers = true, help_heading = METHOD)]
     tolerance: Option<f64>,
     /// Degrees of the meshes, with a file for each

@@ -23,7 +23,7 @@ use super::plan::Plan;
 ///
 /// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u moves to direction R
 /// u, and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
-/// --mirror exchanges left and right of both, before any rotation.
+/// --mirror exchanges left and right of both the sphere and the surface, before any rotation.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -32,8 +32,8 @@ use super::plan::Plan;
         "spharm shape rotate models --object 0,-1,0,1,0,0,0,0,1 --scale 0.1 --translate 10,0,0 -o moved",
     ],
     &[
-        "A rotation is 3 numbers, Euler angles alpha, beta, gamma in degrees, Rz(alpha) Ry(beta) Rz(gamma); 4 numbers, a \
-         quaternion w,x,y,z; or 9 numbers, a matrix by rows.",
+        "A rotation is given by 3 numbers (Euler angles alpha, beta, gamma in degrees, of Rz(alpha) Ry(beta) \
+         Rz(gamma)), 4 numbers (a quaternion w,x,y,z) or 9 numbers (a matrix by rows).",
     ],
 ))]
 pub(super) struct Cli {

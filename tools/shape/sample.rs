@@ -22,8 +22,8 @@ use super::outputs::{check, finish};
 
 /// Generate shapes from a shape model: along its modes, or at random
 ///
-/// --mode 1=2 is the shape two standard deviations along the first mode. Without --mode, --random N generates N shapes
-/// whose scores are normally distributed with the modes' variances.
+/// --mode 1=2 makes the shape two standard deviations along the first mode. --random N, instead of --mode, makes N
+/// shapes whose scores are normally distributed with the modes' variances.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -37,7 +37,7 @@ pub(super) struct Cli {
     /// Shape model, as `spharm shape pca` writes it
     #[arg(value_name = "MODEL.shape-model.npz", help_heading = INPUT)]
     model: PathBuf,
-    /// Mode, counted from 1, and the standard deviations to move along it
+    /// Mode, counted from 1, and the number of standard deviations to move along the mode
     #[arg(long, value_name = "MODE=SD", value_parser = mode, allow_hyphen_values = true, help_heading = METHOD)]
     mode: Vec<(usize, f64)>,
     /// Number of random shapes, written to a folder
@@ -57,7 +57,7 @@ pub(super) struct Cli {
 
 fn mode(text: &str) -> Result<(usize, f64), String> {
     let (mode, deviations) = text.split_once('=').ok_or("expected MODE=SD, such as 1=2")?;
-    let mode = mode.trim().parse().ok().filter(|mode| *mode > 0).ok_or("modes are counted from 1")?;
+    let mode = mode.trim().parse().ok().filter(|mode| *mode > 0).ok_or("expected a mode, counted from 1")?;
     let deviations = deviations.trim().parse().ok().filter(|number: &f64| number.is_finite());
     Ok((mode, deviations.ok_or("expected a number of standard deviations")?))
 }
@@ -70,7 +70,7 @@ pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
     let file = ShapeModel::read(&cli.model)?;
     let modes = &file.modes;
     let shapes: Vec<(PathBuf, Vec<f64>)> = match cli.random {
-        Some(0) => return Err(Usage::invalid("--random 0 makes no shapes").into()),
+        Some(0) => return Err(Usage::invalid("--random: expected at least 1 shape, found 0").into()),
         Some(count) => {
             // Memory for the scores of each shape, and for their text in the report.
             let needed = |count: u64| (64 * modes.count() as u64 + 400).saturating_mul(count);
@@ -102,7 +102,7 @@ pub(super) fn run(cli: &Cli, _: &ConsoleMonitor) -> Result<()> {
         "seconds": started.elapsed().as_secs_f64(),
     });
     let line = match cli.random {
-        Some(count) => format!("{}: {count} shapes of seed {}", cli.output.display(), cli.seed),
+        Some(count) => format!("{}: {count} random shapes with seed {}", cli.output.display(), cli.seed),
         None => cli.output.display().to_string(),
     };
     finish("sample", &report, &[vec![line]], &cli.report)

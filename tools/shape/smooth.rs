@@ -24,8 +24,8 @@ use super::plan::check_each;
 /// Smooth models by the heat kernel
 ///
 /// Coefficients of degree l are multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s
-/// ln 2) rad; on the surface it is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is compressed.
-/// For surfaces and signals.
+/// ln 2) rad; on the surface the width is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is
+/// compressed. Both surfaces and signals can be smoothed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -64,7 +64,7 @@ impl Width {
         match self.fwhm {
             // The message is in degrees, the unit of the argument; the kernel's own message is in radians.
             Some(degrees) if !(degrees >= 0.0 && degrees.is_finite()) => {
-                bail!("--fwhm: the width is {degrees} degrees; it must be finite and not negative")
+                bail!("--fwhm: expected a width that is finite and not negative, found {degrees} degrees")
             }
             Some(degrees) => HeatKernel::of_width(degrees.to_radians()).context("--fwhm"),
             None => HeatKernel::after(self.time.unwrap_or(0.0)).context("--s"),

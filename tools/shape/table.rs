@@ -102,14 +102,14 @@ impl Table {
     pub(crate) fn cells(&self, name: &str) -> Result<Vec<&str>> {
         let cells = self.texts(name)?;
         if let Some(row) = cells.iter().position(|cell| cell.is_empty()) {
-            bail!("{}: row {}: column {name:?} is empty; remove the subject", self.path.display(), row + 1);
+            bail!("{}: row {}: the cell in column {name:?} is empty; remove the subject", self.path.display(), row + 1);
         }
         // A missing value would become an additional level, and would turn a column of numbers into a column of
         // levels.
         if let Some(row) = cells.iter().position(|cell| is_missing(cell)) {
             let found = cells[row];
             bail!(
-                "{}: row {}: column {name:?} is {found}, a missing value; remove the subject",
+                "{}: row {}: the cell in column {name:?} is {found}, a missing value; remove the subject",
                 self.path.display(),
                 row + 1
             );
@@ -208,8 +208,8 @@ pub(crate) fn column_of(cells: &[&str]) -> Result<Column, usize> {
 /// Returns the error message for a cell that isn't a number in a column of numbers, with the remedy.
 pub(crate) fn no_number(cell: &str) -> String {
     format!(
-        "expected a number, as in most rows, found {cell:?}; write a number, such as 30.5, or omit the subject; for \
-         levels write words, such as site1"
+        "expected a number, as in most rows, found {cell:?}; write a number such as 30.5, or omit the subject; if the \
+         column has levels, write words such as site1"
     )
 }
 
@@ -239,7 +239,7 @@ pub(crate) fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>
         Some(row) => Ok(*row),
         None => match names.get(&model_name(model)).map(Vec::as_slice) {
             Some([row]) => Ok(*row),
-            Some(_) => bail!("several rows are named {:?}; give the models' paths there", model_name(model)),
+            Some(_) => bail!("several rows are named {:?}; write the models' paths in this column", model_name(model)),
             None => bail!("no row for {:?}", model_name(model)),
         },
     };
@@ -247,7 +247,11 @@ pub(crate) fn rows_of(cells: Vec<&str>, models: &[PathBuf]) -> Result<Vec<usize>
     for model in models {
         let row = row(model)?;
         if let Some(other) = taken.insert(row, model) {
-            bail!("{} and {} are in one row; give the models' paths in the table", other.display(), model.display());
+            bail!(
+                "{} and {} have the same row; write the models' paths in the table",
+                other.display(),
+                model.display()
+            );
         }
         rows.push(row);
     }
@@ -303,7 +307,7 @@ mod tests {
         let models = ["a/s0.spharm.npz", "b/s0.spharm.npz"].map(PathBuf::from);
         assert_eq!(rows_of(vec!["b/s0.spharm.npz", "a/s0.spharm.npz"], &models).unwrap(), [1, 0]);
         let error = |cells: &[&str]| rows_of(cells.to_vec(), &models).unwrap_err().to_string();
-        assert!(error(&["s0", "s1"]).contains("are in one row"));
+        assert!(error(&["s0", "s1"]).contains("have the same row"));
         assert!(error(&["c/s0", "d/s0"]).contains("several rows are named \"s0\""));
         assert!(error(&["s1"]).contains("no row for \"s0\""));
         // The cell "n/a" isn't the path of a model called a.

@@ -26,7 +26,7 @@ pub(crate) struct Cli {
     /// Write a manifest of the rows without a model
     #[arg(long, value_name = "OUT.tsv", requires = "manifest", help_heading = help::OUTPUT)]
     pub(super) failed: Option<PathBuf>,
-    /// Print JSON instead of the table, with every failure
+    /// Print JSON with every failure instead of the table
     #[arg(long, help_heading = help::OUTPUT)]
     pub(super) json: bool,
     /// Replace an existing output

@@ -22,7 +22,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs(cli.failed.iter().map(|path| OutputFile::new(path, "--failed")), cli.force)?;
     let merged = Merged::read(&status_files(&cli.files)?)?;
     if merged.damaged > 0 {
-        console.warn(format!("{} truncated or overwritten; ignored", counted(merged.damaged, "line")));
+        console
+            .warn(format!("ignored {} of the status files, truncated or overwritten", counted(merged.damaged, "line")));
     }
     let manifest = cli.manifest.as_deref().map(Manifest::read).transpose()?;
     // With a manifest, include only its rows, in its order.
@@ -40,7 +41,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         counts.push(("not started", manifest.rows.len() - entries.len()));
         let others = merged.entries().len() - entries.len();
         if others > 0 {
-            console.warn(format!("{} not in {}; ignored", counted(others, "row"), manifest.path.display()));
+            console.warn(format!("ignored {} not in {}", counted(others, "row"), manifest.path.display()));
         }
     }
     counts.push(("all", manifest.as_ref().map_or(entries.len(), |manifest| manifest.rows.len())));
@@ -58,7 +59,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         print_line(&format!("{}: {}", entry.id, entry.error))?;
     }
     if failed.len() > SHOWN {
-        print(&format!("and {} more, which --json lists", failed.len() - SHOWN))?;
+        print(&format!("and {} more; --json lists all failures", failed.len() - SHOWN))?;
     }
     Ok(())
 }
@@ -114,11 +115,11 @@ fn write_rest(
     let is_there = |id: &str| merged.entry(id).is_some_and(|entry| entry.state.is_there()) && !gone.contains(id);
     let left = manifest.rows.iter().filter(|row| !is_there(&row.id)).count();
     if left == 0 {
-        console.note(format!("every row has a model, so {} isn't written", path.display()));
+        console.note(format!("every row has a model, so {} wasn't written", path.display()));
         return Ok(());
     }
     if path == manifest.path {
-        bail!("{}: is the manifest itself; choose another --failed", path.display());
+        bail!("{}: this file is the manifest; choose another --failed", path.display());
     }
     let text = manifest.rest(path, |row| !is_there(&row.id))?;
     prepare(path)?;

@@ -86,7 +86,7 @@ pub(super) fn scheme_lines(rows: Vec<SchemeRow>) -> Vec<Vec<String>> {
     for row in rows {
         let extent = match row.complete_to {
             Some(degree) if degree + 1 == row.degrees => format!("0 to {degree}"),
-            Some(degree) => format!("0 to {degree}, {} in all", row.degrees),
+            Some(degree) => format!("0 to {degree}, {} in total", row.degrees),
             None if row.degrees == 0 => "none".to_owned(),
             None => format!("{} without degree 0", row.degrees),
         };

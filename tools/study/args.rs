@@ -9,12 +9,12 @@ use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 use spharm_cohort::Shard;
 
-/// Run a study: fit, make subjects correspond, average, test, and write a page
+/// Run a study: fit surfaces, bring subjects into correspondence, average, test, and write a page
 ///
 /// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes a template with comments. Every
-/// stage is a command of spharm, which is shown. A stage runs again only if its inputs or settings have changed since
-/// the last run. So the same command resumes an interrupted study, and after a change reruns only the stages that
-/// depend on it.
+/// stage is a command of spharm, and this command is printed. A stage runs again only if its inputs or settings have
+/// changed since the last run. Therefore, the same command resumes an interrupted study and, after a change, reruns
+/// only the stages that depend on the change.
 #[derive(Debug, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
@@ -37,14 +37,15 @@ pub(crate) struct Cli {
     pub(super) study: Option<PathBuf>,
     /// Run the study of a provenance.json again, and compare the results
     ///
-    /// The table and all inputs must have the recorded contents. The number of threads and the memory are the recorded
-    /// ones unless given. The exit status is 1 if a result differs.
+    /// The table and all inputs must have the recorded contents. Unless given, the number of threads and the memory are
+    /// as recorded. The exit status is 1 if a result differs.
     #[arg(long, value_name = "provenance.json", conflicts_with_all = ["study", "shard"], help_heading = METHOD)]
     pub(super) again: Option<PathBuf>,
-    /// Folder for all outputs [default: `output` in the study; with --again, that folder with -again appended]
+    /// Folder for all outputs [default: `output` of the study file; with --again, the recorded `output` with -again
+    /// appended]
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: Option<PathBuf>,
-    /// Fit one part of the subjects: I/N, counted from 0, or slurm
+    /// Fit only part I of N parts of the subjects: I/N, with I counted from 0, or slurm
     #[arg(long, value_name = "I/N|slurm", help_heading = METHOD)]
     pub(super) shard: Option<Shard>,
     /// Print the commands without running them

@@ -12,7 +12,7 @@ use spharm_cohort::{Manifest, Row};
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::read_annotation;
 
-use super::config::Method;
+use super::config::{Method, Poses};
 use super::plan::{Plan, Subject};
 use super::test::Test;
 use super::{LEAST, emptied, sides};
@@ -33,7 +33,7 @@ pub(super) fn check(plan: &Plan) -> Result<()> {
     if rows < LEAST {
         let without = match plan.excluded.len() {
             0 => String::new(),
-            count => format!(" besides {} excluded", counted(count, "subject")),
+            count => format!(" ({} excluded)", counted(count, "subject")),
         };
         bail!("{}: expected {LEAST} subjects or more, found {rows}{without}", plan.table.display());
     }
@@ -49,16 +49,16 @@ pub(super) fn check(plan: &Plan) -> Result<()> {
 fn correspondence(plan: &Plan) -> Result<()> {
     if plan.signal_fits().is_some() && !matches!(plan.method, Method::Fixed | Method::None) {
         bail!(
-            "{}: `signal` in [subjects] needs spheres that correspond, such as FreeSurfer's sphere.reg: give `sphere`; \
-             found method {:?}",
+            "{}: `signal` in [subjects] needs spheres that correspond, such as FreeSurfer's sphere.reg: give `sphere`, \
+             and method \"fixed\" or \"none\" in [align]; found method {:?}",
             plan.file.display(),
             plan.method.name()
         );
     }
     if plan.has_sides() && plan.method == Method::None {
         bail!(
-            "{}: `sides` in [subjects]: the second side is mirrored and has to be aligned; expected another method than \
-             \"none\" in [align]",
+            "{}: `sides` in [subjects]: the second side is mirrored and has to be aligned; expected a method other \
+             than \"none\" in [align]",
             plan.file.display()
         );
     }
@@ -71,6 +71,9 @@ fn correspondence(plan: &Plan) -> Result<()> {
             plan.file.display(),
             plan.method.name()
         );
+    }
+    if plan.study.align.pose == Poses::Near {
+        bail!("{}: `pose` in [align] needs method \"correspond\", found {:?}", plan.file.display(), plan.method.name());
     }
     if !plan.study.align.signals.is_empty() {
         bail!(
@@ -101,8 +104,8 @@ fn of_group(plan: &Plan) -> Result<()> {
     }
     if let Some(row) = plan.manifest.rows.iter().find(|row| row.id == "mean" || row.id.starts_with('.')) {
         bail!(
-            "{}: line {}: expected an id other than `mean` that doesn't begin with a dot, found {:?}; or give method \
-             \"joint\" in [align]",
+            "{}: line {}: expected an id other than `mean` that doesn't begin with a dot, found {:?}; change the id, \
+             or give method \"joint\" in [align]",
             plan.table.display(),
             row.line,
             row.id
@@ -137,7 +140,7 @@ fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<()> {
     let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
     let params = TestParams { welch: test.welch, ..TestParams::default() };
     if test.welch && (question.levels.len() != 2 || !question.covariates.is_empty()) {
-        bail!("welch: tests only the difference of two groups without covariates; omit it");
+        bail!("welch: expected two groups and no covariates; omit `welch` for other tests");
     }
     stats::check(components, &question.design, &question.contrast, &params)
         .with_context(|| plan.table.display().to_string())
@@ -197,8 +200,8 @@ fn swapped(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<String>> {
     let all = counted(pairs, "subject");
     Ok((pairs > 0).then(|| {
         format!(
-            "in all of {all}, side {first} lies where {second} is expected: left and right seem to be exchanged; check \
-             `sides` and `labels`"
+            "in all of {all}, side {first} is where side {second} is expected, so left and right seem to be exchanged; \
+             check `sides` and `labels`"
         )
     }))
 }
@@ -223,7 +226,7 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     for (key, path) in [("mask", &test.mask), ("annotation", &test.annotation)] {
         let is_of_icosphere = key == "mask" && plan.method == Method::Correspond;
         if path.is_some() && test.sphere.is_none() && !is_of_icosphere {
-            bail!("{key}: also give `sphere`, the sphere to whose vertices the {key} belongs");
+            bail!("{key}: also give `sphere`, the sphere with the vertices of the {key}");
         }
     }
     let sphere = test.sphere.as_ref().map(|sphere| plan.folder.join(sphere));
@@ -234,8 +237,8 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     if let Some(mask) = &test.mask {
         if plan.method == Method::Correspond && test.sphere.is_none() && is_of_freesurfer(mask) {
             bail!(
-                "mask: {}: expected a value for each vertex of a test's mean.surf.gii, as the method is correspond; found \
-                 a label of FreeSurfer's surfaces, whose vertices aren't places of this group",
+                "mask: {}: with method \"correspond\", expected a value for each vertex of a test's mean.surf.gii, \
+                 found a label of FreeSurfer's surfaces, which have other vertices",
                 plan.folder.join(mask).display()
             );
         }

@@ -166,11 +166,22 @@ impl TryFrom<String> for Method {
     }
 }
 
+/// Poses that the correspondence considers, as for `shape correspond --pose`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Poses {
+    #[default]
+    Any,
+    Near,
+}
+
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Align {
     /// Method of correspondence; `None` selects "fixed" if all subjects have spheres, otherwise "correspond".
     pub(super) method: Option<Method>,
+    /// Poses that the correspondence considers.
+    pub(super) pose: Poses,
     pub(super) scale: bool,
     pub(super) mirror: bool,
     /// Whether the landmarks guide the correspondence.
@@ -249,7 +260,8 @@ impl Study {
             let plain = |c: char| c.is_alphanumeric() || "-_.".contains(c);
             if test.name.is_empty() || test.name.starts_with('.') || !test.name.chars().all(plain) {
                 bail!(
-                    "test {:?}: expected a name of letters, digits, -, _ and . for its folder, found {:?}",
+                    "test {:?}: expected a name made up of letters, digits, -, _ and ., because the test's folder has \
+                     this name; found {:?}",
                     index + 1,
                     test.name
                 );
@@ -314,7 +326,7 @@ mod tests {
     fn what_is_wrong_is_named_with_the_nearest_key() {
         for (from, to, expected) in [
             ("max_degree", "max_degre", "unknown key `max_degre` in [fit]: did you mean `max_degree`?"),
-            ("max_degree = 15", "max_degree = 15\nfix = true", "options of spharm fit are arguments = [\"--fix\"]"),
+            ("max_degree = 15", "max_degree = 15\nfix = true", "give options of spharm fit as arguments = [\"--fix\"]"),
             ("effect =", "effects =", "unknown key `effects` in [[test]]: did you mean `effect`?"),
             ("[modes]", "[mode]", "unknown key `mode`: did you mean `modes`?"),
             ("count =", "colour =", "unknown key `colour` in [modes]: expected one of count"),

@@ -57,7 +57,8 @@ pub(super) fn check(plan: &Plan, test: &Test, left: &[&Row], failed: &[(String, 
                 continue;
             }
             bail!(
-                "no subject with {name} {level:?} is left of {}{}{}; keep or repair some of them, or change the test",
+                "no subject with {name} {level:?} is left, of {} in the table{}{}; keep or repair some of them, or \
+                 change the test",
                 counted(ids.len(), plan.row_noun()),
                 listed("excluded", &excluded),
                 listed("failed", &failed)

@@ -44,12 +44,12 @@ pub(super) fn tell(Compared { count, differ }: &Compared) -> Result<()> {
     const NAMED: usize = 5;
     let count = *count;
     if differ.is_empty() {
-        return print_line(&format!("{}: the same bytes as recorded", counted(count, "result")));
+        return print_line(&format!("{}: identical to the recorded results", counted(count, "result")));
     }
     let names: Vec<String> = differ.iter().map(|path| path.display().to_string()).collect();
     bail!(
-        "{} of {} differ from the recorded ones: {}; the version, the number of threads, the memory or the processor may \
-         differ",
+        "{} of {} differ from the recorded results: {}; possible causes are another version, number of threads, memory \
+         or processor",
         differ.len(),
         counted(count, "result"),
         first_of(names.iter().map(String::as_str), NAMED)
@@ -132,7 +132,7 @@ impl Call<'_> {
         }
         self.warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));
         if let Some(more) = self.warnings.len().checked_sub(SHOWN + 1) {
-            self.console.warn(format!("and {} more, at the head of the page", counted(more + 1, "warning")));
+            self.console.warn(format!("and {} more, listed at the top of the page", counted(more + 1, "warning")));
         }
         for (id, error) in self.failed.iter().take(10) {
             self.console.warn(format!("{id}: {error}"));
@@ -140,7 +140,7 @@ impl Call<'_> {
         match self.failed.len() {
             0 => Ok(()),
             count => bail!(
-                "{} of {} failed: the page shows the others; `spharm status {}` lists them",
+                "{} of {} failed: the page shows the others; `spharm status {}` lists the failures",
                 counted(count, "subject"),
                 self.plan.manifest.rows.len(),
                 self.plan.status_of_failures().display()

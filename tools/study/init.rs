@@ -60,15 +60,16 @@ pub(super) fn filled(folder: &Path, given: &str) -> Result<Filled> {
             Some((first, others)) => {
                 let mut lines = format!("surface = \"{}\"", escaped(&first.pattern));
                 for Pattern { pattern, subjects } in others.iter().take(LISTED) {
-                    lines += &format!("\n# or, of {}: surface = \"{}\"", counted(*subjects, "subject"), escaped(pattern));
+                    lines +=
+                        &format!("\n# or, of {}: surface = \"{}\"", counted(*subjects, "subject"), escaped(pattern));
                 }
                 replace("# surface = \"subjects/{id}/surf/lh.pial\"", &lines);
                 let (found, all) = (first.subjects, ids.len());
-                notes.push(format!("surfaces: {} ({found} of {all} subjects have one)", first.pattern));
+                notes.push(format!("surfaces: {} ({found} of {all} subjects have such a file)", first.pattern));
             }
             None => notes.push(format!(
-                "no surface or label volume whose path contains an id such as {:?} is below the folder of the study file; \
-                 fill in `surface`",
+                "found no surface or label volume with an id such as {:?} in its path below the folder of the study \
+                 file; fill in `surface`",
                 ids[0]
             )),
         }
@@ -91,7 +92,7 @@ pub(super) fn filled(folder: &Path, given: &str) -> Result<Filled> {
                 notes.push(format!("tested: {name}"));
             }
         }
-        None => notes.push("no column to test was found; fill in `effect`".to_owned()),
+        None => notes.push("found no column to test; fill in `effect`".to_owned()),
     }
     Ok(Filled { text, notes })
 }

@@ -28,7 +28,7 @@ const SECTIONS: [(&str, usize, &[&str]); 8] = [
         ],
     ),
     ("fit", 1, &["max_degree", "arguments"]),
-    ("align", 0, &["method", "scale", "mirror", "guide", "signals"]),
+    ("align", 0, &["method", "pose", "scale", "mirror", "guide", "signals"]),
     ("modes", 0, &["count"]),
     ("quality", 0, &["plain", "surfaces"]),
     ("page", 0, &["subjects"]),
@@ -45,7 +45,7 @@ pub(super) fn check(table: &Table) -> Result<()> {
             Some(Value::Table(part)) if section != "test" => vec![part],
             Some(Value::Array(parts)) if section == "test" => match parts.iter().map(Value::as_table).collect() {
                 Some(parts) => parts,
-                None => bail!("expected [[test]], a table for each test"),
+                None => bail!("expected [[test]], a table for each test; found another value"),
             },
             Some(_) if section == "test" => bail!("expected [[test]], a table in double brackets, found another value"),
             Some(_) => bail!("expected a section [{section}], found a value"),
@@ -65,7 +65,7 @@ pub(super) fn check(table: &Table) -> Result<()> {
                 match nearest {
                     Some((_, nearest)) => bail!("unknown key `{unknown}`{place}: did you mean `{nearest}`?"),
                     None if section == "fit" => bail!(
-                        "unknown key `{unknown}`{place}: options of spharm fit are arguments = [\"--{}\"]",
+                        "unknown key `{unknown}`{place}: give options of spharm fit as arguments = [\"--{}\"]",
                         unknown.replace('_', "-")
                     ),
                     None => bail!("unknown key `{unknown}`{place}: expected one of {}", keys.join(", ")),

@@ -57,7 +57,7 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
     let of_what = match &study.subjects.sides[..] {
         [first, second] => {
             let of = counted(plan.subjects_counted(), "subject");
-            format!("both sides ({first}, {second}) of {of}, {subjects} surfaces in all,")
+            format!("both sides ({first}, {second}) of {of}, {subjects} surfaces in total,")
         }
         _ => counted(subjects, "subject"),
     };
@@ -71,7 +71,7 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
         let _ = write!(text, " (spharm fit {})", arguments.join(" "));
     }
     text += if plan.has_one_sphere() || plan.manifest.rows.iter().all(|row| row.sphere.is_some()) {
-        ", over given spherical maps"
+        ", over the given maps to the sphere"
     } else if plan.area() == Some(0.0) {
         ", over maps to the sphere that preserve angles"
     } else {
@@ -84,8 +84,8 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
         let _ = write!(text, "{count} could not be modelled ({}). ", failed.join(", "));
     }
     if subjects >= outliers::LEAST {
-        text += "Outliers were looked for by robust z scores, from median and median absolute deviation, of volume, area, \
-                 sphericity, residual, distance from the mean and scores on the modes of variation, beyond 3.5. ";
+        text += "Outliers were detected by robust z scores beyond 3.5, from median and median absolute deviation, of \
+                 volume, area, sphericity, residual, distance from the mean and scores on the modes of variation. ";
     }
     if !plan.excluded.is_empty() {
         let reasons = with_reasons(plan.excluded.iter().map(|(row, reason)| (row.id.as_str(), reason.as_str())));
@@ -94,7 +94,7 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
     if !study.subjects.accept.is_empty() {
         let accepted = with_reasons(study.subjects.accept.iter().map(|of| (of.id.as_str(), of.reason.as_str())));
         let count = counted(study.subjects.accept.len(), plan.row_noun());
-        let _ = write!(text, "{count} remained in the group whether flagged or not ({accepted}). ");
+        let _ = write!(text, "{count} remained in the group even if flagged ({accepted}). ");
     }
     if !flagged.is_empty() {
         let count = counted(flagged.len(), plan.row_noun());
@@ -103,20 +103,20 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
     let (scale, mirror) = (study.align.scale, study.align.mirror);
     text += match plan.method {
         Method::Correspond => {
-            "Correspondence was established by registering one template to all surfaces, groupwise, without knowledge of \
-             groups and covariates"
+            "Correspondence was established by groupwise registration of one template to all surfaces, without \
+             knowledge of groups and covariates"
         }
-        Method::Joint => "The models were aligned by rotations of space and of the parameters",
+        Method::Joint => "The models were aligned by rotations in space and of the parameter spheres",
         Method::Fixed => {
-            "The spherical maps were taken as corresponding, and the models were aligned by rotations and translations"
+            "The spherical maps were assumed to correspond, and the models were aligned by rotations and translations"
         }
         Method::None => {
-            "The models were compared in their original positions, with their spherical maps taken as corresponding"
+            "The models were compared in their original positions, and their spherical maps were assumed to correspond"
         }
     };
     if plan.method != Method::None {
-        text += if scale { ", and scaled to one size" } else { ", without scaling" };
-        text += if mirror { "; mirror images were matched. " } else { ". " };
+        text += if scale { ", and scaled to a common size" } else { ", without scaling" };
+        text += if mirror { "; mirror images were also matched. " } else { ". " };
     } else {
         text += ". ";
     }
@@ -161,28 +161,28 @@ fn counted_were(count: usize, noun: &str) -> String {
 /// Returns the sentences about a test.
 fn of_test(test: &Test, plan: &Plan) -> Result<String> {
     let quantity = match test.signal.as_deref() {
-        Some("position") => "the position of each point of the surface",
-        Some("value") => "the value at each point of the surface",
-        _ => "the displacement of each point of the surface along the normal of the mean",
+        Some("position") => "the position of each surface point",
+        Some("value") => "the value at each surface point",
+        _ => "the displacement of each surface point along the mean's normal",
     };
     let side = match (&test.side, &plan.study.subjects.sides[..]) {
         (Some(_), [first, second]) if test.is_of_differences() => {
-            format!(" (difference {first} minus mirrored {second} of each subject)")
+            format!(" (the difference {first} minus mirrored {second} in each subject)")
         }
-        (Some(side), _) => format!(" of the side {side}"),
+        (Some(side), _) => format!(" on side {side}"),
         _ => String::new(),
     };
     let about = about(plan, test)?;
     let effect = match test.effect.split_once(':').filter(|_| !plan.manifest.columns.contains(&test.effect)) {
         Some((first, second)) if test.contrast.is_empty() => format!("the interaction of {first} and {second}"),
-        Some((first, second)) => format!("a contrast in the model of {first}, {second} and their interaction"),
+        Some((first, second)) => format!("a contrast in the model with {first}, {second} and their interaction"),
         None if test.contrast.is_empty() => format!("the effect of {}", test.effect),
-        None => format!("a contrast in the model of {}", test.effect),
+        None => format!("a contrast in the model with {}", test.effect),
     };
     let tested = match test.mean {
         true => {
             let of = about["subjects"].as_u64().unwrap_or_default();
-            format!("the mean of {quantity}{side}, of {of} subjects, was compared with zero")
+            format!("the mean of {quantity}{side} in {of} subjects was compared with zero")
         }
         false => {
             let (meaning, subjects) = (about["tested"].as_str().unwrap_or_default(), subjects_of(&about));
@@ -196,7 +196,10 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
     }
     text += " in a linear model at each vertex";
     if let Some(groups) = &test.variance_groups {
-        let _ = write!(text, ", by the v or G statistic with variances by {groups} (Welch 1951; Winkler et al. 2014)");
+        let _ = write!(
+            text,
+            ", by the v or G statistic with separate variances by {groups} (Welch 1951; Winkler et al. 2014)"
+        );
     } else if test.welch {
         text += ", by Welch's t (Welch 1951)";
     }
@@ -211,7 +214,7 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         let which = if about["exact"] == true { "all" } else { "random" };
         let _ = write!(
             text,
-            "Family-wise p values were computed from the maximum over {} vertices in {count} relabellings, {which}{} \
+            "Family-wise p values were computed from the maximum over {} vertices in {count} relabellings ({which}){} \
              (Winkler et al. 2014), under the assumption of {assumption}",
             about["vertices"].as_u64().unwrap_or_default(),
             if has_nuisance(test, &about) {
@@ -222,13 +225,13 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         );
         if let Some(blocks) = &test.blocks {
             let how = if test.whole_blocks { "of whole blocks" } else { "within blocks" };
-            let _ = write!(text, ", {how} of {blocks} (Winkler et al. 2015)");
+            let _ = write!(text, ", with exchanges {how} of {blocks} (Winkler et al. 2015)");
         }
         if test.tfce {
             text += ", with threshold-free cluster enhancement (Smith and Nichols 2009)";
         }
         if let Some(p) = test.cluster {
-            let _ = write!(text, ", and for the area of clusters of uncorrected p below {p}");
+            let _ = write!(text, ", and for the area of clusters with uncorrected p below {p}");
         }
         text += ". ";
     }
@@ -258,19 +261,24 @@ fn of_volumes(plan: &Plan) -> String {
     }
     let probability = fit.arguments.iter().any(|argument| argument == "--probability");
     let (body, volume) = match fit.value("--threshold") {
-        Some(level) => (format!("voxels of {level} or more in a volume"), "that of the interpolated values"),
-        None if probability => ("voxels of a probability of 0.5 or more".to_owned(), "the sum of their probabilities"),
-        None => ("the voxels of a label".to_owned(), "that of the voxels"),
+        Some(level) => {
+            (format!("voxels with values of {level} or more in a volume"), "the volume of the interpolated values")
+        }
+        None if probability => {
+            ("voxels with a probability of 0.5 or more".to_owned(), "the sum of the voxels' probabilities")
+        }
+        None => ("the voxels of a label".to_owned(), "the volume of the voxels"),
     };
     if fit.value("--label-surface") == Some("voxels") {
-        return format!("A surface consisted of the outer faces of {body}. ");
+        return format!("Each surface consisted of the outer faces of {body}. ");
     }
     let image = ["--channel", "--time"].into_iter().filter_map(|name| Some((&name[2..], fit.value(name)?)));
     let image: String = image.map(|(name, number)| format!(", {name} {number}")).collect();
     let body = body + &image;
     let radius = fit.value("--smooth-radius").unwrap_or("0.5");
     format!(
-        "A surface was that of least bending within {radius} voxels of the outer faces of {body}; its volume was {volume}. "
+        "Each surface was the surface of least bending within {radius} voxels of the outer faces of {body}; the \
+         enclosed volume was {volume}. "
     )
 }
 

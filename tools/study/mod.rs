@@ -124,7 +124,7 @@ pub(crate) fn run(
     let (count, table) = (plan.manifest.rows.len(), plan.table.display());
     let subjects = match plan.excluded.len() {
         0 => counted(count, plan.row_noun()),
-        excluded => format!("{count} of {}, {excluded} excluded,", counted(count + excluded, plan.row_noun())),
+        excluded => format!("{count} of {} ({excluded} excluded)", counted(count + excluded, plan.row_noun())),
     };
     call.console.note(format!("{}: {subjects} of {table}", plan.study.title));
     for fits in plan.fits() {
@@ -238,13 +238,13 @@ impl Call<'_> {
         let signals = tidy::signals(self.plan)?;
         if signals > 0 {
             let removed = counted(signals, "model");
-            self.console.note(format!("removed {removed} of signals, which the study no longer has"));
+            self.console.note(format!("removed {removed} of signals that the study no longer has"));
         }
         let removed: usize = self.plan.fits().iter().map(tidy::models).sum::<Result<_>>()?;
         if removed > 0 {
             let removed = counted(removed, "model");
             self.console
-                .note(format!("removed {removed} of subjects that are excluded, failed or not in the table any more"));
+                .note(format!("removed {removed} of subjects that are excluded, failed or no longer in the table"));
         }
         self.warnings.extend(check::fitted(self.plan, &subjects, &self.failed)?);
         self.plan.write_lists(&subjects)?;

@@ -97,7 +97,7 @@ impl Plan {
         }
         if let Some(row) = manifest.rows.iter().find(|row| row.output.is_some()) {
             bail!(
-                "{}: line {}: a study names its models by the ids; remove the column `output`",
+                "{}: line {}: a study names its models after the ids; remove the column `output`",
                 table.display(),
                 row.line
             );
@@ -107,7 +107,7 @@ impl Plan {
             for column in test.columns(is_column) {
                 if !is_column(column) {
                     bail!(
-                        "{}: test {:?}: {} has no column {column:?}; it has {}",
+                        "{}: test {:?}: {} has no column {column:?}; its columns are {}",
                         path.display(),
                         test.name,
                         table.display(),

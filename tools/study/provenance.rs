@@ -136,7 +136,7 @@ impl Provenance {
     pub(super) fn read(path: &Path) -> Result<Self> {
         let text = read_text(path, "provenance of a study", MOST_OWN)?;
         serde_json::from_str(&text)
-            .with_context(|| format!("{}: expected provenance.json of `spharm study`", path.display()))
+            .with_context(|| format!("{}: expected a provenance.json written by `spharm study`", path.display()))
     }
 
     pub(super) fn text(&self) -> Result<String> {
@@ -170,7 +170,7 @@ impl Provenance {
         }
         if let Some(first) = changed.first() {
             bail!(
-                "{}: {} of the recorded {} missing or changed, so the results couldn't be the same; the first: {first}",
+                "{}: {} of the recorded {} missing or changed, so the results can't be reproduced; first: {first}",
                 path.display(),
                 changed.len(),
                 counted(self.inputs.len() + 1, "input"),

@@ -41,7 +41,7 @@ fn check_names(study: &Study) -> Result<()> {
     let Subjects { sides, labels, surface, .. } = &study.subjects;
     let [first, second] = match &sides[..] {
         [] if !labels.is_empty() => {
-            bail!("`labels` in [subjects]: expected `sides` beside it, or `label` for one label; found neither")
+            bail!("`labels` in [subjects] needs `sides`, found none; for a single label, give `label`")
         }
         [] => match files(study).into_iter().find(|(_, pattern)| pattern.contains(SIDE)) {
             Some((key, _)) => bail!("{key}: {SIDE} needs `sides` in [subjects], such as [\"lh\", \"rh\"]"),
@@ -60,16 +60,21 @@ fn check_names(study: &Study) -> Result<()> {
         bail!("`sides` in [subjects]: expected two different names, found {first:?} twice");
     }
     if surface.is_none() {
-        bail!("`sides` in [subjects] needs a `surface` pattern with {SIDE}, or with `labels`; found none");
+        bail!(
+            "`sides` in [subjects] needs a `surface` pattern with {SIDE}, or a `surface` pattern and `labels`; found \
+             none"
+        );
     }
     match labels[..] {
         [] => {}
-        [left, right] if left == right => bail!("`labels` in [subjects]: expected two labels, found {left} twice"),
+        [left, right] if left == right => {
+            bail!("`labels` in [subjects]: expected two different labels, found {left} twice")
+        }
         [_, _] => {}
         _ => bail!("`labels` in [subjects]: expected two labels, one for each side, found {}", labels.len()),
     }
     if study.subjects.label.is_some() {
-        bail!("`label` in [subjects]: expected `labels`, one for each of the `sides`");
+        bail!("`label` in [subjects]: expected `labels` instead, with one label for each of the `sides`");
     }
     // Files of values on vertices belong to a single side, so their patterns need `{side}`.
     for (key, pattern) in files(study) {
@@ -81,11 +86,12 @@ fn check_names(study: &Study) -> Result<()> {
     }
     if study.fit.sphere().is_some() {
         bail!(
-            "`arguments` in [fit]: --sphere is that of all surfaces, but each side needs its own: give `sphere` with {SIDE}"
+            "`arguments` in [fit]: --sphere applies to all surfaces, but each side needs its own sphere: give `sphere` \
+             with {SIDE}"
         );
     }
     if study.align.mirror {
-        bail!("`mirror` in [align]: the second of the `sides` is mirrored already; omit it");
+        bail!("`mirror` in [align]: the second of the `sides` is mirrored already; omit `mirror`");
     }
     Ok(())
 }
@@ -116,7 +122,7 @@ fn check_test(subjects: &Subjects, test: &Test) -> Result<()> {
     };
     match &test.side {
         None if subjects.sides.is_empty() => {}
-        None => bail!("expected `side`, {}, since the study has `sides`", choices()),
+        None => bail!("expected `side` ({}), because the study has `sides`", choices()),
         Some(_) if subjects.sides.is_empty() => bail!("side: needs `sides` in [subjects], found none"),
         Some(side) if side != ASYMMETRY && !subjects.sides.contains(side) => {
             bail!("side: expected {}, found {side:?}", choices())
@@ -125,7 +131,7 @@ fn check_test(subjects: &Subjects, test: &Test) -> Result<()> {
     }
     if test.mean && !test.is_of_differences() && !test.is_of_values() {
         bail!(
-            "mean: displacements are measured from the mean of the group, so their mean is always zero; tested can be the \
+            "mean: displacements are measured from the mean of the group, so their mean is always zero; expected the \
              mean of an asymmetry (side = {ASYMMETRY:?}) or of the values of a signal (signal = \"value\")"
         );
     }

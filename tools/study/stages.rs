@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use spharm::parametrize::volume::is_volume;
 use spharm_cohort::{Row, Shard};
 
-use super::config::Method;
+use super::config::{Method, Poses};
 use super::fits::{Fits, SURFACES};
 use super::lists::{MIRRORED, MIRRORED_SIGNALS};
 use super::methods;
@@ -120,6 +120,9 @@ impl Plan {
         let (table, degree) = (self.records().join("surfaces.tsv"), self.study.fit.max_degree.to_string());
         let mut arguments = words(&["shape", "correspond", "--table", &text(&table), "--max-degree", &degree]);
         arguments.extend(words(&["-o", &text(&folder), "--report", &text(&report), "--warnings", &text(&warnings)]));
+        if self.study.align.pose == Poses::Near {
+            arguments.extend(words(&["--pose", "near"]));
+        }
         arguments.extend(self.moved());
         if self.study.align.guide {
             arguments.push("--guide".to_owned());

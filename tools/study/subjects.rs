@@ -120,7 +120,7 @@ pub(super) fn signals(
 ) -> Result<Option<(Manifest, Vec<u8>)>> {
     let Some(signal) = &subjects.signal else {
         if subjects.mask.is_some() {
-            bail!("`mask` in [subjects] limits the values that are read of `signal`, but there is no `signal`");
+            bail!("`mask` in [subjects] selects vertices of `signal`, but no `signal` is given");
         }
         return Ok(None);
     };
@@ -137,7 +137,7 @@ pub(super) fn signals(
             let without = masks.iter().zip(&manifest.rows).find(|(mask, _)| mask.is_none());
             if let Some((_, row)) = without.filter(|_| masks.iter().any(Option::is_some)) {
                 bail!(
-                    "{} has no label of the cortex for its signal, and other subjects have one; give `mask` in [subjects], \
+                    "{} has no cortex label for its signal, but other subjects have one; give `mask` in [subjects], \
                      which may be \"none\"",
                     row.id
                 );

@@ -42,7 +42,7 @@ pub(super) fn table(members: &[Member<'_>], folder: &Path) -> Result<String> {
     writer.write_record(["id", "surface"].map(str::to_owned).into_iter().chain(columns).chain(signals))?;
     for &Member { id, surface, label, mirrored: is_mirrored, landmarks: marks, signals } in members {
         if !surface.is_file() {
-            bail!("{id}: {}: no such file; method \"joint\" in [align] needs only the models", surface.display());
+            bail!("{id}: {}: no such file; method \"joint\" in [align] works without surfaces", surface.display());
         }
         let cell = |file: &Path| -> Result<String> { Ok(utf8(&from_folder(folder, file)?)?.to_owned()) };
         let label = labels.then(|| label.map(|label| label.to_string()).unwrap_or_default());

@@ -109,7 +109,7 @@ impl Test {
         }
         let relabelled = self.tfce || self.cluster.is_some() || self.blocks.is_some() || self.errors.is_some();
         if self.permutations == Some(0) && relabelled {
-            bail!("blocks, errors, tfce and cluster need relabellings: permutations of 1 or more");
+            bail!("blocks, errors, tfce and cluster need relabellings: expected permutations of 1 or more, found 0");
         }
         if self.variance_groups.is_some() && self.signal.as_deref() == Some("position") {
             bail!("variance_groups: expected signal = \"normal\", found \"position\"");
@@ -117,7 +117,10 @@ impl Test {
         let flips =
             self.errors.as_deref().map_or(self.welch || self.variance_groups.is_some(), |of| of != "exchangeable");
         if flips && self.blocks.is_some() && !self.whole_blocks {
-            bail!("blocks: signs are flipped, which needs whole_blocks = true, or errors = \"exchangeable\"");
+            bail!(
+                "blocks: the test flips signs, so expected whole_blocks = true, or errors = \"exchangeable\" for a \
+                 test without flips"
+            );
         }
         if self.welch && self.errors.as_deref().is_some_and(|errors| errors != "symmetric") {
             bail!("errors: expected \"symmetric\" with welch");

@@ -11,11 +11,11 @@ use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
 use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 
-/// Make a model of every label of label volumes, and one table
+/// Make a model of every label in label volumes, and one table of all labels
 ///
 /// Each label's surface is mapped to its own sphere and fitted. Model, surface and sphere are written to the folder,
 /// and a row to the table: voxels, volume, area, residual, rotation-invariant descriptors. A label that fails doesn't
-/// affect the others: its row has the reason, and the exit status is 1.
+/// affect the others: its row states the reason, and the exit status is 1.
 #[derive(Debug, Args)]
 #[command(mut_arg("voxel_size", |size| size.hide_short_help(false)))]
 #[command(after_long_help = help::examples(
@@ -44,7 +44,7 @@ pub(crate) struct Cli {
     /// Keeps the largest piece, fills cavities and opens handles, instead of refusing the label.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Cut labels that have handles along short loops, and fill both sides
+    /// Cut the handles of labels along short loops, and fill both sides of each cut
     ///
     /// The model and its row describe the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that
     /// reconstruct restores the original surface.
@@ -56,29 +56,30 @@ pub(crate) struct Cli {
     /// Skip labels that touch the border of their volume, which may be cut off
     #[arg(long, help_heading = INPUT)]
     pub(super) skip_border: bool,
-    /// Highest degree, inclusive [default: by the labels' size in voxels]
+    /// Highest degree, inclusive [default: chosen by the labels' size in voxels]
     ///
-    /// The default lies between 4 and 60. It suits the label of median size in the first volume with any of the
-    /// labels: a model of that label resolves one and a half voxels. With --skip-existing, the default is the degree
+    /// The default lies between 4 and 60. It suits the label of median size in the first volume that has any of the
+    /// labels: the model of this label resolves one and a half voxels. With --skip-existing, the default is the degree
     /// of the existing table.
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Folder of the models
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
-    /// Table to write, .tsv or .csv [default: volumes.tsv in that folder]
+    /// Table to write, .tsv or .csv [default: volumes.tsv in the folder of the models]
     #[arg(long, value_name = "OUT.tsv|OUT.csv", help_heading = OUTPUT)]
     pub(super) table: Option<PathBuf>,
     /// Print the table as JSON
     #[arg(long, help_heading = OUTPUT)]
     pub(super) json: bool,
-    /// Names of the models
+    /// Template for the names of the models
     ///
-    /// Built from each volume's path alone: {stem} is its name without folder and format, {label} the label, {parent}
-    /// the folder that contains it, {parent2} the folder above, with links resolved.
+    /// Placeholders stand for parts of each volume's path, with links resolved: {stem} is the file's name without
+    /// folder and format, {label} the label, {parent} the folder that contains the file, {parent2} the folder above
+    /// {parent}.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
-    /// Keep existing models that were made of the same label with the same settings
+    /// Keep existing models that were made from the same label with the same settings
     #[arg(long, conflicts_with = "force", help_heading = OUTPUT)]
     pub(super) skip_existing: bool,
     /// Replace existing outputs

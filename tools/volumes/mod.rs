@@ -42,7 +42,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let replaced = cli.force || cli.skip_existing || is_without_models(&table);
     if table.is_file() && !replaced {
         bail!(
-            "{}: the file exists; --skip-existing resumes it, --force replaces it, --output or --table names another",
+            "{}: the file exists; give --skip-existing to resume, --force to replace the file, or another --output or \
+             --table",
             table.display()
         );
     }
@@ -119,7 +120,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     // If the run was interrupted, return the error only now that the table of the finished rows has been written.
     done?;
     if failed > 0 {
-        bail!("{}: {failed} of {} failed, see the column error", table.display(), counted(rows.len(), "row"));
+        bail!("{}: {failed} of {} failed; see the column `error`", table.display(), counted(rows.len(), "row"));
     }
     Ok(())
 }
@@ -173,7 +174,7 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
         let sizes: Vec<usize> = Labels::of(&cli.label, &there).into_iter().filter_map(kept).collect();
         if !sizes.is_empty() {
             let chosen = degree_of_labels(&sizes, volume.voxel_size());
-            monitor.console().note(format!("{chosen} in {}; use --max-degree L to change it", path.display()));
+            monitor.console().note(format!("{chosen} in {}; use --max-degree L for another degree", path.display()));
             return Ok(chosen.degree());
         }
     }
@@ -261,7 +262,10 @@ impl Call<'_> {
         let there = volume.labels();
         let wanted = Labels::of(&self.cli.label, &there);
         if wanted.is_empty() {
-            return self.failed(row(None, Outcome::default()), &anyhow!("{file}: no label but 0"));
+            return self.failed(
+                row(None, Outcome::default()),
+                &anyhow!("{file}: the volume has only label 0, the background"),
+            );
         }
         let (mut fits, mut rows) = (Vec::new(), Vec::new());
         let (before, image) = (self.lock().rows.len(), self.reader.reading().image);
@@ -278,7 +282,9 @@ impl Call<'_> {
             if let Some(reason) = known.and_then(|(voxels, border)| self.cli.reason_to_skip(voxels, border)) {
                 if model.is_file() {
                     let model = model.display();
-                    self.monitor.console().warn(format!("{record}: skipped, {reason}, but {model} exists; delete it"));
+                    self.monitor
+                        .console()
+                        .warn(format!("{record}: skipped ({reason}), but its model {model} exists; delete this file"));
                 }
                 self.lock().rows.push(Row { outcome: Outcome::Skipped(reason), ..row });
                 continue;

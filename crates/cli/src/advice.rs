@@ -126,7 +126,7 @@ fn of_space(what: &str, too_large: bool) -> String {
         _ => ("a lower --max-degree", "--dtype f32"),
     };
     if too_large {
-        format!("choose a --store with more room, {degree} or {dtype}, or continue anyway with --yes")
+        format!("choose a --store with more free space, {degree} or {dtype}, or continue anyway with --yes")
     } else {
         format!("continue with --yes, or choose {degree} or {dtype}")
     }
@@ -173,13 +173,13 @@ fn of_solver(error: &SolverError) -> Option<String> {
 fn of_parametrize(error: &ParametrizeError) -> Option<String> {
     match error {
         ParametrizeError::BadSurface { mending: Some(mending), .. } => Some(of_mending(mending)),
-        ParametrizeError::BadSurface { handles: 1.., .. } => {
-            Some("--cut-handles cuts the handles and fills the cuts; spharm reconstruct restores handles".to_owned())
-        }
+        ParametrizeError::BadSurface { handles: 1.., .. } => Some(
+            "use --cut-handles to cut the handles and fill the cuts; spharm reconstruct restores the handles"
+                .to_owned(),
+        ),
         ParametrizeError::BadSurface { mending: None, .. } => Some(of_wrap()),
-        ParametrizeError::LargeRepair { repair, succeeds: true, .. } => {
-            percent_to_allow(repair).map(|percent| format!("--largest-repair {percent} allows it, and {}", of_wrap()))
-        }
+        ParametrizeError::LargeRepair { repair, succeeds: true, .. } => percent_to_allow(repair)
+            .map(|percent| format!("--largest-repair {percent} allows this repair; alternatively, {}", of_wrap())),
         ParametrizeError::LargeRepair { .. } => Some(of_wrap()),
         ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {
             Some("--fix repairs the label; to keep its handles, use --cut-handles".to_owned())
@@ -189,7 +189,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             Some("spharm fit accepts values on vertices together with the --sphere of these vertices".to_owned())
         }
         ParametrizeError::NotLabels { .. } => {
-            Some("--threshold LEVEL reads grey values, --probability probabilities".to_owned())
+            Some("use --threshold LEVEL for grey values, or --probability for probabilities".to_owned())
         }
         ParametrizeError::SeveralImages { channels, times, .. } => Some(match (channels, times) {
             (1, 1) => "omit --channel and --time".to_owned(),
@@ -198,9 +198,11 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             (channels, times) => format!("give --channel N from 1 to {channels} and --time N from 1 to {times}"),
         }),
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
-        ParametrizeError::NotProbability { .. } => Some("--threshold LEVEL reads values of any range".to_owned()),
-        ParametrizeError::NoLabel { .. } => Some("--label N chooses one of them".to_owned()),
-        ParametrizeError::SinglePrecision { .. } => Some(".surf.gii and .ply hold 64-bit numbers".to_owned()),
+        ParametrizeError::NotProbability { .. } => Some("use --threshold LEVEL for values of any range".to_owned()),
+        ParametrizeError::NoLabel { .. } => Some("choose a label with --label N".to_owned()),
+        ParametrizeError::SinglePrecision { .. } => {
+            Some("write .surf.gii or .ply, which store 64-bit numbers".to_owned())
+        }
         ParametrizeError::Surface(error) => of_surface(error),
         ParametrizeError::Solver(error) => of_solver(error),
         _ => None,
@@ -220,11 +222,12 @@ fn of_mending(mending: &Mending) -> String {
 
 fn of_moments(error: &MomentsError) -> Option<String> {
     match error {
-        MomentsError::Columns { .. } => {
-            Some("give the position columns with --angles, --lonlat or --vectors, the others with --values".to_owned())
-        }
+        MomentsError::Columns { .. } => Some(
+            "give the position columns with --angles, --lonlat or --vectors, and the value columns with --values"
+                .to_owned(),
+        ),
         MomentsError::Memory { .. } => {
-            Some("--max-degree L sets a lower degree, --memory SIZE a larger budget".to_owned())
+            Some("set a lower degree with --max-degree L, or a larger budget with --memory SIZE".to_owned())
         }
         MomentsError::Missing { .. } => Some("to add only the parts that exist, give --partial".to_owned()),
         MomentsError::Output(error) => of_surface(error),
@@ -238,7 +241,7 @@ fn of_model(error: &ModelError) -> Option<String> {
         ModelError::Surface(error) => of_surface(error),
         ModelError::Invalid { path, .. } if to_write_mesh(path).is_ok() => {
             let path = path.display();
-            Some(format!("it is a mesh, of which `spharm fit --surface {path} --max-degree L` makes a model"))
+            Some(format!("this file is a mesh; make a model with `spharm fit --surface {path} --max-degree L`"))
         }
         _ => None,
     }
@@ -248,7 +251,7 @@ fn of_shape(error: &ShapeError) -> Option<String> {
     match error {
         ShapeError::NotASurface { .. } => Some("spharm shape smooth and describe also accept signals".to_owned()),
         ShapeError::NoExtent { .. } => {
-            Some("`spharm reconstruct` shows the model; fit the surface again, to degree 1 or more".to_owned())
+            Some("`spharm reconstruct` shows the model; fit the surface again with degree 1 or more".to_owned())
         }
         ShapeError::Range { .. } => Some("`spharm shape rotate --scale FACTOR` scales a model".to_owned()),
         ShapeError::Setting { name: NO_TRIANGLES, .. } => {

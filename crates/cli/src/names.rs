@@ -36,7 +36,9 @@ impl FromStr for NameTemplate {
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let (mut parts, mut rest) = (Vec::new(), text);
         while let Some((before, after)) = rest.split_once('{') {
-            let (name, after) = after.split_once('}').ok_or_else(|| format!("{{ without }} in {text}"))?;
+            let (name, after) = after
+                .split_once('}')
+                .ok_or_else(|| format!("expected }} after each {{ in the template, found {text}"))?;
             if !before.is_empty() {
                 parts.push(Part::Text(before.to_owned()));
             }
@@ -58,7 +60,7 @@ impl FromStr for NameTemplate {
         }
         let separators = |part: &Part| matches!(part, Part::Text(text) if text.contains(['/', '\\']));
         if parts.iter().any(separators) {
-            return Err("a name can't contain folders; give them with --output".to_owned());
+            return Err("a name can't contain folders; give the folder with --output".to_owned());
         }
         if parts.iter().all(|part| matches!(part, Part::Text(_))) {
             return Err("expected a placeholder, such as {stem}; otherwise all inputs have the same name".to_owned());
@@ -131,7 +133,7 @@ impl NameTemplate {
             let paths: Vec<PathBuf> = inputs.iter().map(|(input, _)| input.clone()).collect();
             let remedy = match Self::distinguishing(&paths) {
                 Some(template) => format!("give --name-template '{template}'"),
-                None => "rename one of the inputs, or give them in separate calls".to_owned(),
+                None => "rename one of the inputs, or process the inputs in separate calls".to_owned(),
             };
             bail!("{first} and {second} would both be written to {}; {remedy}", outputs[pair[0]].display());
         }
@@ -187,7 +189,7 @@ pub fn model_files(
         [_] if ending == "npz" => return Ok(vec![folder.to_owned()]),
         several if ending == "npz" => {
             bail!(
-                "{}: one file can't hold the models of {} surfaces; --output must name a folder",
+                "{}: one file can't hold the results of {} surfaces; --output must name a folder",
                 folder.display(),
                 several.len()
             );
@@ -248,7 +250,7 @@ mod tests {
             ("model", "placeholder"),
             ("{subject}", "{subject}"),
             ("{parent0}", "{parent0}"),
-            ("{stem", "without }"),
+            ("{stem", "expected } after each {"),
             ("a/{stem}", "--output"),
         ] {
             let error = template.parse::<NameTemplate>().unwrap_err();

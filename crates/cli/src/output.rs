@@ -133,20 +133,20 @@ impl<'a> OutputFile<'a> {
             bail!("{}: only {REPORT} can go to standard output; {flag} must name a file", path.display());
         }
         if is_stream(path) {
-            bail!("{}: is a pipe or a device; {flag} must name a file", path.display());
+            bail!("{}: this path is a pipe or a device; {flag} must name a file", path.display());
         }
         if let Some(holds) = holds {
             check_output(path, holds).context(flag)?;
         }
         if path.is_dir() {
-            bail!("{}: is a folder; {flag} must name a file", path.display());
+            bail!("{}: this path is a folder; {flag} must name a file", path.display());
         }
         if path.exists() && !force {
             bail!("{}: the file exists; choose another {flag} or give --force", path.display());
         }
         let there = folder_of(path).ancestors().find(|folder| folder.exists()).map(Path::to_path_buf);
         if let Some(there) = there.filter(|there| !there.is_dir()) {
-            bail!("{}: {} isn't a folder; choose another {flag}", path.display(), there.display());
+            bail!("{}: the path {} isn't a folder; choose another {flag}", path.display(), there.display());
         }
         Ok(())
     }
@@ -168,7 +168,7 @@ pub fn check_outputs<'a>(outputs: impl IntoIterator<Item = OutputFile<'a>>, forc
         }
         let place = place(output.path);
         if seen.contains(&place) {
-            bail!("{}: the outputs must have different names", output.path.display());
+            bail!("{}: several outputs have this name; give them different names", output.path.display());
         }
         seen.push(place);
     }
@@ -226,7 +226,7 @@ pub fn check_not_inputs<'i, 'a>(
     outputs: impl IntoIterator<Item = &'a Path>,
 ) -> Result<()> {
     match spharm_files::first_input(inputs, outputs) {
-        Some(output) => bail!("{}: is an input; choose another name for the output", output.display()),
+        Some(output) => bail!("{}: this file is an input; choose another name for the output", output.display()),
         None => Ok(()),
     }
 }

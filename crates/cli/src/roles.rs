@@ -68,7 +68,7 @@ pub fn check(given: &[Given]) -> Result<()> {
         let same = |&other: &usize| other != at && places[other] == places[at];
         if let Some(other) = (0..written.len()).find(same) {
             let (flag, other) = (&one.flag, &written[other].flag);
-            bail!("{}: is given for both {other} and {flag}; choose another {flag}", one.path.display());
+            bail!("{}: this path is given for both {other} and {flag}; choose another {flag}", one.path.display());
         }
     }
     let there: HashMap<FileId, &Given> =
@@ -90,7 +90,7 @@ pub fn check(given: &[Given]) -> Result<()> {
 }
 
 fn is_input(path: &Path, flag: &str) -> anyhow::Error {
-    anyhow::anyhow!("{}: is an input; choose another {flag}", path.display())
+    anyhow::anyhow!("{}: this file is an input; choose another {flag}", path.display())
 }
 
 #[cfg(test)]

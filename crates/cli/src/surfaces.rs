@@ -44,7 +44,7 @@ impl FromStr for Labels {
             _ => text
                 .parse()
                 .map(Self::One)
-                .map_err(|_| "expected a whole number, or all; files come before --label".to_owned()),
+                .map_err(|_| "expected a whole number, or all; give files before --label".to_owned()),
         }
     }
 }
@@ -98,7 +98,10 @@ pub fn surfaces(
     let mut surfaces = Vec::new();
     for path in expand_lists(paths)? {
         if path.is_dir() {
-            bail!("{}: is a folder; give the files in it, or a list of paths as @LIST", path.display());
+            bail!(
+                "{}: this path is a folder; give the files in the folder, or a list of paths as @LIST",
+                path.display()
+            );
         }
         if !of_volumes || !is_volume(&path) {
             refuse_for_mesh(&path, labels, reader.reading())?;

@@ -14,28 +14,28 @@ pub struct VolumeArgs {
     /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
     #[arg(long, value_name = "X,Y,Z", hide_short_help = true)]
     pub voxel_size: Option<VoxelSize>,
-    /// Read grey values: the body is the voxels of LEVEL or more
+    /// Read grey values: the body consists of the voxels with values of LEVEL or more
     ///
     /// The surface runs where linear interpolation between voxels reaches LEVEL, and has no detail smaller than a
-    /// voxel. NaN is outside. The body has label 1; --fix keeps its largest piece.
+    /// voxel. NaN counts as outside. The body has label 1; --fix keeps its largest piece.
     #[arg(long, value_name = "LEVEL", allow_negative_numbers = true, value_parser = finite, hide_short_help = true)]
     pub threshold: Option<f64>,
-    /// Read probabilities, or the share of each voxel inside the body, from 0 to 1
+    /// Read values from 0 to 1: probabilities, or the share of each voxel that is inside the body
     ///
-    /// The body is the voxels of 0.5 or more. The surface encloses the sum of the probabilities along its border and
-    /// the voxels farther inside.
+    /// The body consists of the voxels with values of 0.5 or more. The volume inside the surface equals the sum of the
+    /// probabilities along the border and the voxels farther inside.
     #[arg(long, conflicts_with = "threshold", hide_short_help = true)]
     pub probability: bool,
-    /// Channel to read, counted from 1, if the file has several
+    /// Channel to read, counted from 1, if the file has several channels
     #[arg(long, value_name = "N", value_parser = number, hide_short_help = true)]
     pub channel: Option<usize>,
-    /// Time to read, counted from 1, if the file has several
+    /// Time point to read, counted from 1, if the file has several time points
     #[arg(long, value_name = "N", value_parser = number, hide_short_help = true)]
     pub time: Option<usize>,
-    /// Distance in voxels that a smooth surface may be from the voxels' faces, 0.25 to 4 [default: 0.5]
+    /// Largest distance in voxels between a smooth surface and the voxels' faces, 0.25 to 4 [default: 0.5]
     ///
     /// Larger radii remove ridges between slices that were outlined one by one, and other detail of this size. The
-    /// volume is kept.
+    /// volume doesn't change.
     #[arg(long, value_name = "VOXELS", value_parser = radius, hide_short_help = true)]
     pub smooth_radius: Option<f64>,
 }
@@ -53,10 +53,10 @@ impl VolumeArgs {
 /// Arguments for the surface of a label.
 #[derive(Debug, Clone, Args)]
 pub struct LabelSurfaceArgs {
-    /// Surface of a label: without the voxels' steps, or the voxels' faces
+    /// Surface of a label: smooth, or with the steps of the voxels
     ///
-    /// smooth is the surface of least bending within --smooth-radius of the voxels' faces, with the voxels' volume.
-    /// With voxels, the area of a model grows with its degree.
+    /// smooth: the surface of least bending within --smooth-radius of the voxels' faces, with the same volume as the
+    /// voxels. voxels: the outer faces of the voxels; the area of a model then grows with its degree.
     #[arg(
         long,
         value_name = "smooth|voxels",
@@ -76,7 +76,7 @@ impl LabelSurfaceArgs {
     /// [`Usage`] if a smoothing radius is given for a surface that isn't smooth.
     pub fn surface(&self, volume: &VolumeArgs) -> Result<LabelSurface, Usage> {
         LabelSurface::named(&self.label_surface, volume.smooth_radius)
-            .map_err(|_| Usage::conflict("--smooth-radius is for --label-surface smooth"))
+            .map_err(|_| Usage::conflict("--smooth-radius can only be used with --label-surface smooth"))
     }
 }
 

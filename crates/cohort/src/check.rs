@@ -242,8 +242,8 @@ pub fn incomplete(facts: &[Facts]) -> Vec<String> {
     if facts.len() < LEAST {
         let count = facts.len();
         return vec![format!(
-            "{count} subjects are too few for robust z, which needs {LEAST}: volume, area, sphericity, rms, distance and \
-             scores weren't compared"
+            "{count} subjects are too few for robust z scores, which need at least {LEAST}: volume, area, sphericity, \
+             rms, distance and scores weren't compared"
         )];
     }
     let unknown =

@@ -78,11 +78,11 @@ impl fmt::Display for ChosenDegree {
                 write!(f, "degree {degree}, chosen from the median size of {labels} labels in voxels")
             }
             Self::Surfaces { choice, fitted: 1, .. } => choice.fmt(f),
-            Self::Surfaces { choice, fitted, missed: 0, .. } => write!(f, "{choice} (chosen on {fitted} surfaces)"),
+            Self::Surfaces { choice, fitted, missed: 0, .. } => write!(f, "{choice} (chosen from {fitted} surfaces)"),
             Self::Surfaces { degree, fitted, missed, .. } => write!(
                 f,
-                "degree {degree}: {missed} of {fitted} surfaces would need a higher degree for the accuracy, but some \
-                 surfaces have too few vertices for it"
+                "degree {degree}: {missed} of {fitted} surfaces would need a higher degree for the requested accuracy, \
+                 but some surfaces have too few vertices for a higher degree"
             ),
             Self::Existing { degree } => write!(f, "degree {degree}, as in an existing model of these surfaces"),
         }

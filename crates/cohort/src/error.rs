@@ -115,8 +115,8 @@ pub enum CohortError {
     },
     /// The folder has no surfaces.
     #[error(
-        "{}: the folder has no meshes (such as .ply, .obj, .surf.gii) or label volumes (such as .nii.gz); list others, such \
-         as lh.pial, in a table",
+        "{}: the folder has no meshes (such as .ply, .obj, .surf.gii) or label volumes (such as .nii.gz); list files \
+         with other names, such as lh.pial, in a table",
         .path.display()
     )]
     NoSurfaces {

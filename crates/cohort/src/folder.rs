@@ -46,7 +46,7 @@ pub fn rows_of_folder(folder: impl AsRef<Path>) -> Result<Vec<Row>, CohortError>
     for surface in paths {
         let id = file_stem(&surface).to_string_lossy().into_owned();
         let same = first.insert(id.to_lowercase(), rows.len());
-        let same = same.map(|same| format!("{} has the same", rows[same].surface.display()));
+        let same = same.map(|same| format!("{} has the same id", rows[same].surface.display()));
         let unreadable = surface.file_name().and_then(|name| name.to_str()).is_none().then_some("a name in UTF-8");
         let invalid = unreadable.or(check_id(&id).err()).map(|valid| format!("expected {valid}"));
         if let Some(problem) = invalid.or(same) {

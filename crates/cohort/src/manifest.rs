@@ -307,7 +307,7 @@ fn shown(cell: &str) -> String {
     match cell.chars().count() {
         0 => "nothing".to_owned(),
         count if count > 60 => {
-            format!("{:?} and {} characters more", cell.chars().take(60).collect::<String>(), count - 60)
+            format!("{:?} and {} more characters", cell.chars().take(60).collect::<String>(), count - 60)
         }
         _ => format!("{cell:?}"),
     }

@@ -258,7 +258,7 @@ impl Request<'_> {
         let scalar = if single { Scalar::F32 } else { Scalar::F64 };
         if !same_region(provenance.region.as_ref(), self.region) {
             let found = provenance.region.as_ref().map_or("none".to_owned(), ToString::to_string);
-            check("region", found, self.region.map_or("none".into(), |file| format!("the present contents of {file}")));
+            check("region", found, self.region.map_or("none".into(), |file| format!("the current contents of {file}")));
         }
         let wanted = self.sphere.map(|sphere| SchemeKey::of(&sphere.directions, scalar).to_string());
         let recorded_key = sphere_name(model.scheme_key.as_ref().filter(|_| !provenance.parametrized));

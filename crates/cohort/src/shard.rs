@@ -67,9 +67,9 @@ impl Shard {
         if last.checked_sub(first).and_then(|span| span.checked_add(1)) != Some(count) || !(first..=last).contains(&id)
         {
             return Err(refuse(format!(
-                "expected an array without gaps, found {count} tasks from {first} to {last}, of which this is {id}; to \
-                 submit single tasks again, give --shard $SLURM_ARRAY_TASK_ID/N, where N is the number of tasks of the \
-                 whole array"
+                "expected a job array without gaps, found {count} tasks with numbers from {first} to {last} (this is \
+                 task {id}); to submit single tasks again, give --shard $SLURM_ARRAY_TASK_ID/N, where N is the number \
+                 of tasks of the whole array"
             )));
         }
         Ok(Self { index: id - first, count })

@@ -77,7 +77,7 @@ fn what_is_wrong_is_named_with_its_line() {
         assert!(error.contains(line) && error.contains(why), "{text:?}: {error}");
     }
     let long = format!("id\tsurface\n{}\tb\n", "x".repeat(201));
-    assert!(refusal(&long).contains("and 141 characters more"), "{}", refusal(&long));
+    assert!(refusal(&long).contains("and 141 more characters"), "{}", refusal(&long));
     let latin = Manifest::parse("s.tsv", b"id\tsurface\na\tb\nM\xfcller\tc\n").unwrap_err().to_string();
     assert!(latin.contains("line 3") && latin.contains("0xfc"), "{latin}");
 }

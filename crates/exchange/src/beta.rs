@@ -36,7 +36,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<Vec<f64>, Flaw> {
         }
         let wanted = *columns.get_or_insert(found);
         if found != wanted {
-            return Err(Flaw::new(format!("{wanted} numbers on line {}, as on the first", line + 1), found));
+            return Err(Flaw::new(format!("{wanted} numbers on line {}, as on the first line", line + 1), found));
         }
         rows += 1;
     }

@@ -52,7 +52,7 @@ impl fmt::Display for ExportWarning {
                 coef::HIGHEST_EVALUATED
             ),
             Self::NoSphere => f.write_str(
-                "the model has no sphere of its own, so the file has fvec, but no vertices, faces and sph_verts",
+                "the model has no sphere of its own, so the file contains fvec, but not vertices, faces and sph_verts",
             ),
         }
     }

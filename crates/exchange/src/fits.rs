@@ -91,7 +91,7 @@ impl<'a> Header<'a> {
             let at = cards.len() * CARD;
             let card = bytes.get(at..at + CARD).and_then(|card| std::str::from_utf8(card).ok());
             let card = card.ok_or_else(|| {
-                Flaw::new("cards of 80 characters up to END", "the end of the file, or bytes that aren't text")
+                Flaw::new("header cards of 80 characters up to END", "the end of the file, or bytes that aren't text")
             })?;
             let key = card.get(..8).unwrap_or_default().trim_end();
             if key == "END" {
@@ -114,7 +114,7 @@ impl<'a> Header<'a> {
 
     fn number(&self, key: &str) -> Result<usize, Flaw> {
         let value = self.value(key).and_then(|value| value.split('/').next()).map(str::trim);
-        let found = || Flaw::new(format!("a whole number {key}"), value.unwrap_or("none"));
+        let found = || Flaw::new(format!("a whole number for {key}"), value.unwrap_or("none"));
         value.and_then(|value| value.parse().ok()).ok_or_else(found)
     }
 
@@ -196,7 +196,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
             "K" => Number::I64,
             "E" => Number::F32,
             "D" => Number::F64,
-            _ => return Err(Flaw::new(format!("column {i} of numbers (I, J, K, E, D)"), format!("{form:?}"))),
+            _ => return Err(Flaw::new(format!("numbers in column {i} (type I, J, K, E or D)"), format!("{form:?}"))),
         };
         if !["", "1"].contains(&repeat) || header.value(&format!("TZERO{i}")).is_some() {
             return Err(Flaw::new(format!("one unscaled number per row in column {i}"), format!("{form:?}")));
@@ -209,7 +209,7 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
     }
     // Reject a table without rows or columns: its declared sizes haven't been checked against any data.
     if rows == 0 || width == 0 {
-        return Err(Flaw::new("rows of index, real part and imaginary part", "none"));
+        return Err(Flaw::new("rows with an index, a real part and an imaginary part", "none"));
     }
     let mut entries = Vec::with_capacity(rows.min(data.len() / width));
     for row in data.chunks_exact(width).take(rows) {
@@ -217,13 +217,13 @@ fn table(header: &Header<'_>, data: &[u8]) -> Result<Vec<f64>, Flaw> {
         let (Some(index), Some(re), Some(im)) =
             (cells.next().flatten(), cells.next().flatten(), cells.next().flatten())
         else {
-            return Err(Flaw::new("rows of index, real part and imaginary part", "a shorter row"));
+            return Err(Flaw::new("rows with an index, a real part and an imaginary part", "a shorter row"));
         };
         let place = (index >= 1.0 && index.fract() == 0.0 && index < 1e10).then(|| degree_order(index as usize - 1));
         let place = place.filter(|(_, m)| *m >= 0);
         let (l, m) = place.ok_or_else(|| Flaw::new("indices l^2 + l + m + 1 with m >= 0", index))?;
         if !re.is_finite() || !im.is_finite() {
-            return Err(Flaw::new("finite coefficients", format!("{re}, {im} of degree {l}, order {m}")));
+            return Err(Flaw::new("finite coefficients", format!("{re}, {im} for degree {l}, order {m}")));
         }
         entries.push((l, m.unsigned_abs(), Complex64::new(re, im)));
     }

@@ -55,14 +55,14 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
         };
         if m > l || l > HIGHEST {
             return Err(Flaw::new(
-                format!("a degree up to {HIGHEST} and an order up to the degree on line {}", line + 1),
+                format!("a degree up to {HIGHEST} and an order up to this degree on line {}", line + 1),
                 quoted(text),
             ));
         }
         found.push((l, m, [number(cosine, line + 1)?, number(sine, line + 1)?]));
     }
     let highest = found.iter().map(|&(l, ..)| l).max();
-    let highest = highest.ok_or_else(|| Flaw::new("lines l, m, C, S", "none"))?;
+    let highest = highest.ok_or_else(|| Flaw::new("lines with l, m, C, S", "none"))?;
     // A single line may state a high degree, so allocate memory only if the file has at least as many lines as this
     // degree.
     if found.len() < highest {

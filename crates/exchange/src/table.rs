@@ -46,7 +46,7 @@ pub(crate) fn read_csv(bytes: &[u8]) -> Result<Coefficients, Flaw> {
     let header = reader.headers().map_err(|error| Flaw::new("a table", error))?.clone();
     let names: Vec<&str> = header.iter().skip(2).collect();
     if header.iter().take(2).ne(["l", "m"]) || names.is_empty() {
-        return Err(Flaw::new("columns l, m and one per channel", cells(&header)));
+        return Err(Flaw::new("columns l, m and one column per channel", cells(&header)));
     }
     let complex = names.first().is_some_and(|name| name.ends_with("_re"));
     let alternates = |(i, name): (usize, &&str)| name.ends_with(if i % 2 == 0 { "_re" } else { "_im" });

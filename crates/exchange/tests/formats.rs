@@ -134,7 +134,7 @@ fn text_of_other_programs_is_read() {
     assert_eq!(read(&path, Format::Json).unwrap().coefficients.values().dim(), (1, 2));
     for (name, format, text, why) in [
         ("a.sh", Format::Pyshtools, "0 0 1 0\n9999 0 1 0\n", "lines up to degree 9999"),
-        ("b.sh", Format::Pyshtools, "0 0 1 0\n1 2 1 0\n", "order up to the degree"),
+        ("b.sh", Format::Pyshtools, "0 0 1 0\n1 2 1 0\n", "order up to this degree"),
         (
             "d.sh",
             Format::Pyshtools,
@@ -233,7 +233,7 @@ fn bombs_and_lying_headers_are_refused() {
         Format::Healpy,
         "bytes of data",
     );
-    refused(&changed("TFORM1  = 'K       '", "TFORM1  = 'A       '"), Format::Healpy, "column 1 of numbers");
+    refused(&changed("TFORM1  = 'K       '", "TFORM1  = 'A       '"), Format::Healpy, "numbers in column 1");
     // The index is of degree 1000, in a table whose number of rows suffices only for degree 2.
     let mut far = fits.clone();
     far[5760..5768].copy_from_slice(&1_001_001_i64.to_be_bytes());

@@ -29,11 +29,11 @@ impl<'a> Matrix<'a> {
     ///
     /// If the slice is too short, or `leading < rows`.
     pub fn new(values: &'a [f64], rows: usize, columns: usize, leading: usize) -> Self {
-        assert!(leading >= rows, "leading dimension {leading} below {rows} rows");
+        assert!(leading >= rows, "leading dimension {leading} is below the number of rows, {rows}");
         let needed = columns.saturating_sub(1) * leading + if columns > 0 { rows } else { 0 };
         assert!(
             values.len() >= needed,
-            "{rows} x {columns} by {leading} needs {needed} values, found {}",
+            "a matrix of {rows} x {columns} with leading dimension {leading} needs {needed} values, found {}",
             values.len()
         );
         Self { values, rows, columns, leading }
@@ -75,7 +75,7 @@ impl<'a> Matrix<'a> {
 ///
 /// If the shapes don't match.
 pub fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
-    assert_eq!(block.rows, r.rows, "rows of block and residual");
+    assert_eq!(block.rows, r.rows, "the block and the residual must have the same number of rows");
     assert_eq!(out.len(), block.columns * r.columns, "adjoint (k, c)");
     let channels = r.columns;
     for first in (0..channels).step_by(3) {

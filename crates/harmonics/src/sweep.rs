@@ -41,7 +41,7 @@ impl<'r> Sweep<'r> {
     /// If `directions` is empty.
     pub fn new(recurrence: &'r Recurrence, directions: &[[f64; 3]]) -> Self {
         let (rows, orders) = (directions.len(), recurrence.max_degree() + 1);
-        assert!(rows > 0, "a run has at least one direction");
+        assert!(rows > 0, "expected at least one direction, found none");
         let zeros = || vec![0.0; rows * orders];
         let mut sweep = Self {
             recurrence,
@@ -75,7 +75,7 @@ impl<'r> Sweep<'r> {
     /// If `block` isn't `rows * (2 l + 1)` long, or the degree is above the recurrence's highest.
     pub fn next_degree(&mut self, block: &mut [f64]) {
         let l = self.next;
-        assert_eq!(block.len(), self.rows * (2 * l + 1), "block of degree {l} for {} rows", self.rows);
+        assert_eq!(block.len(), self.rows * (2 * l + 1), "expected a block of degree {l} with {} rows", self.rows);
         self.advance();
         emit(block, self.rows, l, &self.q[l % 2], &self.azimuth_cos, &self.azimuth_sin);
         self.polar.write(block, self.rows, l);
@@ -92,7 +92,7 @@ impl<'r> Sweep<'r> {
 
     fn advance(&mut self) {
         let l = self.next;
-        assert!(l <= self.recurrence.max_degree(), "degree {l} is above the recurrence's");
+        assert!(l <= self.recurrence.max_degree(), "degree {l} is above the highest degree of the recurrence");
         let (even, odd) = self.q.split_at_mut(1);
         let (newest, previous) = if l.is_multiple_of(2) { (&mut even[0], &odd[0]) } else { (&mut odd[0], &even[0]) };
         let (a, b) = self.recurrence.degree(l);

@@ -12,7 +12,7 @@ use crate::directions::angles;
 /// If `|order| > degree`.
 pub fn harmonic(degree: usize, order: isize, direction: [f64; 3]) -> f64 {
     let m = order.unsigned_abs();
-    assert!(m <= degree, "order {order} outside -{degree}..={degree}");
+    assert!(m <= degree, "order {order} is outside -{degree}..={degree}");
     let [theta, phi] = angles(direction);
     let legendre = normalised_legendre(degree, m, theta);
     let angle = m as f64 * phi;

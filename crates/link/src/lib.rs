@@ -68,7 +68,7 @@ pub fn leave_out_kernels() {
     let Some(path) = library() else {
         // Warn here: rustc's own message comes minutes later and names neither the missing package nor the alternative.
         println!(
-            "cargo::warning=libopenblas.a is in none of the folders listed in .cargo/config.toml; if linking fails, \
+            "cargo::warning=libopenblas.a was not found in the folders listed in .cargo/config.toml; if linking fails, \
              install OpenBLAS (Debian, Ubuntu: libopenblas-dev), or build without it: --no-default-features --features \
              tables"
         );

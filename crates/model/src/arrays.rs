@@ -93,7 +93,7 @@ impl Arrays {
 
     fn array<T>(&mut self, name: &str, convert: impl FnOnce(&Array) -> Result<T, String>) -> Result<T, ModelError> {
         let found = Archive { path: &self.path, zip: &mut self.zip }.array(name, convert)?;
-        let problem = || format!("it has no array `{name}`");
+        let problem = || format!("the file has no array `{name}`");
         found.ok_or_else(|| ModelError::Invalid { path: self.path.clone(), problem: problem() })
     }
 }

@@ -61,7 +61,7 @@ pub enum ModelError {
         max_degree: usize,
     },
     /// A surface was requested, but the model is of a signal.
-    #[error("expected a model of a surface, found one of a signal with {channels} channels")]
+    #[error("expected a model of a surface, found a model of a signal with {channels} channels")]
     NotASurface {
         /// Number of channels of the model.
         channels: usize,

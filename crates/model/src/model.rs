@@ -65,6 +65,19 @@ impl Model {
         if surface { Kind::Surface } else { Kind::Signal }
     }
 
+    /// Returns whether the two models were fitted over different maps of their own surfaces to the sphere, so that
+    /// equal directions don't correspond. Spheres that were given may be registered with each other. A model without a
+    /// sphere has no map of its own.
+    #[must_use]
+    pub fn mapped_apart(&self, other: &Self) -> bool {
+        match (&self.sphere, &other.sphere) {
+            (Some(own), Some(other)) => {
+                own.parametrized && other.parametrized && own.directions.as_slice() != other.directions.as_slice()
+            }
+            _ => false,
+        }
+    }
+
     /// Returns the row, channel and value of the first coefficient that is NaN or infinite; `None` if all are finite.
     pub(crate) fn not_finite(&self) -> Option<(usize, usize, f64)> {
         let mut values = self.coefficients.values().indexed_iter();

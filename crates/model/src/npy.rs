@@ -77,7 +77,7 @@ impl Array {
         // order. Complex numbers also need memory for their real and imaginary parts.
         let each = if header.kind == 'c' { 48 } else { 16 };
         let numbers = header.count().map_or(u64::MAX, |values| values.saturating_mul(each));
-        check_room(count.saturating_add(numbers)).map_err(|room| format!("its values need {room}"))?;
+        check_room(count.saturating_add(numbers)).map_err(|room| format!("the values need {room}"))?;
         let mut bytes = Vec::new();
         // Try to read one byte beyond the values: this reaches the end of the entry, at which the archive's checksum is
         // verified.

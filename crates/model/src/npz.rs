@@ -90,7 +90,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         let path = self.path;
         let coefficients = self
             .array("coefficients", Array::matrix)?
-            .ok_or_else(|| invalid(path, "it has no array `coefficients`"))?;
+            .ok_or_else(|| invalid(path, "the file has no array `coefficients`"))?;
         let coefficients = Coefficients::new(coefficients).map_err(|error| invalid(path, error))?;
         if let Some(convention) = self.array("convention", Array::text)?
             && convention != CONVENTION
@@ -147,7 +147,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
     fn seam(&mut self, vertices: usize, faces: usize) -> Result<Option<Seam>, ModelError> {
         let path = self.path;
         let Some(cut_from) = self.array("cut_from", Array::matrix)? else { return Ok(None) };
-        let copies = self.array("seam", Array::matrix)?.ok_or_else(|| invalid(path, "it has no array `seam`"))?;
+        let copies = self.array("seam", Array::matrix)?.ok_or_else(|| invalid(path, "the file has no array `seam`"))?;
         let whole = |x: &f64| (x.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(x)).then_some(*x as u32);
         let numbers = |array: &Array2<f64>| array.iter().map(whole).collect::<Option<Vec<u32>>>();
         let (cut_from, copies) = (numbers(&cut_from), numbers(&copies));

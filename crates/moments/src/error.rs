@@ -126,7 +126,7 @@ pub enum MomentsError {
     #[error(transparent)]
     Signal(SurfaceError),
     /// A file grew or shrank while it was read.
-    #[error("{}: the file changed while it was being read ({was} to {now} bytes); wait until nothing writes to it", .path.display())]
+    #[error("{}: the file changed while it was being read ({was} to {now} bytes); wait until no program writes to the file", .path.display())]
     Changed {
         /// Path of the file.
         path: PathBuf,
@@ -145,7 +145,7 @@ pub enum MomentsError {
     },
     /// A shard of standard input was requested. Standard input can only be read as a whole, because it can't be
     /// repositioned.
-    #[error("standard input can't be read in shards; write it to a file, or give each shard its own part")]
+    #[error("standard input can't be divided into shards; write the data to a file, or give each shard its own part")]
     ShardOfStream,
     /// The memory budget is too small.
     #[error("moments to degree {max_degree} need {} MiB of memory, but the budget is {} MiB; choose a lower degree or raise the budget", .needed.div_ceil(1 << 20), .budget >> 20)]
@@ -170,7 +170,7 @@ pub enum MomentsError {
         found: String,
     },
     /// The file has a format version that this program can't read.
-    #[error("{}: the moments have format version {found}, but this program reads versions {} to {}; use the program that wrote it, or compute this part again", .path.display(), .expected.start(), .expected.end())]
+    #[error("{}: the moments have format version {found}, but this program reads versions {} to {}; use the program version that wrote the file, or compute this part again", .path.display(), .expected.start(), .expected.end())]
     Version {
         /// Path of the file.
         path: PathBuf,

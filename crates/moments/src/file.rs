@@ -246,7 +246,7 @@ fn read_header(input: &mut dyn Read, length: u64, path: &Path) -> Result<Vec<u8>
     }
     let (fields, hash) = header.split_at(header.len() - HASH);
     if blake3::hash(fields).as_bytes() != hash {
-        return Err(corrupt(path, "header", &"bytes that match its hash", &"other bytes"));
+        return Err(corrupt(path, "header", &"bytes that match the stored hash", &"other bytes"));
     }
     Ok(header)
 }
@@ -301,7 +301,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
     let (content, hash) = body.split_at(body.len() - HASH);
     let mut hasher = blake3::Hasher::new();
     if hasher.update(&header).update(content).finalize().as_bytes() != hash {
-        return Err(corrupt("contents", &"bytes that match their hash", &"other bytes"));
+        return Err(corrupt("contents", &"bytes that match the stored hash", &"other bytes"));
     }
     let (numbers, rest) = content.split_at(8 * sizes.numbers());
     let (sources, rest) = rest.split_at(SOURCE * sizes.sources);
@@ -334,7 +334,7 @@ fn decode(input: &mut dyn Read, length: u64, path: &Path) -> Result<Moments, Mom
         corrupt("shard", &expected, &"other numbers")
     })?;
     let occupied = Occupied::from_bytes(sizes.max_degree, cells)
-        .ok_or_else(|| corrupt("cells", &"one bit per cell of the degree, then zeros", &"other bytes"))?;
+        .ok_or_else(|| corrupt("cells", &"one bit per cell, and zeros after the last cell", &"other bytes"))?;
     let channels = decode_names(names, sizes.channels)
         .ok_or_else(|| corrupt("names of the channels", &"one UTF-8 name per channel", &"other bytes"))?;
     let (max_degree, count) = (sizes.max_degree, u64_at(COUNT_AT));

@@ -135,7 +135,7 @@ impl Columns {
         if !vectors
             && (self.values.iter().any(|name| name == RADIUS && !there.contains(name)) || self.centre != [0.0; 3])
         {
-            return Err(unclear("the value radius and a centre need positions given as vectors (x, y, z)"));
+            return Err(unclear("the value `radius` and a centre require positions as vectors (x, y, z)"));
         }
         let (mut names, mut numbers) = (Vec::new(), Vec::new());
         let mut place = |name: &String| -> Result<usize, MomentsError> {
@@ -266,7 +266,10 @@ impl Plan {
                     };
                     if needs_unit && (length - 1.0).abs() > UNIT {
                         let found = format!("length {length}");
-                        return Err(BadRow { found, ..bad(0, "a unit vector (give the value radius to use lengths)") });
+                        return Err(BadRow {
+                            found,
+                            ..bad(0, "a unit vector (give the value `radius` to use the lengths of vectors)")
+                        });
                     }
                     radius = length;
                     unit

@@ -118,7 +118,7 @@ fn arrays_of_all_layouts() {
         same(&expected, &all);
     }
     let short = folder.file("short.npy", npy("'<f8'", false, "(6, 4)", &by_rows[1..]));
-    refused(&request(&short, &["3"]), &["short.npy", "6 rows of 32 bytes", "bytes in all"]);
+    refused(&request(&short, &["3"]), &["short.npy", "6 rows of 32 bytes", "bytes in total"]);
     let text = folder.file("text.npy", npy("'<U4'", false, "(6,)", &by_rows));
     refused(&request(&text, &["0"]), &["text.npy", "numbers of 8 to 64 bits"]);
     refused(&request(&folder.file("noise.npy", b"noise noise noise"), &["0"]), &["noise.npy", "NumPy array"]);

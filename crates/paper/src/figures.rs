@@ -42,7 +42,7 @@ fn figure5(rows: &[Sirf], surfaces: &[String]) -> String {
         panel(XSD, &|row| row.measured.quality.xsd),
         panel(SECONDS, &|row| row.measured.seconds),
     ];
-    svg("Figure 5: SIRF, one degree a block and one pass", 3, panels)
+    svg("Figure 5: SIRF, one degree per block and one pass", 3, panels)
 }
 
 fn figures6_7(rows: &[Pass], extent: &Extent, surface: &str) -> String {
@@ -85,7 +85,7 @@ fn figure3(rows: &[Basis], extent: &Extent) -> String {
     ];
     let vertices = rows.iter().find(|row| row.along == "degree").map_or(0, |row| row.vertices);
     let degree = extent.basis_degree;
-    svg(&format!("Figure 3: building the basis, above for n = {vertices}, below for L = {degree}"), 2, panels)
+    svg(&format!("Figure 3: building the basis, top row for n = {vertices}, bottom row for L = {degree}"), 2, panels)
 }
 
 fn mib(bytes: u64) -> f64 {

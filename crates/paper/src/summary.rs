@@ -74,12 +74,12 @@ fn opening(settings: &Settings, circumstances: &Circumstances) -> String {
         ""
     };
     format!(
-        "# The paper's experiments\n\n\
-         After L. Shen and M. K. Chung, \"Large-scale modeling of parametric surfaces using spherical harmonics\", 3DPVT \
-         2006. spharm {version}, {threads} threads, {} of memory allowed{peak}, {seconds:.0} s in total.\n{caution}\n\
-         msd and xsd are the mean and the maximum of the squared distances, with the bounding box scaled to volume 1. The \
-         seconds of a fit are those of its sweeps, which read the basis from the store (or from the system's cache); \
-         figure 3 shows the time for building the basis, from the start to the files on disk.\n",
+        "# The paper's experiments\n\nAfter L. Shen and M. K. Chung, \"Large-scale modeling of parametric surfaces \
+         using spherical harmonics\", 3DPVT 2006. spharm {version}, {threads} threads, {} of memory allowed{peak}, \
+         {seconds:.0} s in total.\n{caution}\nmsd and xsd are the mean and the maximum of the squared distances, with \
+         the bounding box scaled to volume 1. The seconds of a fit are the time of its sweeps, which read the basis \
+         from the store (or from the system's cache); figure 3 shows the time for building the basis, from the start \
+         to the files on disk.\n",
         size(*memory as u64),
     )
 }
@@ -124,11 +124,10 @@ fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> Str
     }
     let theirs: Vec<String> = PUBLISHED.iter().map(|p| format!("a {} of {} vertices", p.name, p.vertices)).collect();
     let mut text = format!(
-        "## Comparison with the paper\n\n\
-         The paper measured {}, on a computer of 2006. Only head27618 is the paper's own surface, over another sphere \
-         than the paper's; the other surfaces are of the same kind and size, so that times can be compared, but errors \
-         only in their order of magnitude. The ratio is the paper's seconds over ours. The last column is the relative \
-         difference of msd or xsd, whichever is larger, from reference.json.\n\n{}",
+        "## Comparison with the paper\n\nThe paper measured {}, on a computer of 2006. Only head27618 is the paper's \
+         own surface, but over another sphere; the other surfaces are of the same kind and size, so times can be \
+         compared, but errors only by order of magnitude. The ratio is the paper's seconds divided by ours. The last \
+         column is the relative difference of msd or xsd from reference.json, whichever is larger.\n\n{}",
         theirs.join(", "),
         markdown(&rows)
     );
@@ -136,8 +135,8 @@ fn beside_the_paper(results: &Results, surfaces: &[Surface], quick: bool) -> Str
         let pass = results.grid.iter().find(|pass| pass.surface == surface.name);
         if let Some(pass) = pass.filter(|pass| pass.columns() > pass.vertices) {
             text += &format!(
-                "\n{} has fewer vertices, {}, than there are basis functions, {}: its full least squares is not \
-                 determined, and the passes approach one solution of many.\n",
+                "\n{} has fewer vertices ({}) than basis functions ({}): its least-squares solution is not unique, and \
+                 the passes approach one of many solutions.\n",
                 surface.name,
                 pass.vertices,
                 pass.columns()
@@ -160,7 +159,7 @@ fn figure5(results: &Results) -> String {
             off(quality, row.reference),
         ]
     }));
-    format!("## Figure 5: SIRF, one degree a block and one pass\n\n{}", markdown(&rows))
+    format!("## Figure 5: SIRF, one degree per block and one pass\n\n{}", markdown(&rows))
 }
 
 fn figures6_7(results: &Results, extent: &Extent) -> String {
@@ -207,11 +206,10 @@ fn between(results: &Results) -> String {
         cells
     }));
     format!(
-        "## Between the vertices\n\n\
-         Distances (not squared) between the surface and the reconstruction of the last fit at four times as many \
-         vertices, measured from points all over both, with the bounding box scaled to volume 1. The surface consists of \
-         flat triangles, over which a smooth reconstruction bulges. The true Hausdorff distance exceeds the measured one \
-         by at most the bound.\n\n{}",
+        "## Between the vertices\n\nDistances (not squared) between the surface and the reconstruction of the last fit \
+         at four times as many vertices, measured from points spread over both surfaces, with the bounding box scaled \
+         to volume 1. The surface consists of flat triangles, over which a smooth reconstruction bulges. The true \
+         Hausdorff distance exceeds the measured distance by at most the bound.\n\n{}",
         markdown(&rows)
     )
 }
@@ -234,11 +232,10 @@ fn families(results: &Results) -> String {
         ]
     }));
     format!(
-        "## Least squares and quadrature\n\n\
-         The comparison that the paper leaves as future work: the exact least squares at the vertices, matrix-free, and \
-         analysis by exact quadrature on a Gauss-Legendre grid of L + 1 rings that the surface is resampled to over the \
-         sphere's triangles. msd and xsd at the vertices; (*) marks a least squares that the sampling doesn't determine to \
-         the tolerance.\n\n{}",
+        "## Least squares and quadrature\n\nThe paper leaves this comparison as future work. The least squares are \
+         exact at the vertices and matrix-free. For the quadrature, the surface is resampled over the sphere's \
+         triangles to a Gauss-Legendre grid of L + 1 rings, on which the quadrature is exact. msd and xsd are measured \
+         at the vertices; (*) marks a least-squares fit that didn't reach the tolerance with this sampling.\n\n{}",
         markdown(&rows)
     )
 }
@@ -260,9 +257,9 @@ fn table1(results: &Results) -> String {
     }));
     let vertices = results.nlsf.first().map_or(0, |row| row.vertices);
     format!(
-        "## Table 1: NLSF, the full least squares, in bounded memory\n\n\
-         The largest degree whose planned memory is within the limit, at {vertices} vertices. In 2006 the paper reached \
-         about degree {NLSF_DEGREE} at 40962 vertices.\n\n{}",
+        "## Table 1: NLSF, the full least squares, in bounded memory\n\nFor each memory limit, the largest degree \
+         whose planned memory is within the limit, at {vertices} vertices. In 2006 the paper reached about degree \
+         {NLSF_DEGREE} at 40962 vertices.\n\n{}",
         markdown(&rows)
     )
 }

@@ -106,7 +106,11 @@ pub fn deform(
     monitor: &dyn Monitor,
 ) -> Result<Parametrization, ParametrizeError> {
     let started = Instant::now();
-    assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
+    assert_eq!(
+        surface.vertices.len(),
+        sphere.vertices.len(),
+        "the surface and its sphere must have equally many vertices"
+    );
     let enough = |s: &u32| 10 * 4_usize.pow(*s) + 2 >= surface.vertices.len();
     let finest = params.subdivisions.unwrap_or_else(|| (0..7).find(enough).unwrap_or(7));
     if finest > MOST {

@@ -180,7 +180,7 @@ pub enum ParametrizeError {
     #[error(
         "{}: label {label} is not a single ball of voxels: {problems}; {}",
         path.display(),
-        if *repairable { "repair it, or edit the label" } else { "edit the label" }
+        if *repairable { "repair or edit the label" } else { "edit the label" }
     )]
     BadVolume {
         /// Path of the file.

@@ -32,7 +32,7 @@ pub fn fill_in(
     faces: &[[u32; 3]],
     monitor: &dyn Monitor,
 ) -> Result<(), ParametrizeError> {
-    assert_eq!(values.len(), channels * known.len(), "a value for each vertex and channel");
+    assert_eq!(values.len(), channels * known.len(), "expected one value per vertex and channel");
     let unknown: Vec<usize> = (0..known.len()).filter(|&v| !known[v]).collect();
     if unknown.is_empty() || channels == 0 {
         return Ok(());

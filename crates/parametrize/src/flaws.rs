@@ -49,7 +49,7 @@ impl Flaws {
             problems.push(counted(flat, "triangle has", "triangles have", "no area"));
         }
         let remedy = match genus {
-            Some(_) => "collapse or remesh the triangles concerned",
+            Some(_) => "collapse or remesh these triangles",
             None if topology.components > 1 => "keep one piece, usually the largest, and close its holes",
             None => {
                 "weld duplicate vertices, fill holes and orient the triangles consistently (for example with MeshLab or \

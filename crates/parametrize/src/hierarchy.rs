@@ -117,7 +117,7 @@ impl Hierarchy {
                 next = to;
             }
         }
-        debug_assert_eq!(ring.len(), around.len(), "the ring of a manifold's vertex");
+        debug_assert_eq!(ring.len(), around.len(), "the neighbours of a vertex must form one ring");
         ring
     }
 

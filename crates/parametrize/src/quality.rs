@@ -63,7 +63,11 @@ impl Quality {
     /// When the numbers of vertices differ, or a triangle's vertex index is out of range.
     #[must_use]
     pub fn of(surface: &Mesh, sphere: &Mesh) -> Self {
-        assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
+        assert_eq!(
+            surface.vertices.len(),
+            sphere.vertices.len(),
+            "the surface and its sphere must have equally many vertices"
+        );
         let scaled = scaled_meshes([surface]);
         let surface = scaled.as_ref().map_or(surface, |([surface], _)| surface);
         Self::measure(&surface.vertices, &sphere.vertices, &surface.faces)
@@ -123,7 +127,11 @@ impl Quality {
 /// When the numbers of vertices differ, or a triangle's vertex index is out of range.
 #[must_use]
 pub fn log_area_ratios(surface: &Mesh, sphere: &Mesh) -> Vec<f64> {
-    assert_eq!(surface.vertices.len(), sphere.vertices.len(), "vertices of the surface and of its sphere");
+    assert_eq!(
+        surface.vertices.len(),
+        sphere.vertices.len(),
+        "the surface and its sphere must have equally many vertices"
+    );
     let around = |measure: fn([Vec3; 3]) -> f64, vertices: &[Vec3]| {
         let mut sums = vec![0.0; vertices.len()];
         let mut total = 0.0;

@@ -176,11 +176,13 @@ impl std::fmt::Display for Note {
             Self::QuadAreas { deviation } => {
                 write!(f, "the areas of the quadrangles are within {:.3} % of their targets", 100.0 * deviation)
             }
-            Self::MadeFrom { method, vertices } => write!(f, "made from the {method} map of {vertices} vertices"),
+            Self::MadeFrom { method, vertices } => {
+                write!(f, "made from the {method} map, which has {vertices} vertices")
+            }
             Self::Distance(distance) => write!(
                 f,
-                "distance from the given surface: mean {}, Hausdorff {}, in its unit; {} and {} with the bounding box \
-                 scaled to volume 1",
+                "distance from the given surface: mean {}, Hausdorff {}, in the surface's unit; mean {}, Hausdorff {} \
+                 with the bounding box scaled to volume 1",
                 number(distance.mean),
                 number(distance.hausdorff),
                 number(distance.mean / distance.scale),

@@ -135,5 +135,5 @@ pub(crate) fn triangles(py: Python<'_>, rows: Vec<[u32; 3]>) -> FacesOut<'_> {
 
 fn array<T: Copy>(rows: Vec<[T; 3]>) -> Array2<T> {
     let count = rows.len();
-    Array2::from_shape_vec((count, 3), rows.into_flattened()).expect("three values a row")
+    Array2::from_shape_vec((count, 3), rows.into_flattened()).expect("each row has three values")
 }

@@ -98,7 +98,7 @@ impl CohortRun {
         table, rows, *, output, sphere, mask, shard, status, exists, keep_going, changes, voxel_size,
         image, threshold, probability, label_surface, smooth_radius, settings
     ))]
-    #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+    #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
     fn new(
         py: Python<'_>,
         table: Option<PathBuf>,

@@ -6,7 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use serde_json::json;
 use spharm::correspond::{CorrespondParams, GuideLandmarks, Signals, correspond as make};
-use spharm::pose::{PoseParams, PoseSurface, pose as find_pose};
+use spharm::pose::{PoseParams, PoseSearch, PoseSurface, pose as find_pose};
 use spharm::register::{RegisterParams, Subject, Template, register as move_template};
 use spharm::shape::Similarity;
 use spharm::shape::groupwise::GroupwiseParams;
@@ -32,6 +32,8 @@ struct Settings {
     max_degree: usize,
     rounds: usize,
     refine: bool,
+    /// Whether only the given poses are improved.
+    near: bool,
     scale: bool,
     mirror: bool,
     /// Whether each surface is mirrored first; empty for none.
@@ -48,7 +50,8 @@ struct Settings {
 
 impl Settings {
     fn params(self, template: Option<Mesh>, signals: Vec<Vec<Vec<f64>>>) -> CorrespondParams {
-        let Self { max_degree, rounds, refine, scale, mirror, mirrored, subdivisions, memory, .. } = self;
+        let Self { max_degree, rounds, refine, near, scale, mirror, mirrored, subdivisions, memory, .. } = self;
+        let search = if near { PoseSearch::Near } else { PoseSearch::Any };
         let of_template =
             |members: &[Vec<[f64; 3]>]| self.template_member.and_then(|index| members.get(index).cloned());
         let guide = self.guide.map(|members| GuideLandmarks { template: of_template(&members), members });
@@ -63,7 +66,7 @@ impl Settings {
             .with_subdivisions(subdivisions)
             .with_rounds(rounds)
             .with_refinement(refine.then(GroupwiseParams::default))
-            .with_pose(PoseParams { scale, mirror, ..PoseParams::default() })
+            .with_pose(PoseParams { search, scale, mirror, ..PoseParams::default() })
             .with_memory(memory)
     }
 }
@@ -71,7 +74,7 @@ impl Settings {
 /// Establishes correspondence between the surfaces of a group.
 #[pyfunction]
 #[pyo3(signature = (surfaces, names, template, *, settings, signals, threads = None, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn shape_correspond(
     py: Python<'_>,
     surfaces: Vec<Given<'_>>,
@@ -102,7 +105,7 @@ type Registration<'py> = (PositionsOut<'py>, FacesOut<'py>, Bound<'py, PyArray1<
 /// Registers a template to a surface: moves the template's vertices onto the surface.
 #[pyfunction]
 #[pyo3(signature = (template, surface, masked, *, pose, scale, mirror, threads = None, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn shape_register<'py>(
     py: Python<'py>,
     template: Given<'py>,

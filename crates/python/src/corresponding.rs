@@ -76,14 +76,14 @@ impl Group {
     fn places<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray3<f64>> {
         let (members, n) = self.size();
         let values: Vec<f64> = self.inner.places.iter().flatten().flatten().copied().collect();
-        Array3::from_shape_vec((members, n, 3), values).expect("n places a member").into_pyarray(py)
+        Array3::from_shape_vec((members, n, 3), values).expect("each member has n places").into_pyarray(py)
     }
 
     /// Returns whether each vertex has a counterpart on each member's surface, (N, n).
     #[getter]
     fn reached<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<bool>> {
         let values: Vec<bool> = self.inner.reached.iter().flatten().copied().collect();
-        Array2::from_shape_vec(self.size(), values).expect("n places a member").into_pyarray(py)
+        Array2::from_shape_vec(self.size(), values).expect("each member has n places").into_pyarray(py)
     }
 
     /// Returns a mask of the template's vertices that have no counterparts, (n).

@@ -102,7 +102,7 @@ fn with_advice(error: &Error) -> String {
             Some("cut_handles=True cuts the handles".to_owned())
         }
         Error::Parametrize(ParametrizeError::LargeRepair { repair, succeeds: true, .. }) => {
-            largest(repair).map(|largest| format!("{largest} allows it, and {}", around()))
+            largest(repair).map(|largest| format!("{largest} allows this repair; alternatively, {}", around()))
         }
         Error::Parametrize(
             ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::LargeRepair { .. },

@@ -129,7 +129,7 @@ pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String,
 #[pyo3(signature = (
     values, faces, sphere, sphere_faces, *, surface, parametrized, seam, changes, settings, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn fit<'py>(
     py: Python<'py>,
     values: PyReadonlyArray2<'py, f64>,
@@ -183,7 +183,7 @@ pub(crate) fn fit<'py>(
 /// Chooses the lowest degree with at most the requested error. Returns the degree, its error, and the requested error.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, sphere, sphere_faces, *, accuracy, settings, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn choose_degree(
     py: Python<'_>,
     vertices: PyReadonlyArray2<'_, f64>,
@@ -267,7 +267,7 @@ pub(crate) fn solve<'py>(
 /// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere.
 #[pyfunction]
 #[pyo3(signature = (values, sphere, sphere_faces, *, surface, parametrized, seam, settings, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn fit_many<'py>(
     py: Python<'py>,
     values: Vec<PyReadonlyArray2<'py, f64>>,

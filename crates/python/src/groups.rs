@@ -39,8 +39,8 @@ pub(crate) fn group(
     for (index, (found, coefficients, _)) in models.iter().enumerate() {
         let channels = coefficients.channels();
         let (expected, needed) = match kind {
-            Kind::Surface => ("a surface of 3 channels", 3),
-            Kind::Signal => ("a signal of one channel", 1),
+            Kind::Surface => ("a surface with 3 channels", 3),
+            Kind::Signal => ("a signal with one channel", 1),
         };
         if *found != kind || channels != needed {
             let found = if *found == Kind::Surface { "a surface" } else { "a signal" };

@@ -37,5 +37,5 @@ pub(crate) fn check_distance(
 ) -> Result<(), Failure> {
     let of_vertices = distances_to_surface_bytes(first.faces.len(), second.vertices.len());
     let needed = surface_distance_bytes(first, second, params).max(of_vertices);
-    check(format!("the distance at {} points of each surface", params.samples), needed, memory)
+    check(format!("computing the distance at {} points of each surface", params.samples), needed, memory)
 }

@@ -100,6 +100,10 @@ impl Model {
         self.inner.sphere.as_ref().map_or(self.inner.provenance.parametrized, |sphere| sphere.parametrized)
     }
 
+    fn mapped_apart(&self, other: &Self) -> bool {
+        self.inner.mapped_apart(&other.inner)
+    }
+
     /// Returns unit vectors, (n, 3), and triangles, (f, 3), of the model's sphere; `None` if the model has no sphere.
     #[getter]
     fn sphere<'py>(&self, py: Python<'py>) -> Option<(PositionsOut<'py>, FacesOut<'py>)> {

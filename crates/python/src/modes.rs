@@ -152,8 +152,10 @@ impl Modes {
         let all = members.saturating_sub(1).min(modes.modes.ncols());
         let found = run(py, threads, progress.as_ref(), |monitor| {
             if found < all || members < 3 {
-                let expected = format!("expected all {all} modes of a group, without truncate");
-                return Err(Failure::Argument(format!("quality: {expected}; found {found} of {members} members")));
+                let expected = format!("expected all {all} modes of a group, not truncated");
+                return Err(Failure::Argument(format!(
+                    "quality: {expected}; found {found} modes of {members} members"
+                )));
             }
             Ok(quality(modes, samples, seed, monitor)?)
         })?;

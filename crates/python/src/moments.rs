@@ -27,7 +27,7 @@ impl Moments {
     /// samples.
     #[new]
     #[pyo3(signature = (directions, values, weights, max_degree, channels, *, whole, shard, threads = None, progress = None))]
-    #[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+    #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
     fn new(
         py: Python<'_>,
         directions: Positions<'_>,

@@ -16,7 +16,7 @@ use crate::run::run_owned;
 /// the volumes at both ends; and warnings.
 #[pyfunction]
 #[pyo3(signature = (start, end, times, *, keep_pose, mirror, threads = None, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn shape_morph(
     py: Python<'_>,
     start: PyRef<'_, Model>,

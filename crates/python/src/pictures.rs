@@ -17,7 +17,7 @@ const SIZES: std::ops::RangeInclusive<usize> = 64..=4096;
 /// the given limits and label.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, *, values, limits, label, caption, size, view))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn picture<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,

@@ -169,7 +169,7 @@ fn shape_tails<'py>(py: Python<'py>, model: PyRef<'py, Model>) -> PyResult<Bound
 /// the directions, the spread of the areas before and after, and the number of flipped triangles.
 #[pyfunction]
 #[pyo3(signature = (model, sphere, faces, degree, *, steps, threads = None, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn shape_even<'py>(
     py: Python<'py>,
     model: PyRef<'py, Model>,

@@ -35,7 +35,7 @@ pub(crate) fn scalar(name: &str) -> PyResult<Scalar> {
 /// Builds the basis of a sphere in a store. Returns the report as JSON.
 #[pyfunction]
 #[pyo3(signature = (store, sphere, faces, max_degree, *, dtype, memory, allow_large, threads = None, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn store_build<'py>(
     py: Python<'py>,
     store: PathBuf,
@@ -68,7 +68,7 @@ fn store_build<'py>(
 #[pyo3(signature = (
     store, sphere, faces, max_degree, *, dtype, basis_dtype, smoothness, memory, allow_large, threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn store_factor<'py>(
     py: Python<'py>,
     store: PathBuf,
@@ -84,7 +84,7 @@ fn store_factor<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<String> {
     if !(smoothness.is_finite() && smoothness >= 0.0) {
-        return Err(PyValueError::new_err(format!("smoothness: expected a number from 0, found {smoothness}")));
+        return Err(PyValueError::new_err(format!("smoothness: expected a number of at least 0, found {smoothness}")));
     }
     let sphere = SphereArrays::new(&sphere, faces.as_ref(), false)?.owned();
     let (scalar, basis_scalar) = (scalar(dtype)?, scalar(basis_dtype)?);

@@ -24,7 +24,7 @@ type Measured<'py> = (Bound<'py, PyArray2<f64>>, usize, Model, Vec<String>);
 /// Measures the models of a group at directions. With `pairs`, returns the differences between the first half of the
 /// models and the second half.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 #[pyo3(signature = (models, directions, degree, *, signal, pairs, threads = None, progress = None))]
 pub(crate) fn shape_measure_group<'py>(
     py: Python<'py>,
@@ -141,7 +141,8 @@ impl Asked<'_> {
     }
 }
 
-/// Settings of relabellings, and of statistics of regions on a surface of vertices (V, 3) and triangles.
+/// Settings of relabellings, and of statistics of regions on a surface of vertices (V, 3) and triangles, of which the
+/// values have those that `kept` (V) selects.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Inference<'py> {
@@ -152,6 +153,7 @@ pub(crate) struct Inference<'py> {
     tfce: bool,
     cluster: Option<f64>,
     surface: Option<(Positions<'py>, Faces<'py>)>,
+    kept: Option<Vec<bool>>,
 }
 
 impl Inference<'_> {
@@ -160,7 +162,8 @@ impl Inference<'_> {
         let spatial = match &self.surface {
             Some((vertices, faces)) => {
                 let mesh = mesh("surface", vertices, faces)?;
-                let surface = SurfaceGraph::new(&mesh.vertices, &mesh.faces);
+                let surface = SurfaceGraph::new(&mesh.vertices, &mesh.faces)
+                    .and_then(|surface| self.kept.as_deref().map_or(Ok(surface.clone()), |kept| surface.at(kept)));
                 let surface = surface.map_err(|error| crate::errors::exception(py, error.into()))?;
                 Some(SpatialParams { surface, tfce: self.tfce, cluster: self.cluster })
             }
@@ -179,7 +182,7 @@ impl Inference<'_> {
 /// Tests values, (n, V d), at V vertices with d components each.
 #[pyfunction]
 #[pyo3(signature = (values, components, asked, inference, *, welch, permutations, seed, confidence, level, threads = None, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn shape_test<'py>(
     py: Python<'py>,
     values: PyReadonlyArray2<'py, f64>,

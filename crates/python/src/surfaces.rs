@@ -116,8 +116,9 @@ fn values_at<'py>(
     let (mesh, points) = (mesh("surface", &vertices, &faces)?, rows("points", points.as_array())?);
     let values = values.as_array().as_standard_layout().into_owned();
     let (found, off) = run(py, Some(1), None, |_| {
-        let places = Place::nearest(&mesh, &points)
-            .ok_or_else(|| Failure::Argument("surface: expected triangles and finite points, found others".into()))?;
+        let places = Place::nearest(&mesh, &points).ok_or_else(|| {
+            Failure::Argument("surface, points: expected at least one triangle and finite coordinates".into())
+        })?;
         let width = values.ncols();
         let (rows, _) = values.into_raw_vec_and_offset();
         let found = places.iter().flat_map(|place| place.row(&rows, width)).collect();
@@ -237,7 +238,7 @@ pub(crate) fn method(name: &str, degree: Option<usize>, area: f64, seed: u64) ->
 #[pyo3(signature = (
     vertices, faces, *, changes, method, degree, area, seed, memory = None, threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn parametrize<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,
@@ -269,7 +270,7 @@ fn parametrize<'py>(
 #[pyo3(signature = (
     vertices, faces, sphere, shared, shared_faces, *, memory = None, threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn resample<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,
@@ -337,7 +338,7 @@ fn compare<'py>(
 /// the second surface's vertices from the first surface.
 #[pyfunction]
 #[pyo3(signature = (vertices, faces, others, other_faces, *, samples, mask = None, memory = None, threads = None, progress = None))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn surface_distance<'py>(
     py: Python<'py>,
     vertices: Positions<'py>,

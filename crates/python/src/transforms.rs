@@ -90,7 +90,7 @@ impl Transform {
         let coefficients: ArrayView2<'_, f64> = coefficients.as_array();
         let weights = weights.map(|weights| weights.as_array().to_vec());
         if weights.iter().flatten().any(|weight| !(weight.is_finite() && *weight >= 0.0)) {
-            return Err(PyValueError::new_err("weights: expected finite numbers from 0"));
+            return Err(PyValueError::new_err("weights: expected finite numbers of at least 0"));
         }
         self.call(py, |transform| {
             let weights = weights.map(|weights| transform.sorted_weights(&weights)).transpose()?;

@@ -69,7 +69,7 @@ fn affine(matrix: &PyReadonlyArray2<'_, f64>) -> PyResult<Affine> {
     volume, *, label, image, threshold, probability, label_surface, smooth_radius, fix, cut_handles, method, degree, area, seed,
     memory = None, threads = None, progress = None
 ))]
-#[expect(clippy::too_many_arguments, reason = "they are Python's keyword arguments")]
+#[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 fn parametrize_volume<'py>(
     py: Python<'py>,
     volume: Volume<'py>,

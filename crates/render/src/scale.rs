@@ -58,7 +58,7 @@ pub fn scale_label(name: &str, probability: bool, values: &[f64], (low, high): (
         return format!("-log10 {name}");
     }
     let beyond = values.iter().filter(|value| **value < low || **value > high).count();
-    if beyond == 0 { name.to_owned() } else { format!("{name}, clipped: {beyond} of {} beyond", values.len()) }
+    if beyond == 0 { name.to_owned() } else { format!("{name}, {beyond} of {} values clipped", values.len()) }
 }
 
 #[cfg(test)]
@@ -74,7 +74,7 @@ mod tests {
         assert!(is_probability("p-fwe") && is_probability("q") && !is_probability("power"));
         assert_eq!(scale_label("p-fwe", true, &[0.5], (0.0, 1.0)), "-log10 p-fwe");
         assert_eq!(scale_label("effect", false, &[0.5, -0.5], (-0.5, 0.5)), "effect");
-        assert_eq!(scale_label("effect", false, &[0.5, 2.0], (-1.0, 1.0)), "effect, clipped: 1 of 2 beyond");
+        assert_eq!(scale_label("effect", false, &[0.5, 2.0], (-1.0, 1.0)), "effect, 1 of 2 values clipped");
     }
 
     #[test]

@@ -211,7 +211,7 @@ fn text_is_legible_on_paper_and_stays_in_its_panel() {
     let folder = tempfile::tempdir().unwrap();
     let ball = icosphere(2);
     let values = vec![0.5; ball.vertices.len()];
-    let label = "statistic, clipped: 102 of 10242 beyond";
+    let label = "statistic, 102 of 10242 values clipped";
     let paint = Paint::Scalar { values: &values, range: (-3.96, 3.96), label };
     let panels = [Panel { paint, ..Panel::new(&ball, "the first caption, from -x") }, Panel::new(&ball, "second")];
     for width in [96, 354, 530] {

@@ -102,7 +102,7 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
             Some(_) => format!("{} to {}", number(low), number(high)),
         };
         let below = finite().filter(|value| *value <= LEVEL).count();
-        let text = if is_probability(name) { format!("{of}; at {below} vertices at most {LEVEL}") } else { of };
+        let text = if is_probability(name) { format!("{of}; at most {LEVEL} at {below} vertices") } else { of };
         rows.push((name.clone(), text));
     }
     rows

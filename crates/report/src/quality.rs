@@ -22,7 +22,7 @@ pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     }
     let charts = [
         chart(measured, "Compactness", "share of the variance", |of| (&of.compactness, None)),
-        chart(measured, "Generalisation", "distance from the modes of the others, length", |of| {
+        chart(measured, "Generalisation", "distance from the modes of the other members, length", |of| {
             (&of.generalisation, of.surface_generalisation.as_ref())
         }),
         chart(measured, "Specificity", "distance of a random shape from the nearest member, length", |of| {
@@ -31,10 +31,10 @@ pub(crate) fn section(measured: &[Quality]) -> Result<String, ReportError> {
     ];
     let charts: String = charts.into_iter().flatten().collect();
     Ok(format!(
-        "<section class=\"quality\"><h2>Quality of the correspondence</h2>\n<p>Compactness is better when higher, \
-         generalisation and specificity when lower. Bands are of 95 %; dashed lines are distances between surfaces by \
-         nearest points. None of these measures proves that directions correspond; only landmarks can show that.</p>\n<div \
-         class=\"details\">{charts}</div></section>\n{}",
+        "<section class=\"quality\"><h2>Quality of the correspondence</h2>\n<p>Higher compactness is better; lower \
+         generalisation and specificity are better. Bands cover 95 %; dashed lines are distances between surfaces, \
+         measured to nearest points. None of these measures proves that directions correspond; only landmarks can show \
+         that.</p>\n<div class=\"details\">{charts}</div></section>\n{}",
         table(measured).html()?
     ))
 }

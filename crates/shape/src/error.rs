@@ -41,8 +41,8 @@ pub enum ShapeError {
     },
     /// A variance group in which the design leaves no errors, so that its variance can't be estimated.
     #[error(
-        "variance group {group} in order of occurrence ({subjects} of the rows): the design leaves no errors in this \
-         group; join it with another group, or leave out columns of the design"
+        "variance group {group}, in order of occurrence, has {subjects} rows, and the design leaves no errors in these \
+         rows to estimate a variance; join this group with another group, or leave out columns of the design"
     )]
     VarianceGroup {
         /// Number of the group, from 1.
@@ -90,7 +90,7 @@ pub enum ShapeError {
     #[error(
         "column {column:?}: expected {}",
         match found.len() {
-            2.. if !order.is_empty() => format!("an order of all its levels, {}, found {}", found.join(", "), order.join(", ")),
+            2.. if !order.is_empty() => format!("an order of all levels, which are {}; found {}", found.join(", "), order.join(", ")),
             _ => format!("two levels or more, found {}", found.join(", ")),
         }
     )]
@@ -227,9 +227,7 @@ pub enum ShapeError {
         found: usize,
     },
     /// The requested degree is above the degree of some models.
-    #[error(
-        "the models go to degrees from {lowest} to {highest}: expected a degree of at most {lowest}, found {asked}"
-    )]
+    #[error("the models have degrees from {lowest} to {highest}: expected a degree of at most {lowest}, found {asked}")]
     DegreeAbove {
         /// Lowest degree of the models.
         lowest: usize,
@@ -240,7 +238,7 @@ pub enum ShapeError {
     },
     /// The coefficients are so large or small that their products overflow or underflow.
     #[error(
-        "coefficients of up to {largest:.1e}: areas, volumes and variances computed from these coefficients overflow \
+        "the coefficients reach {largest:.1e}: areas, volumes and variances computed from these coefficients overflow \
          or underflow; scale the surface to another unit"
     )]
     Range {

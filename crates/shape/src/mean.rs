@@ -30,7 +30,7 @@ pub struct DegreesDiffer {
 impl fmt::Display for DegreesDiffer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { lowest, highest } = self;
-        write!(f, "the models go to degrees from {lowest} to {highest}; the degrees up to {lowest} are used")
+        write!(f, "the models have degrees from {lowest} to {highest}; the degrees up to {lowest} are used")
     }
 }
 

@@ -109,13 +109,13 @@ impl fmt::Display for MeasureWarning {
             ),
             Self::Flat => f.write_str("the surface lies in a plane and encloses no volume"),
             Self::Inwards => f.write_str(
-                "the parameterisation is mirrored, so that its normals point inwards; outward normals are reported, \
-                 and curvatures are computed with them",
+                "the parameterisation is mirrored, so that its normals point inwards; outward normals are reported and \
+                 used for curvatures",
             ),
             Self::Squeezed { part } => write!(
                 f,
-                "the map from the sphere is squeezed to less than a thousandth of its mean area element on {:.2} % of the \
-                 sphere, where curvatures are unreliable",
+                "on {:.2} % of the sphere, the area element of the map is less than a thousandth of its mean: \
+                 curvatures are unreliable there",
                 100.0 * part
             ),
         }

@@ -133,8 +133,8 @@ pub fn volume_ratio(morph: &Morph, monitor: &dyn Monitor) -> Result<f64, ShapeEr
 pub fn volume_warning(ratio: f64) -> Option<String> {
     (ratio < LEAST_VOLUME).then(|| {
         format!(
-            "halfway between the surfaces, the volume is {ratio:.2} times that of the smaller one: they don't correspond, \
-             and the shapes between the ends are unreliable"
+            "halfway between the surfaces, the volume is {ratio:.2} times that of the smaller surface: the surfaces \
+             don't correspond, and the shapes between them are unreliable"
         )
     })
 }
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn small_volumes_half_way_are_warned_of() {
         assert_eq!(volume_warning(0.85), None);
-        assert!(volume_warning(0.5).is_some_and(|text| text.contains("0.50 times that of the smaller one")));
+        assert!(volume_warning(0.5).is_some_and(|text| text.contains("0.50 times that of the smaller surface")));
     }
 
     #[test]

@@ -64,9 +64,9 @@ impl fmt::Display for PosesDiffer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "the surfaces are not aligned: averaging the first-order ellipsoids keeps only {:.2} of their size (1 if \
-             perfectly aligned); align the surfaces first, or fit them over one common sphere if their vertices \
-             correspond",
+            "the surfaces are not aligned: averaging the first-order ellipsoids keeps only a fraction of {:.2} of \
+             their size (1 if perfectly aligned); align the surfaces first, or fit them over one common sphere if \
+             their vertices correspond",
             self.left
         )
     }

@@ -86,7 +86,7 @@ pub fn procrustes_with(
         return Err(ShapeError::Setting {
             name: "the method",
             found: "the method of first-order ellipsoids".to_owned(),
-            expected: "a group is aligned by the joint search or with fixed parameters",
+            expected: "use the joint search or fixed parameters for a group",
         });
     }
     if params.align.method == Method::Surfaces {

@@ -124,8 +124,8 @@ impl ProcrustesWarning {
         match self {
             Self::Mirrored { rmsd, mirrored, .. } => {
                 format!(
-                    "its distance from the other members is {rmsd:.4}, but its mirror image's is {mirrored:.4}: the \
-                     member may be from the other side"
+                    "the distance from the other members is {rmsd:.4}, but {mirrored:.4} for the mirror image: the \
+                     member may be from the other side, such as left instead of right"
                 )
             }
             Self::Member { warning, .. } => warning.to_string(),
@@ -159,11 +159,13 @@ impl ProcrustesWarning {
                 let more = if more > 0 { format!(" and {more} more") } else { String::new() };
                 let which = match members.len() {
                     0 => "; the shapes don't show which members are from which side".to_owned(),
-                    count => format!("; {count} of {of} members may be of the other side: {}{more}", named.join(", ")),
+                    count => {
+                        format!("; {count} of {of} members may be from the other side: {}{more}", named.join(", "))
+                    }
                 };
                 format!(
-                    "the group seems to mix two sides, such as left and right, so its mean resembles neither side: \
-                     with mirror images allowed the spread falls from {spread:.4} to {mirrored:.4}{which}"
+                    "the group seems to mix two sides, such as left and right, so its mean resembles neither side: if \
+                     mirror images are allowed, the spread falls from {spread:.4} to {mirrored:.4}{which}"
                 )
             }
             _ => self.to_string(),

@@ -17,7 +17,7 @@ pub(crate) const COLUMNS: usize = 768;
 /// If the inner dimensions differ.
 pub(crate) fn product(a: ArrayView2<'_, f64>, b: ArrayView2<'_, f64>) -> Array2<f64> {
     let ((m, k), (rows, n)) = (a.dim(), b.dim());
-    assert_eq!(k, rows, "inner sizes of a product");
+    assert_eq!(k, rows, "the inner sizes of a product must be equal");
     let mut c = Array2::zeros((m, n));
     let (a, b) = (a.as_standard_layout(), b.as_standard_layout());
     let (Some(a), Some(b), Some(out)) = (a.as_slice(), b.as_slice(), c.as_slice_mut()) else { return c };

@@ -67,7 +67,7 @@ impl Library {
         let degree = models.iter().map(|model| model.max_degree()).min().unwrap_or(0);
         let (Some(first), 1..) = (models.first(), degree) else {
             let (name, expected) =
-                ("the lowest degree of the models", "at least one model is needed, each of degree 1 or more");
+                ("the lowest degree of the models", "at least one model is needed, and all must have degree 1 or more");
             let found = if models.is_empty() { "none" } else { "0" };
             return Err(ShapeError::Setting { name, expected, found: found.to_owned() });
         };

@@ -59,7 +59,7 @@ impl Rotation {
         let worst = (0..9).map(|n| off(n / 3, n % 3)).fold(0.0, f64::max);
         if worst > ORTHOGONALITY_TOLERANCE {
             return refuse(format!(
-                "its columns aren't orthonormal: R^T R is {worst:.2e} from the identity, at most \
+                "its columns aren't orthonormal: R^T R differs from the identity by {worst:.2e}, but at most \
                  {ORTHOGONALITY_TOLERANCE:e} is allowed"
             ));
         }

@@ -88,7 +88,7 @@ impl SurfacePoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Turned { distance, turned, angle, .. } => format!(
-                "the distance from the surface of the most typical member is {distance:.4}, and would be {turned:.4} \
+                "the distance from the surface of the most typical member is {distance:.4}, but would be {turned:.4} \
                  after a rotation by {angle:.0} degrees: the pose may be wrong"
             ),
             Self::PlacesDiffer { .. } => self.to_string(),

@@ -18,7 +18,7 @@ fn view(matrix: Matrix<'_>) -> MatRef<'_, f64> {
 /// flops.
 pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64]) {
     let k = block.columns();
-    assert_eq!(gram.len(), k * k, "Gram matrix of {k} columns");
+    assert_eq!(gram.len(), k * k, "expected a Gram matrix of {k} x {k} values");
     let (block, gram) = (view(block), MatMut::from_column_major_slice_mut(gram, k, k));
     spharm_linalg::add_gram(gram, block.transpose(), 1.0);
 }
@@ -26,7 +26,7 @@ pub(crate) fn accumulate_gram(block: Matrix<'_>, gram: &mut [f64]) {
 /// Computes `out += block^T r`: block (n, k), r (n, c), out (k, c) row-major.
 pub(crate) fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f64]) {
     let (k, c) = (block.columns(), r.columns());
-    assert!(out.len() == k * c && r.rows() == block.rows(), "adjoint of {k} x {c}");
+    assert!(out.len() == k * c && r.rows() == block.rows(), "expected matching shapes for an adjoint of {k} x {c}");
     let out = MatMut::from_column_major_slice_mut(out, c, k);
     matmul(out, Accum::Add, view(r).transpose(), view(block), 1.0);
 }
@@ -34,7 +34,10 @@ pub(crate) fn accumulate_adjoint(block: Matrix<'_>, r: Matrix<'_>, out: &mut [f6
 /// Computes `out += sign block x`: block (n, k), x (k, c) row-major, out (n, c) column-major.
 pub(crate) fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out: &mut [f64]) {
     let (rows, k) = (block.rows(), block.columns());
-    assert!(k > 0 && x.len().is_multiple_of(k) && out.len() == rows * (x.len() / k), "synthesis of {rows} x {k}");
+    assert!(
+        k > 0 && x.len().is_multiple_of(k) && out.len() == rows * (x.len() / k),
+        "expected matching shapes for a synthesis with {rows} x {k}"
+    );
     let c = x.len() / k;
     let out = MatMut::from_column_major_slice_mut(out, rows, c);
     matmul(out, Accum::Add, view(block), MatRef::from_row_major_slice(x, k, c), sign);
@@ -43,7 +46,7 @@ pub(crate) fn accumulate_synthesis(block: Matrix<'_>, x: &[f64], sign: f64, out:
 /// Computes the lower Cholesky factor, in place, of a matrix (k, k) given by its lower triangle; returns false if the
 /// matrix isn't numerically positive definite.
 pub(crate) fn cholesky(matrix: &mut [f64], k: usize) -> bool {
-    assert_eq!(matrix.len(), k * k, "matrix of order {k}");
+    assert_eq!(matrix.len(), k * k, "expected a matrix of {k} x {k} values");
     spharm_linalg::cholesky_in_place(MatMut::from_column_major_slice_mut(matrix, k, k)).is_ok()
 }
 
@@ -77,7 +80,10 @@ pub(crate) fn symmetric_norm(matrix: &[f64], k: usize) -> f64 {
 /// Solves `C C^T x = b` with the factor C from [`cholesky`]: `x` (k, c), row-major, contains b on entry and the
 /// solution on return.
 pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
-    assert!(factor.len() == k * k && x.len().is_multiple_of(k), "factor of order {k}");
+    assert!(
+        factor.len() == k * k && x.len().is_multiple_of(k),
+        "expected a factor of {k} x {k} values and right-hand sides of {k} rows"
+    );
     let factor = MatRef::from_column_major_slice(factor, k, k);
     let c = x.len() / k;
     let mut x = MatMut::from_row_major_slice_mut(x, k, c);
@@ -88,7 +94,7 @@ pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
 /// Computes the triangular factor R of the QR factorisation of a matrix (rows, columns), column-major, in place. On
 /// return, the matrix's first `min(rows, columns)` rows contain R, with zeros below the diagonal.
 pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
-    assert_eq!(matrix.len(), rows * columns, "matrix of {rows} x {columns}");
+    assert_eq!(matrix.len(), rows * columns, "expected a matrix of {rows} x {columns} values");
     spharm_linalg::triangularise(MatMut::from_column_major_slice_mut(matrix, rows, columns));
     for (j, column) in matrix.chunks_exact_mut(rows).enumerate() {
         column[(j + 1).min(rows)..].fill(0.0);

@@ -136,7 +136,7 @@ pub enum SolverError {
     #[error("this method needs a Cholesky factor or a Gram matrix, but neither is available")]
     NoGram,
     /// The sums include no samples, or only samples of weight 0.
-    #[error("no sample has a positive weight (the sums are over {count} samples of total weight {weight})")]
+    #[error("no sample has a positive weight (the sums contain {count} samples of total weight {weight})")]
     NoSamples {
         /// Number of samples with nonzero weight.
         count: u64,

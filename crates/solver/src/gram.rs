@@ -92,7 +92,7 @@ impl<'a, S: GramMatrix + ?Sized> Penalised<'a, S> {
     ///
     /// If the penalty's length isn't the matrix's size.
     pub fn new(source: &'a S, penalty: Vec<f64>) -> Self {
-        assert_eq!(penalty.len(), source.size(), "penalty of the diagonal");
+        assert_eq!(penalty.len(), source.size(), "expected one penalty per diagonal element");
         Self { source, penalty }
     }
 }

@@ -74,7 +74,7 @@ fn assert_extent(values: &[f64], rows: usize, columns: usize, leading: usize) {
     let needed = if columns == 0 { 0 } else { (columns - 1) * leading + rows };
     assert!(
         leading >= rows && values.len() >= needed,
-        "{rows} x {columns} with leading dimension {leading} needs {needed} values, found {}",
+        "a matrix of {rows} x {columns} with leading dimension {leading} needs {needed} values, found {}",
         values.len()
     );
 }

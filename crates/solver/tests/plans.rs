@@ -277,7 +277,7 @@ fn progress_adds_up_and_passes_are_numbered() {
     let statuses = of(Level::Status);
     assert_eq!((statuses.len(), statuses[0], statuses[5]), (16, "pass 1, degrees 0 to 3", "pass 2, degrees 4 to 5"));
     let details = of(Level::Detail);
-    assert!(details[2].starts_with("pass 3: ") && details[2].ends_with(" s, 0.00 GB"), "{details:?}");
+    assert!(details[2].starts_with("pass 3: ") && details[2].ends_with(" s, 0.00 GB read"), "{details:?}");
     assert!(details[3].starts_with("refinement after pass 3: "), "{details:?}");
 }
 

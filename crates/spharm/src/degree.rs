@@ -99,8 +99,8 @@ impl fmt::Display for DegreeChoice {
             }
             false => write!(
                 f,
-                "no degree up to {most} has an rms error of at most {wanted}; degree {degree}, with {rms}, is used, \
-                 because higher degrees would follow the facets of the mesh"
+                "no degree up to {most} has an rms error of at most {wanted}; degree {degree}, with an error of {rms}, \
+                 is used, because higher degrees would follow the facets of the mesh"
             ),
         }
     }
@@ -170,7 +170,7 @@ fn choose(
         monitor.check()?;
         let fit = fit(&params.clone().with_max_degree(degree))?;
         fit.report.surface_distance.map(|distances| distances.rms_raw).ok_or_else(|| Error::Setting {
-            what: "a degree chosen by its accuracy",
+            what: "choosing the degree by accuracy",
             expected: "a fit of the surface",
             found: "a fit of the vertices".to_owned(),
         })

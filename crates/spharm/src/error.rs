@@ -158,7 +158,8 @@ pub enum Error {
     NotConverged(crate::FitWarning),
     /// A target whose coefficients exceed the range of f64.
     #[error(
-        "the coefficient in row {row} of channel {channel} is {found}, which is not finite; divide the target's values by the largest of them"
+        "the coefficient in row {row} of channel {channel} is {found}, which is not finite; divide the target's values \
+         by the largest value"
     )]
     NotFinite {
         /// Row of the coefficients, l^2 + l + m.

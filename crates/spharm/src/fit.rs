@@ -149,9 +149,9 @@ fn fit_one(
 ) -> Result<(Fit, ManyReport), Error> {
     let target = Mutex::new(Some(target));
     let taken = || target.lock().unwrap_or_else(PoisonError::into_inner).take();
-    let read = |_| Ok::<_, Error>(taken().expect("a target is read once"));
+    let read = |_| Ok::<_, Error>(taken().expect("the target is read only once"));
     let (mut fits, report) = fit_over((sphere, planned), 1, &read, params, &|_, fit| fit, monitor)?;
-    Ok((fits.pop().expect("a target that was read has been fitted, or there was an error"), report))
+    Ok((fits.pop().expect("a target that was read without an error has a fit"), report))
 }
 
 /// Fits many targets over one sphere, as many at a time as memory allows, and passes each fit to `done` as soon as it

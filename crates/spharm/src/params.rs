@@ -141,7 +141,7 @@ impl FromStr for Smoothness {
             return Ok(Self::Auto);
         }
         let lambda = text.parse().ok().filter(|lambda: &f64| *lambda >= 0.0 && lambda.is_finite());
-        lambda.map(Self::Fixed).ok_or_else(|| "expected a number from 0, or auto".to_owned())
+        lambda.map(Self::Fixed).ok_or_else(|| "expected a number of at least 0, or auto".to_owned())
     }
 }
 

@@ -116,7 +116,10 @@ impl fmt::Display for FitWarning {
             Self::Singular { max_degree, breaks_at, norm, optimality } => {
                 write!(f, "degree {max_degree} isn't determined by this sampling")?;
                 if let Some([column, degree]) = breaks_at {
-                    write!(f, "; the Gram matrix breaks down at column {column} (degree {degree})")?;
+                    write!(
+                        f,
+                        "; the factorisation of the Gram matrix breaks down at column {column} (degree {degree})"
+                    )?;
                 }
                 write!(f, "; the solution of minimum norm was used (norm {norm:.3e}, optimality {optimality:.1e})")
             }
@@ -139,8 +142,8 @@ impl fmt::Display for FitWarning {
             Self::Gap { max_degree, samples, functions, largest_gap, resolved } => write!(
                 f,
                 "degree {max_degree} isn't determined by the samples: {samples} samples for {functions} coefficients, \
-                 and the largest gap between samples is {largest_gap:.1} degrees wide, but the degree resolves \
-                 {resolved:.1} degrees"
+                 and the largest gap between samples is {largest_gap:.1} degrees wide, but this degree resolves angles \
+                 of {resolved:.1} degrees"
             ),
             Self::Amplified { max_degree, condition, share } => write!(
                 f,
@@ -151,9 +154,9 @@ impl fmt::Display for FitWarning {
             ),
             Self::Detail { max_degree, left_out, sigma } => write!(
                 f,
-                "the surface has detail of {left_out:.2e} rms beyond degree {max_degree}, which counts as part of the \
-                 removed noise of {sigma:.2e}: the model may be worse than without denoising; a higher degree would \
-                 separate detail from noise"
+                "the surface has detail of {left_out:.2e} rms beyond degree {max_degree}, and the removed noise of \
+                 {sigma:.2e} includes this detail: the model may be worse than without denoising; a higher degree \
+                 would separate detail from noise"
             ),
             Self::AreaErrors => f.write_str(
                 "standard errors assume that weights are inverse variances, but the weights are areas: for equally \

@@ -1,7 +1,7 @@
 //! Reads and writes little-endian numbers in byte arrays.
 
 #[cfg(target_endian = "big")]
-compile_error!("the store maps little-endian arrays; a big-endian machine would need a converting reader");
+compile_error!("the store maps little-endian arrays; big-endian machines are not supported");
 
 /// Returns the `u32` at an offset. Callers must make sure that the array is long enough.
 pub(crate) fn u32_at(bytes: &[u8], at: usize) -> u32 {

@@ -103,7 +103,7 @@ pub enum StoreError {
         tile: usize,
     },
     /// The file has a format version that this program can't read.
-    #[error("{}: the store format version is {found}, but this program reads version {expected}; use the program that wrote it, or build a new store", .path.display())]
+    #[error("{}: the store format version is {found}, but this program reads version {expected}; use the program version that wrote the store, or build a new store", .path.display())]
     Version {
         /// Path of the file.
         path: PathBuf,

@@ -30,7 +30,7 @@ fn main() -> Result<(), Failure> {
     let count = numbers.next().transpose()?.unwrap_or(10);
     let rotations = numbers.next().transpose()?.unwrap_or(20);
     let mut random = SplitMix64::new(1);
-    println!("kind, missed, of, worst ratio, seconds a pose, seconds a surface");
+    println!("kind, missed poses, all poses, worst ratio, seconds per pose, seconds per surface");
     let vertebrae = vertebrae()?;
     for kind in ["vertebrae"].into_iter().chain(KINDS) {
         let pairs: Vec<(Mesh, Mesh)> = match kind {
@@ -67,11 +67,14 @@ fn landmarks(vertebrae: &[Vertebra]) -> Result<(), Failure> {
         }
     }
     let by_landmarks = from_others(&moved(&best));
-    println!("vertebra, landmarks from the mean of the others' by surfaces, by landmarks, ratio");
+    println!("vertebra, landmark distance after alignment of surfaces, after alignment of landmarks, ratio");
     for ((v, a), b) in vertebrae.iter().zip(&by_surfaces).zip(&by_landmarks) {
         println!("{}, {a:.2}, {b:.2}, {:.3}", v.name, a / b);
     }
-    println!("group: {seconds:.2} seconds, typical {}", vertebrae.get(found.template).map_or("", |v| &v.name));
+    println!(
+        "group: {seconds:.2} seconds, typical vertebra: {}",
+        vertebrae.get(found.template).map_or("", |v| &v.name)
+    );
     Ok(())
 }
 

@@ -52,8 +52,8 @@ pub enum SurfaceError {
 
     /// The format of the output doesn't preserve the order of the vertices, which this surface requires.
     #[error(
-        "{}: {format} doesn't keep the order of the vertices, which links a surface to its sphere; write .surf.gii, \
-         .ply or .obj",
+        "{}: {format} doesn't preserve the order of the vertices, which a surface and its sphere must share; write \
+         .surf.gii, .ply or .obj",
         path.display()
     )]
     LosesOrder {
@@ -151,8 +151,8 @@ pub enum SurfaceError {
 
     /// A coordinate or value is NaN or infinite.
     #[error(
-        "{}: expected finite numbers, found {value} at vertex {vertex} (counted from 0): \
-         repair or mask the value and export the file again",
+        "{}: expected finite numbers, found {value} at vertex {vertex} (counted from 0); correct the value, or leave the \
+         vertex out with a mask",
         path.display()
     )]
     NonFinite {
@@ -218,7 +218,7 @@ pub enum SurfaceError {
     },
 
     /// Two arrays that belong together have different lengths.
-    #[error("{what}: expected {expected}, found {found}: both must come from the same surface")]
+    #[error("{what}: expected {expected}, found {found}; the data must belong to the same surface")]
     LengthMismatch {
         /// Description of the counted elements.
         what: &'static str,
@@ -231,7 +231,7 @@ pub enum SurfaceError {
     /// Two surfaces that must have the same triangles have different ones.
     #[error(
         "the surfaces' triangles differ, first at triangle {face} (counted from 0): expected {expected:?}, \
-         found {found:?}; compare surfaces of one mesh, vertex for vertex"
+         found {found:?}; compare surfaces that have the same triangles"
     )]
     TopologyDiffers {
         /// Index of the first triangle that differs.
@@ -245,7 +245,7 @@ pub enum SurfaceError {
     /// The surface's bounding box has no volume, so the surface can't be scaled to volume 1.
     #[error(
         "the surface's bounding box is {x} x {y} x {z}: expected three finite lengths above 0, \
-         so that it can be scaled to volume 1; give a surface that isn't flat"
+         so that the box can be scaled to volume 1; give a surface that isn't flat"
     )]
     FlatBox {
         /// Extent along x.
@@ -258,7 +258,7 @@ pub enum SurfaceError {
 
     /// Some directions meet no triangle of a sphere.
     #[error(
-        "{missed} of {directions} directions (first: {first}, counted from 0) meet no triangle of the sphere \
+        "{missed} of {directions} directions (first: direction {first}, counted from 0) meet no triangle of the sphere \
          ({flipped} of its triangles are flipped): give a closed sphere around the origin whose triangles don't overlap"
     )]
     NotCovered {
@@ -282,7 +282,7 @@ pub enum SurfaceError {
     },
 
     /// A table of directions doesn't have two columns.
-    #[error("{}: expected two columns, theta and phi in radians, found {columns}", path.display())]
+    #[error("{}: expected two columns (theta and phi, in radians), found {columns}", path.display())]
     NotAngles {
         /// Path of the table.
         path: PathBuf,
@@ -292,7 +292,7 @@ pub enum SurfaceError {
 
     /// A colatitude is outside the range from 0 to pi.
     #[error(
-        "{}: row {row}: theta must be from 0 to pi (radians, from the pole), found {found}",
+        "{}: row {row} (counted from 0): theta must be from 0 to pi radians (from the pole), found {found}",
         path.display()
     )]
     Colatitude {
@@ -325,7 +325,10 @@ pub enum SurfaceError {
     },
 
     /// A surface or signal doesn't have the sphere's number of vertices.
-    #[error("{}: {found} vertices, but {} has {expected}; both must have the same vertices", path.display(), named(sphere.as_ref()))]
+    #[error(
+        "{}: found {found} vertices, but {} has {expected}; both must have the same vertices",
+        path.display(), named(sphere.as_ref())
+    )]
     VertexCount {
         /// Path of the surface's or signal's file.
         path: PathBuf,
@@ -346,7 +349,7 @@ pub enum SurfaceError {
 
     /// A surface doesn't have the sphere's triangles.
     #[error(
-        "{}: {} between it and {}; both must have the same triangles",
+        "{}: {} between this surface and {}; both must have the same triangles",
         path.display(), differing(*differ), named(sphere.as_ref())
     )]
     OtherTriangles {

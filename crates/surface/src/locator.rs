@@ -94,7 +94,7 @@ impl SphereLocator {
         }
         if let Some(face) = sphere.faces.iter().position(|f| f.iter().any(|&v| v as usize >= vertices)) {
             return Err(wrong(format!(
-                "triangle {face} with vertices {:?}, but only {vertices} vertices (counted from 0)",
+                "triangle {face} with vertices {:?} (counted from 0), but only {vertices} vertices",
                 sphere.faces[face]
             )));
         }
@@ -186,7 +186,7 @@ impl SphereLocator {
     ) -> Result<Array2<f64>, SurfaceError> {
         if values.nrows() != self.vertices {
             return Err(SurfaceError::LengthMismatch {
-                what: "values over the sphere's vertices",
+                what: "values at the sphere's vertices",
                 expected: self.vertices,
                 found: values.nrows(),
             });

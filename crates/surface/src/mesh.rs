@@ -32,7 +32,7 @@ impl Mesh {
         assert_eq!(
             vertices.len(),
             self.vertices.len(),
-            "a mesh of {} vertices got {} positions",
+            "expected {} positions, one per vertex, found {}",
             self.vertices.len(),
             vertices.len()
         );
@@ -92,7 +92,7 @@ impl Signal {
         assert_eq!(
             Some(values.len()),
             vertices.checked_mul(channels),
-            "{} values for {vertices} vertices of {channels} channels",
+            "found {} values for {vertices} vertices with {channels} channels each",
             values.len()
         );
         Self { values, vertices, channels }

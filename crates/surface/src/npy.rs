@@ -80,14 +80,14 @@ impl Header {
                 input.read_exact(&mut length)?;
                 (u32::from_le_bytes(length) as usize, 12)
             }
-            _ => return Err(invalid("not a NumPy array of version 1 to 3".to_owned())),
+            _ => return Err(invalid("not a NumPy file of format version 1 to 3".to_owned())),
         };
         if length > LONGEST {
-            return Err(invalid(format!("a header of {length} bytes; expected at most {LONGEST}")));
+            return Err(invalid(format!("expected a header of at most {LONGEST} bytes, found {length}")));
         }
         let mut text = vec![0; length];
         input.read_exact(&mut text)?;
-        let text = String::from_utf8(text).map_err(|_| invalid("a header that isn't text".to_owned()))?;
+        let text = String::from_utf8(text).map_err(|_| invalid("the header isn't UTF-8 text".to_owned()))?;
         let header = Parser { text: &text, rest: &text }.header();
         let header = header.map_err(|problem| invalid(format!("the header is not understood: {problem}")))?;
         Ok(Self { start: (before + length) as u64, ..header })
@@ -184,7 +184,7 @@ impl<'a> Parser<'a> {
             Ok(Field { name, kind, size, little })
         })?;
         let size = fields.iter().try_fold(0_usize, |sum, field| sum.checked_add(field.size));
-        let size = size.filter(|&size| size > 0).ok_or("expected fields of at least one byte")?;
+        let size = size.filter(|&size| size > 0).ok_or("expected fields of at least one byte in total")?;
         Ok((Type { kind: 'V', size, little: true }, fields))
     }
 
@@ -227,7 +227,7 @@ impl<'a> Parser<'a> {
         self.blanks();
         let digits = self.rest.bytes().take_while(u8::is_ascii_digit).count();
         let number = self.rest.get(..digits).and_then(|digits| digits.parse().ok());
-        let number = number.ok_or_else(|| self.expected("a length of an axis"))?;
+        let number = number.ok_or_else(|| self.expected("the length of an axis"))?;
         self.rest = self.rest.get(digits..).unwrap_or_default();
         // Python 2 writes long integers with the suffix L.
         self.rest = self.rest.strip_prefix('L').unwrap_or(self.rest);

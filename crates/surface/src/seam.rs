@@ -88,7 +88,9 @@ impl Seam {
         };
         let triangle = |(face, &[a, b, c]): (usize, &[u32; 3])| {
             let vertices = own(a).zip(own(b)).zip(own(c)).map(|((a, b), c)| [a, b, c]);
-            vertices.ok_or_else(|| format!("triangle {face} of the original surface uses a vertex of a filling"))
+            vertices.ok_or_else(|| {
+                format!("triangle {face} of the original surface uses a vertex that was added to fill a cut")
+            })
         };
         let faces: Result<Vec<[u32; 3]>, String> = cut.faces[..faces].iter().enumerate().map(triangle).collect();
         Ok(Welded { mesh: Mesh { vertices: welded, faces: faces?, meta: cut.meta.clone() }, gap: gap.sqrt() })
@@ -146,7 +148,7 @@ mod tests {
         assert!(refused(Seam { copies: vec![3], ..seam() }).contains("below 3, found a copy of vertex 3"));
         assert!(
             refused(Seam { faces: 2, ..seam() })
-                .contains("triangle 1 of the original surface uses a vertex of a filling")
+                .contains("triangle 1 of the original surface uses a vertex that was added to fill a cut")
         );
     }
 }

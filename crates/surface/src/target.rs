@@ -50,7 +50,10 @@ impl fmt::Display for TargetWarning {
                 write!(f, "not a closed surface of genus zero: {}", topology.problems().join("; "))
             }
             Self::OtherHemisphere { target, sphere } => {
-                write!(f, "this file belongs to the {target} hemisphere, but the sphere to the {sphere} hemisphere")
+                write!(
+                    f,
+                    "this file belongs to the {target} hemisphere, but the sphere belongs to the {sphere} hemisphere"
+                )
             }
         }
     }

@@ -37,7 +37,7 @@ fn main() -> Result<(), spharm_transform::TransformError> {
     sums.spread();
     let added = started.elapsed().as_secs_f64();
     let each = 1e9 * added / (samples.div_ceil(CHUNK) * CHUNK) as f64;
-    println!("degree {max_degree}, {channels} channels: {each:.1} ns a sample");
+    println!("degree {max_degree}, {channels} channels: {each:.1} ns per sample");
     let SumsSeconds { place, spread } = sums.seconds();
     println!("placing: {place:.2} s, spreading: {spread:.2} s");
     let started = Instant::now();

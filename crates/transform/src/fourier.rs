@@ -195,7 +195,7 @@ impl Fourier {
                         spectrum[0].im = 0.0;
                         let line = &mut rows[layout.line(i, channel)];
                         let done = self.to_reals.process_with_scratch(spectrum, line, &mut work.scratch);
-                        debug_assert!(done.is_ok(), "sizes and the reality of the ends are given above");
+                        debug_assert!(done.is_ok(), "the sizes match, and the first and last coefficients are real");
                     }
                 }
             },
@@ -220,7 +220,7 @@ impl Fourier {
                         let line = &mut rows[layout.line(i, channel)];
                         let full = &mut work.spectra[..m / 2 + 1];
                         let done = self.from_reals.process_with_scratch(line, full, &mut work.scratch);
-                        debug_assert!(done.is_ok(), "the sizes are given above");
+                        debug_assert!(done.is_ok(), "the sizes match those of the transform");
                         for (out, value) in spectrum.iter_mut().zip(full) {
                             *out = value.conj();
                         }

@@ -143,7 +143,7 @@ impl MomentGram {
     pub fn block(&self, degrees: RangeInclusive<usize>, out: &mut [f64]) {
         let columns = first_column(*degrees.start())..first_column(degrees.end() + 1);
         let size = columns.len();
-        assert_eq!(out.len(), size * size, "a block of {size} functions");
+        assert_eq!(out.len(), size * size, "expected a block of {size} x {size} values");
         self.fill(columns.clone(), columns, true, out, size);
         mirror_lower(out, size);
     }
@@ -151,15 +151,15 @@ impl MomentGram {
     /// Writes the entries in `rows` and `columns`; with `lower`, only those on and below the diagonal.
     fn fill(&self, rows: Range<usize>, columns: Range<usize>, lower: bool, out: &mut [f64], leading: usize) {
         let size = self.size();
-        assert!(rows.end <= size && columns.end <= size, "{rows:?} x {columns:?} of {size} functions");
+        assert!(rows.end <= size && columns.end <= size, "rows {rows:?} and columns {columns:?} must be below {size}");
         if rows.is_empty() || columns.is_empty() {
             return;
         }
-        assert!(leading >= rows.len(), "leading dimension {leading} below {} rows", rows.len());
+        assert!(leading >= rows.len(), "leading dimension {leading} is below the number of rows, {}", rows.len());
         let needed = (columns.len() - 1) * leading + rows.len();
         assert!(
             out.len() >= needed,
-            "{} columns by {leading} need {needed} values, found {}",
+            "{} columns with leading dimension {leading} need {needed} values, found {}",
             columns.len(),
             out.len()
         );

@@ -45,13 +45,13 @@ const LIES: &[Lie] = &[
     ("number of tile columns", |f| put32(&mut f.header, 72, 16)),
     ("number of tiles", |f| put64(&mut f.header, 80, 0)),
     ("number of tiles", |f| put64(&mut f.header, 80, u64::MAX)),
-    ("entries of the table", |f| {
+    ("number of entries in the table", |f| {
         put32(&mut f.header, 72, 16);
         put32(&mut f.header, 76, 1);
         put64(&mut f.header, 80, 1);
     }),
     // Header and footer agree on more tiles than the file has bytes for: 2,888 columns of tiles of 8.
-    ("place of the table", |f| {
+    ("offset of the table", |f| {
         put32(&mut f.header, 56, 151);
         put64(&mut f.header, 64, 152 * 152);
         put32(&mut f.header, 76, 2888);
@@ -69,10 +69,10 @@ const LIES: &[Lie] = &[
     ("reserved bytes", |f| f.header[144] = 1),
     ("reserved bytes", |f| f.header[4063] = 1),
     ("footer (cut off?)", |f| f.footer[0] = b's'),
-    ("place of the table", |f| put64(&mut f.footer, 8, 0)),
-    ("place of the table", |f| put64(&mut f.footer, 8, u64::MAX)),
-    ("entries of the table", |f| put64(&mut f.footer, 16, 2)),
-    ("entries of the table", |f| put64(&mut f.footer, 16, u64::MAX)),
+    ("offset of the table", |f| put64(&mut f.footer, 8, 0)),
+    ("offset of the table", |f| put64(&mut f.footer, 8, u64::MAX)),
+    ("number of entries in the table", |f| put64(&mut f.footer, 16, 2)),
+    ("number of entries in the table", |f| put64(&mut f.footer, 16, u64::MAX)),
     ("length of the file", |f| put64(&mut f.footer, 24, 0)),
     ("reserved bytes of the footer", |f| f.footer[95] = 1),
     ("offset of a tile", |f| put64(&mut f.table, 0, 0)),

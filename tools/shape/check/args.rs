@@ -7,12 +7,12 @@ use spharm_cli::help::{self, INPUT, OUTPUT};
 
 use super::super::args::{Models, ReportArgs, Resources};
 
-/// Check the subjects of a group: outliers, duplicates, cut labels, and a picture of each
+/// Check the subjects of a group for outliers, duplicates and cut labels, and draw a picture of each
 ///
 /// Compares volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the
 /// modes by robust z, and flags values above 3.5. Also flags subjects with equal inputs, models or surfaces, labels at
-/// the border of their volume, voxels of another size, large repairs, and subjects that account for most of a mode. A
-/// flag isn't a verdict: look at the subject's picture.
+/// the border of their volume, voxels of a different size, large repairs, and subjects that account for most of a mode.
+/// A flag isn't a verdict: look at the subject's picture.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -22,8 +22,8 @@ use super::super::args::{Models, ReportArgs, Resources};
          --thumbnails thumbnails",
     ],
     &[
-        "Robust z is (value - median) / (1.4826 MAD), among five subjects or more. Small residuals and distances are not \
-         flagged.",
+        "Robust z is (value - median) / (1.4826 MAD), for groups of five subjects or more. Small residuals and \
+         distances are not flagged.",
     ],
 ))]
 pub(crate) struct Cli {
@@ -40,7 +40,7 @@ pub(crate) struct Cli {
     /// Scores along the group's modes, as `spharm shape pca --scores` writes them
     #[arg(long, value_name = "FILE.csv", help_heading = INPUT)]
     pub(super) scores: Option<PathBuf>,
-    /// Transforms from the surfaces' frames to the aligned models'
+    /// Transforms from the surfaces' frames to the aligned models' frames
     ///
     /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`, for the pictures.
     #[arg(long, value_name = "FILE.json", requires = "aligned", help_heading = INPUT)]
@@ -50,10 +50,10 @@ pub(crate) struct Cli {
     pub(super) warnings: Vec<PathBuf>,
     /// Table with the columns id, state and error, for the subjects without a model
     ///
-    /// A column `accepted` has the reasons why flags were accepted: such a subject is listed, but not flagged.
+    /// A column `accepted` gives the reason for accepting a subject's flags: such a subject is listed, but not flagged.
     #[arg(long, value_name = "FILE.tsv", help_heading = INPUT)]
     pub(super) status: Option<PathBuf>,
-    /// Table of the subjects to write, the worst first
+    /// Table to write, with a row for each subject, the worst first
     #[arg(short, long, value_name = "OUT.tsv", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Folder for a picture of each surface, coloured by its distance from the model

@@ -83,7 +83,7 @@ impl Inputs {
         let mut places = HashMap::new();
         for (at, name) in names.iter().enumerate() {
             if places.insert(name.as_str(), at).is_some() {
-                bail!("{}: another model is also named {name}; give one of them", models[at].display());
+                bail!("{}: another model has the same name, {name}; give only one of the two", models[at].display());
             }
         }
         let aligned = aligned.map(|paths| in_order(&names, paths)).transpose()?;
@@ -179,7 +179,7 @@ fn in_order(names: &[String], paths: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
     for path in paths {
         let name = model_name(&path);
         if let Some(other) = found.insert(name.clone(), path) {
-            bail!("--aligned: {}: another model is also named {name}", other.display());
+            bail!("--aligned: {}: another model has the same name, {name}", other.display());
         }
     }
     let one = |name: &String| found.remove(name).with_context(|| format!("--aligned: no model named {name}"));

@@ -25,14 +25,14 @@ const LACKING: f64 = 0.05;
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if same_place(&cli.output_dir.join("group.json"), &group.join("group.json")) {
-        return Err(Usage::conflict("--output-dir must differ from the folder of --to, which isn't changed").into());
+        return Err(Usage::conflict("--output-dir must differ from --to: the existing group isn't changed").into());
     }
     let files = GroupFiles::open(group)?;
     let template = files.template()?;
     let members = if template.refined { files.coefficients(REFERENCES)? } else { Vec::new() };
     let surfaces: Vec<&Surface> = cli.shard.unwrap_or_default().of(surfaces).collect();
     let mut params = CorrespondParams::up_to(template.mean.max_degree()).with_refinement(None);
-    (params.pose.scale, params.pose.mirror) = (cli.scale, cli.mirror);
+    params.pose = cli.poses();
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, Some(members.len()), cli.resources.both())?;
     template.begin_folder(&cli.output_dir)?;
@@ -94,11 +94,11 @@ fn added(
         && let Some(origin) = GroupFiles::origin(&cli.output_dir, &name)?
     {
         if !origin.input.is_some_and(|found| found.same_contents(&input)) {
-            bail!("the existing {name} was made from another file; choose another folder or give --force");
+            bail!("the existing member {name} was made from another file; choose another folder or give --force");
         }
         if origin.mirrored != surface.mirrored {
             let with = if origin.mirrored { "with" } else { "without" };
-            bail!("the existing {name} was made {with} --mirrored; choose another folder or give --force");
+            bail!("the existing member {name} was made {with} --mirrored; choose another folder or give --force");
         }
         return Ok(None);
     }
@@ -136,7 +136,8 @@ fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
     let share = found.without_counterpart as f64 / directions.max(1) as f64;
     if share > LACKING {
         warnings.push(format!(
-            "{:.1} % of the corresponding points have no counterpart on this surface: their positions are guesses",
+            "{:.1} % of the group's points have no counterpart on this surface; the positions of these points are \
+             guesses",
             100.0 * share
         ));
     }

@@ -48,7 +48,7 @@ impl Errors {
         let of_guide = self.guide.as_ref().map_or_else(String::new, |guide| {
             let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
             let (guided, left_out) = (mean(&guide.guided), mean(&guide.left_out));
-            format!("; mean error of guiding landmarks: {guided:.3}, or {left_out:.3} if excluded from guiding")
+            format!("; mean error of the guiding landmarks: {guided:.3}, or {left_out:.3} if they don't guide")
         });
         format!(
             "landmark error: mean {mean:.3}, median {median:.3} over {carried} carried landmarks, {unreached} without a \
@@ -70,11 +70,13 @@ pub(super) fn read(named: &[PathBuf], surfaces: &[Surface]) -> Result<Option<Mar
 /// landmarks are then also the template's.
 pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[PathBuf]) -> Result<GuideLandmarks> {
     let Some(marks) = marks else {
-        return Err(Usage::missing("--guide needs landmarks: give --landmarks, or a column of the table").into());
+        return Err(
+            Usage::missing("--guide needs landmarks: give --landmarks, or a column `landmarks` in the table").into()
+        );
     };
     let of_template = |file: &Path| match paths.iter().position(|path| same_place(path, file)) {
         Some(index) => Ok(marks.points[index].clone()),
-        None => bail!("{}: with --guide the template has to be one of the surfaces", file.display()),
+        None => bail!("{}: with --guide, the template must be one of the surfaces", file.display()),
     };
     Ok(GuideLandmarks { members: marks.points.clone(), template: template.map(of_template).transpose()? })
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Result};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde_json::{Value, json};
 use spharm::correspond::{
     CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, Resume, Signals, correspond,
@@ -28,18 +28,19 @@ use spharm_cli::surfaces::refuse_for_mesh;
 use spharm_cli::volumes::VolumeArgs;
 use spharm_cohort::Shard;
 use spharm_monitor::number;
+use spharm_surface::pose::{PoseParams, PoseSearch};
 
 use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces};
 use super::args::{ReportArgs, Resources};
 use super::mirrored::among;
 use super::outputs::finish;
 
-/// Make surfaces correspond: models of all of them over one sphere, from bare meshes
+/// Make surfaces correspond: fit models of all surfaces over one sphere, from bare meshes
 ///
-/// One template is mapped to the sphere, and registered in space to every surface, whatever its topology: surfaces may
-/// have handles, holes and stray pieces, and need no common pose. All surfaces are fitted over the template's sphere,
-/// in one frame, and the group's own statistics refine the correspondence. With --to, each surface is added to an
-/// existing group, which isn't changed.
+/// One template is mapped to the sphere, and registered in space to every surface. Surfaces may have any topology, with
+/// handles, holes and stray pieces, and need no common pose. All surfaces are fitted over the template's sphere, in one
+/// frame, and the group's own statistics refine the correspondence. With --to, surfaces are added to an existing group:
+/// the new members are written to the output folder, and the folder of the group isn't changed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -54,23 +55,24 @@ use super::outputs::finish;
     &[
         help::MESHES,
         help::VOLUMES,
-        "The folder has a model of each surface and the mean in the group's frame, places/ with the corresponding positions, \
-         members/ with each member's transform and coverage, and group.json.",
+        "The output folder gets a model of each surface and the mean, all in the group's frame; places/ with the \
+         corresponding positions; members/ with each member's transform and coverage; and group.json.",
     ],
 ))]
 pub(super) struct Cli {
     /// Meshes, label volumes, or models to evaluate, or @LIST with one path per line
     #[arg(value_name = "SURFACE", required_unless_present = "table", help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
-    /// Table of the surfaces: columns id and surface, optionally label, landmarks, mirrored and signals
+    /// Table of the surfaces, with columns id and surface, and optionally label, landmarks, mirrored and signals
     ///
-    /// TSV, or CSV by its name; paths are relative to the table. Members are named by the ids. The column `mirrored`,
-    /// yes or no, takes the place of --mirrored.
+    /// TSV, or CSV if its name ends in .csv; paths are relative to the table. Members are named by their ids. The
+    /// column `mirrored` (yes or no) replaces --mirrored.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks", "mirrored"], help_heading = INPUT)]
     table: Option<PathBuf>,
-    /// Label of the volumes; only needed if a volume has several
+    /// Label of the volumes; only needed if a volume has several labels
     ///
-    /// A label's surface is smoothed within half a voxel, because the template would follow the steps of the voxels.
+    /// A label's surface is smoothed within half a voxel, because otherwise the template would follow the steps between
+    /// voxels.
     #[arg(long, value_name = "N", conflicts_with = "table", help_heading = INPUT)]
     label: Option<i64>,
     #[command(flatten, next_help_heading = INPUT)]
@@ -79,49 +81,56 @@ pub(super) struct Cli {
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     #[arg(value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_degree: Option<u16>,
-    /// Surface to begin with [default: the most typical one]
+    /// Surface to use as the first template [default: the most typical surface]
     ///
     /// The template's holes are filled and its handles are cut. Quality measures and tests skip the places that exist
     /// only because of these repairs.
     #[arg(long, value_name = "FILE", conflicts_with = "to", help_heading = INPUT)]
     template: Option<PathBuf>,
-    /// Add the surfaces to this group, which isn't changed
+    /// Existing group to which the surfaces are added; the group's own folder isn't changed
     #[arg(long, value_name = "GROUP", conflicts_with_all = ["max_degree", "rounds", "no_refinement", "subdivisions"], help_heading = INPUT)]
     to: Option<PathBuf>,
-    /// With --to, process only one part of the surfaces: I/N, every N-th surface from number I, counted from 0; or
-    /// slurm
+    /// With --to, process only a part of the surfaces: I/N for every N-th surface from number I, counted from 0; or
+    /// slurm, in an array of Slurm jobs
     #[arg(long, value_name = "I/N", help_heading = INPUT)]
     shard: Option<Shard>,
     /// Landmarks of the surfaces, in their own frames, to check the correspondence
     ///
-    /// A folder with one file per surface and of the same name, or one file per surface, in the surfaces' order:
-    /// .mrk.json, .fcsv, .json, .csv or .tsv.
+    /// A folder with one file per surface, named like the surface; or one file per surface, in the surfaces' order. The
+    /// files are .mrk.json, .fcsv, .json, .csv or .tsv.
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "to", help_heading = INPUT)]
     landmarks: Vec<PathBuf>,
     /// Also let the landmarks guide the registration
     ///
-    /// The template's landmarks are drawn to each surface's landmarks, and held there in the refinement. Five more
-    /// registrations, each of which omits a fifth of the landmarks, measure the error at landmarks that don't guide. A
-    /// template given by --template has to be one of the surfaces.
+    /// The template's landmarks are pulled to each surface's landmarks, and held there in the refinement. Five more
+    /// registrations, each without a fifth of the landmarks, measure the error at landmarks that don't guide. A
+    /// template given by --template must be one of the surfaces.
     #[arg(long, conflicts_with = "to", help_heading = METHOD)]
     guide: bool,
-    /// Signals on the surfaces, such as thickness, to match in the refinement, with a weight [default: 0.1]
+    /// Signals on the surfaces, such as thickness, to match in the refinement [default weight: 0.1]
     ///
-    /// SIGNAL is a column of the table, or the name of a file in each surface's folder, in which {stem} is the
-    /// surface's name without its format. One standard deviation of the signal weighs as much as a distance of WEIGHT
-    /// times the square root of the area; normals have weight 0.12.
+    /// SIGNAL is a column of the table, or the name of a file in each surface's folder; in this name, {stem} stands for
+    /// the surface's name without its format. One standard deviation of the signal weighs as much as a distance of
+    /// WEIGHT times the square root of the surface's area; normals have weight 0.12.
     #[arg(long, value_name = "SIGNAL[:WEIGHT]", num_args = 1.., conflicts_with_all = ["to", "no_refinement"], help_heading = METHOD)]
     with: Vec<With>,
     /// Rounds of registration; from the second round on, the group's mean is the template
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=10), help_heading = METHOD)]
     rounds: u8,
-    /// Subdivisions of the icosphere whose directions are registered [default: 4; 5 above degree 15, 6 above 40]
+    /// Subdivisions of the icosphere whose directions are registered [default: 4; 5 above degree 15; 6 above degree 40]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=8), help_heading = METHOD)]
     subdivisions: Option<u32>,
     /// Skip the refinement by the group's statistics
     #[arg(long, help_heading = METHOD)]
     no_refinement: bool,
-    /// Scale surfaces to one size
+    /// Poses to consider
+    ///
+    /// With `any`, every rotation of a surface is tried. A surface that looks nearly the same after a half turn may
+    /// then be turned over. With `near`, only the surface's own pose is improved; use it for surfaces in one
+    /// coordinate system, such as scans in template space.
+    #[arg(long, value_name = "POSE", value_enum, default_value_t = Poses::Any, help_heading = METHOD)]
+    pose: Poses,
+    /// Scale surfaces to a common size
     #[arg(long, help_heading = METHOD)]
     scale: bool,
     /// Also match mirror images
@@ -148,6 +157,26 @@ pub(super) struct Cli {
     report: ReportArgs,
     #[command(flatten)]
     resources: Resources,
+}
+
+/// Poses of surfaces that are considered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Poses {
+    /// All rotations
+    Any,
+    /// The surfaces' own poses, improved
+    Near,
+}
+
+impl Cli {
+    /// Returns the settings for computing poses.
+    fn poses(&self) -> PoseParams {
+        let search = match self.pose {
+            Poses::Any => PoseSearch::Any,
+            Poses::Near => PoseSearch::Near,
+        };
+        PoseParams { search, scale: self.scale, mirror: self.mirror, ..PoseParams::default() }
+    }
 }
 
 /// Runs the subcommand.
@@ -179,7 +208,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let Some(max_degree) = cli.max_degree.map(usize::from) else {
-        return Err(Usage::missing("--max-degree is needed without --to").into());
+        return Err(Usage::missing("--max-degree is required unless --to is given").into());
     };
     // clap doesn't require --to if an argument that conflicts with --to is given.
     if cli.shard.is_some() {
@@ -205,7 +234,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
         let (weights, of) = (cli.with.iter().map(|with| with.weight).collect(), Arc::clone(surfaces));
         params.signals = Some(Signals { weights, read: Arc::new(move |index| of[index].read_signals()) });
     }
-    (params.pose.scale, params.pose.mirror) = (cli.scale, cli.mirror);
+    params.pose = cli.poses();
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, None, cli.resources.both())?;
     let marks = marks::read(landmarks, surfaces)?;
@@ -278,7 +307,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
             curve.values.iter().map(|value| number(*value)).collect::<Vec<_>>().join(", ")
         };
         let (general, specific) = (line(&found.generalisation), line(&found.specificity));
-        console.note(format!("generalisation {general}; specificity {specific} (1, 2, 3 modes)"));
+        console.note(format!("with 1, 2 and 3 modes: generalisation {general}; specificity {specific}"));
     }
     if let Some(marks) = &marks {
         console.note(marks.line());

@@ -13,10 +13,10 @@ pub(crate) const SUBDIVISIONS: u32 = 5;
 
 /// Test groups, covariates and means at every vertex
 ///
-/// Compares two groups of models, --a and --b, or tests a table of subjects with an --effect or --mean and
+/// Compares two groups of models, --a and --b, or tests an --effect or the --mean of a table of subjects, with
 /// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
-/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the
-/// differences; for rows that depend on each other in other ways give --blocks.
+/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences;
+/// for rows that depend on each other in other ways, give --blocks.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -34,11 +34,13 @@ pub(crate) const SUBDIVISIONS: u32 = 5;
         "spharm shape test --table study.csv --effect group --covariates age --variance-groups group -o test",
     ],
     &[
-        "The folder gets mean.surf.gii and, as NAME.shape.gii, statistic, p, q (false-discovery rate), p-fwe (family-wise), \
-         p-permutation (by relabelling, uncorrected), effect, its margin of confidence, and size; with --tfce also tfce and p-tfce, with --cluster also \
-         cluster (numbers) and p-cluster, and clusters.csv; with --measures summary.csv; all maps in test.csv, and in test.json what was tested.",
-        "A table has a column `model` with paths relative to it, or a column `id` and --models, and a column for each variable: \
-         numbers, or levels; --categorical takes numbers as levels.",
+        "The output folder gets mean.surf.gii and the maps NAME.shape.gii: statistic, p, q (false-discovery rate), \
+         p-fwe (family-wise), p-permutation (by relabelling, uncorrected), effect, margin (of the effect's confidence \
+         interval) and size. --tfce adds the maps tfce and p-tfce; --cluster adds the maps cluster (numbers) and \
+         p-cluster, and clusters.csv; --measures adds summary.csv. test.csv has all maps, and test.json describes the \
+         test.",
+        "The table has a column `model` with paths relative to the table, or a column `id` if --models is given. Each \
+         variable has a column, of numbers or of levels; --categorical treats numbers as levels.",
     ],
 ))]
 pub(crate) struct Cli {
@@ -57,35 +59,36 @@ pub(crate) struct Cli {
     /// Column of the table with the models' paths
     #[arg(long, value_name = "COLUMN", default_value = "model", help_heading = INPUT)]
     pub(super) model_column: String,
-    /// Folder of the models, named by the table's column `id`: ID.spharm.npz
+    /// Folder of the models, whose files are named by the table's column `id`: ID.spharm.npz
     #[arg(long, value_name = "DIR", requires = "table", conflicts_with = "model_column", help_heading = INPUT)]
     pub(super) models: Option<PathBuf>,
-    /// Test differences: each model minus the subject's other model, named by this column of the table or, with
-    /// --models, in this folder
+    /// Test differences, each model minus the subject's other model: give the column of the table with the other models
+    /// or, with --models, the folder of the other models
     #[arg(long, value_name = "COLUMN|DIR", requires = "table", help_heading = INPUT)]
     pub(super) minus: Option<PathBuf>,
-    /// Column of the table to test: the slope of a column of numbers, or the difference between levels; or the
-    /// interaction of two columns, such as group:age
+    /// Column of the table to test (the slope if it has numbers, the difference between levels if it has levels), or
+    /// the interaction of two columns, such as group:age
     ///
     /// An interaction of levels and numbers is the difference of the slopes within the levels; an interaction of two
     /// columns of levels is the difference of the differences.
     #[arg(long, value_name = "COLUMN", requires = "table", help_heading = METHOD)]
     pub(super) effect: Option<String>,
-    /// Test whether the mean is zero: of differences (--minus), or of a signal's values
+    /// Test whether the mean of differences (--minus), or of a signal's values, is zero
     #[arg(long, requires = "table", conflicts_with = "effect", help_heading = METHOD)]
     pub(super) mean: bool,
-    /// Order of the effect's levels, which may be numbers: the difference is the first minus the second [default:
+    /// Order of the effect's levels, which may be numbers: the difference is the first level minus the second [default:
     /// sorted]
     ///
     /// For an interaction, the order of the first column of levels.
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
-    /// Contrast to test instead of the effect's own: a combination of the design's columns, such as "mild - control";
-    /// if given several times, the test is whether any contrast differs from zero (F)
+    /// Contrast to test instead of the effect's own contrast: a combination of the design's columns, such as "mild -
+    /// control"; if given several times, the test is whether any contrast differs from zero (F)
     ///
-    /// The columns are the effect's levels (for an interaction LEVEL:NUMBERS or LEVEL:LEVEL), a column of numbers by
-    /// its name, NAME LEVEL for each level except the first of a covariate, and products of these, a:b. test.json lists
-    /// them. Weights are numbers or fractions: "severe - 1/2 mild - 1/2 control"; spaces separate signs from names.
+    /// The design's columns are named LEVEL for the effect's levels (for an interaction LEVEL:NUMBERS or LEVEL:LEVEL),
+    /// NAME for a column of numbers, NAME LEVEL for each level of a covariate except the first, and a:b for products of
+    /// these. test.json lists the columns. Weights are numbers or fractions: "severe - 1/2 mild - 1/2 control"; spaces
+    /// separate signs from names.
     #[arg(long, value_name = "CONTRAST", requires = "effect", allow_hyphen_values = true, help_heading = METHOD)]
     pub(super) contrast: Vec<String>,
     /// Columns of the table to account for, and their interactions, such as age,sex,age:sex
@@ -94,20 +97,21 @@ pub(crate) struct Cli {
     /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
-    /// File that selects the vertices to test: those with nonzero values, or those of a FreeSurfer label; if given
+    /// File that selects the vertices to test: the vertices with nonzero values, or of a FreeSurfer label; if given
     /// several times, the vertices within all masks are tested
     ///
-    /// Masked vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their statistic
-    /// is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg, fsaverage/label/lh.cortex.label
-    /// masks the medial wall. The folder of a group made by `spharm shape correspond`, or its group.json, masks the
-    /// places that exist only on the template, such as lids of its holes.
+    /// The other vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their
+    /// statistic is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg,
+    /// fsaverage/label/lh.cortex.label excludes the medial wall. The folder of a group made by `spharm shape
+    /// correspond`, or its group.json, excludes the places that exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Vec<PathBuf>,
-    /// File of regions that name the peaks of clusters: FreeSurfer's .annot, or GIfTI labels of the sphere's vertices
+    /// File of regions whose names describe the peaks of clusters: FreeSurfer's .annot, or GIfTI labels of the sphere's
+    /// vertices
     #[arg(long, value_name = "FILE", requires = "sphere", help_heading = INPUT)]
     pub(super) annotation: Option<PathBuf>,
     /// Tables of further measures to test in the same way, as `spharm shape measure -o` and `shape pca --scores` write
-    /// them: all columns of numbers, or the named ones; the first column has the models' names
+    /// them: all columns of numbers, or the named columns; the first column has the models' names
     ///
     /// summary.csv has the numbers of subjects, means, standard deviations, effects with confidence intervals, p
     /// values, and q and family-wise p values over all measures. With --paired and --minus, the differences are
@@ -119,7 +123,7 @@ pub(crate) struct Cli {
     pub(super) signal: What,
     /// With --signal value, the model of a surface on which the results are shown, such as the group's mean
     ///
-    /// The surface's areas are used by --tfce and --cluster; otherwise the areas of the sphere are. The surface must
+    /// --tfce and --cluster use the areas of this surface or, if no surface is given, of the sphere. The surface must
     /// correspond to the signals.
     #[arg(long, value_name = "MODEL", help_heading = INPUT)]
     pub(super) surface: Option<PathBuf>,
@@ -129,12 +133,12 @@ pub(crate) struct Cli {
     /// Column of the table in which equal values mark rows that depend on each other, such as visits of a subject or
     /// members of a family: relabellings stay within these blocks
     ///
-    /// With an effect within blocks and the blocks as a categorical covariate, this is the paired test or the test of
-    /// repeated measurements.
+    /// With an effect within blocks and the blocks as a categorical covariate, the test is the paired test or the test
+    /// of repeated measurements.
     #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "minus", help_heading = METHOD)]
     pub(super) blocks: Option<String>,
-    /// Exchange whole blocks of the same size, with the order of their observations, rather than observations within
-    /// blocks
+    /// Exchange whole blocks of the same size, keeping the order of observations in each block, rather than
+    /// observations within blocks
     #[arg(long, requires = "blocks", help_heading = METHOD)]
     pub(super) whole_blocks: bool,
     /// Column of the table whose levels may differ in variance: the statistic is Aspin and Welch's v, or G for more
@@ -162,7 +166,7 @@ pub(crate) struct Cli {
     /// Significance level, for the summary and warnings
     #[arg(long, value_name = "ALPHA", default_value_t = 0.05, help_heading = METHOD)]
     pub(super) level: f64,
-    /// Highest degree to use [default: the lowest of the models']
+    /// Highest degree to use [default: the lowest degree of the models]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Test at the vertices of a sphere mesh

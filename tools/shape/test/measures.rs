@@ -49,7 +49,7 @@ impl Measures {
         }
         found.columns.retain(|column| column.named || column.values.iter().any(|value| *value != column.values[0]));
         if found.columns.is_empty() {
-            bail!("--measures: expected columns of numbers that vary, found none");
+            bail!("--measures: expected a column of numbers that differ between subjects, found none");
         }
         let (rows, columns) = (count, found.columns.len());
         let values = Array2::from_shape_fn((rows, columns), |(row, column)| found.columns[column].values[row]);

@@ -69,18 +69,21 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     let spatial = cli.tfce || cli.cluster.is_some();
     if cli.permutations == 0 && (spatial || cli.blocks.is_some() || cli.errors.is_some()) {
-        let text = "--blocks, --errors, --tfce and --cluster need relabellings: --permutations 1 or more";
+        let text = "--blocks, --errors, --tfce and --cluster need relabellings: give --permutations 1 or more";
         return Err(Usage::conflict(text).into());
     }
     if cli.surface.is_some() && cli.signal != What::Value {
-        return Err(Usage::conflict("--surface needs --signal value; surfaces are shown on their own mean").into());
+        return Err(Usage::conflict(
+            "--surface needs --signal value; results for surfaces are shown on the surfaces' own mean",
+        )
+        .into());
     }
     let shown_on = match &cli.surface {
         Some(path) => {
             plan.budget.check_inputs("shape test", [path.as_path()])?;
             let model = Model::read(path)?;
             if model.kind() != Kind::Surface {
-                bail!("{}: expected a model of a surface for --surface, found one of a signal", path.display());
+                bail!("{}: expected a model of a surface for --surface, found a model of a signal", path.display());
             }
             Some(model)
         }
@@ -106,7 +109,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         .then(|| Measures::of(&study, &cli.measures, &|text| console.warn(text)))
         .transpose()?;
     let sampling = masks::sampling(cli.sphere.as_deref(), cli.icosphere);
-    let masks = Masks::read(&cli.mask, &sphere, &sampling, "give the mask's own sphere by --sphere")?;
+    let masks = Masks::read(&cli.mask, &sphere, &sampling, "give the mask's own sphere with --sphere")?;
     let mask = &masks.kept;
     let permutations = PermutationParams { count: cli.permutations, seed: cli.seed, ..PermutationParams::default() };
     let mut params = TestParams {
@@ -119,9 +122,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         ..TestParams::default()
     };
     if spatial && sphere.faces.is_empty() {
-        return Err(
-            Usage::conflict("--tfce and --cluster need the triangles of the sampling: give a sphere mesh").into()
-        );
+        return Err(Usage::conflict("--tfce and --cluster need a sphere with triangles: give a sphere mesh").into());
     }
     let (group, mut mean, found, measured) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&study.paths, kind, cli.max_degree, monitor, console)?;
@@ -218,10 +219,10 @@ fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<&'static str> {
 fn advised(warning: &TestWarning, positions: bool) -> String {
     match warning {
         TestWarning::UnequalVariances { covariates: false, .. } => {
-            format!("{warning} (Welch's test: --welch, or welch = true in a study)")
+            format!("{warning} (give --welch, or welch = true in a study)")
         }
         TestWarning::UnequalVariances { covariates: true, .. } if !positions => {
-            format!("{warning} (with covariates: --variance-groups, or variance_groups in a study)")
+            format!("{warning} (with covariates, give --variance-groups, or variance_groups in a study)")
         }
         _ => warning.to_string(),
     }

@@ -48,7 +48,7 @@ impl Cli {
         distinct(&a, &b)?;
         let (question, of) = if self.paired {
             if a.len() != b.len() {
-                bail!("--paired: expected as many models in --b as in --a, {}, found {}", a.len(), b.len());
+                bail!("--paired: expected {} models in --b, as in --a, found {}", a.len(), b.len());
             }
             let question = mean_question(a.len(), &[])?;
             (Question { meaning: "mean of a - b".to_owned(), ..question }, "mean")
@@ -72,8 +72,8 @@ impl Cli {
     fn study_of_table(&self, path: &Path) -> Result<Study> {
         if self.mean && self.minus.is_none() && self.signal != What::Value {
             return Err(Usage::missing(
-                "--mean of surfaces needs --minus, each subject's other model: relative to the mean of the group, the \
-                 mean displacement is always zero; to test the values of a signal, give --signal value",
+                "--mean of surfaces needs --minus, each subject's other model, because the mean displacement from the \
+                 group's mean is always zero; to test the values of a signal, give --signal value",
             )
             .into());
         }
@@ -95,17 +95,17 @@ impl Cli {
         };
         if let Some(name) = asked.unused() {
             return Err(Usage::conflict(format!(
-                "--categorical {name}: this column is neither in the --effect nor in the --covariates"
+                "--categorical {name}: this column is neither in --effect nor in --covariates"
             ))
             .into());
         }
         if self.effect.is_none() && !self.mean {
-            return Err(Usage::missing("--effect names the column of --table to test, or --mean").into());
+            return Err(Usage::missing("give --effect, the column of --table to test, or give --mean").into());
         }
         let question = asked.question(&table);
         let question = match question.as_ref().map_err(|error| error.downcast_ref()) {
             Err(Some(ShapeError::MeanOfDisplacements { .. })) => {
-                question.context("--minus names each subject's other model, whose differences can have a mean")
+                question.context("to test the mean of differences, give each subject's other model with --minus")
             }
             _ => question,
         };
@@ -146,7 +146,8 @@ impl Cli {
         if !table.has(&self.model_column) && table.has("id") {
             let (table, column) = (path.display(), &self.model_column);
             bail!(
-                "{table}: no column {column:?}; give the folder of models named by the column \"id\" with --models DIR"
+                "{table}: no column {column:?}; if the column \"id\" has the models' names, give their folder as \
+                 --models DIR"
             );
         }
         table.paths(&self.model_column)
@@ -174,8 +175,8 @@ impl Study {
                 String::new()
             };
             format!(
-                "{column}: the numbers {} are treated as quantities, with one slope; {sign}--categorical {column} treats \
-                 them as levels",
+                "{column}: the numbers {} are treated as quantities, with one slope; {sign}to treat them as levels, \
+                 give --categorical {column}",
                 values.join(", ")
             )
         };

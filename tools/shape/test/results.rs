@@ -228,13 +228,13 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     };
     let count = |values: &[f64]| {
         let share = below(values, cli.level);
-        format!("{}; {share} of {} vertices at most {}", number(least(values)), values.len(), cli.level)
+        format!("{}; {share} of {} vertices have at most {}", number(least(values)), values.len(), cli.level)
     };
     let mut lines = vec![
         pair("tested", question.meaning.clone()),
         pair("accounted for", if covariates.is_empty() { "nothing".to_owned() } else { covariates.join(", ") }),
         pair("subjects", question.design.subjects().to_string()),
-        pair(&format!("largest {name}"), format!("{}, {freedom} degrees of freedom", number(largest))),
+        pair(&format!("largest {name}"), format!("{} with {freedom} degrees of freedom", number(largest))),
         pair("least p", count(&found.p)),
         pair("least q", count(&found.q)),
     ];

@@ -144,7 +144,7 @@ impl fmt::Display for Flag {
                 write!(f, "{} {} (median {}, robust z {z:.1}", measure.name(), number(*value), number(*median))?;
                 match unit_factor(*measure, *value / *median) {
                     Some(factor) => {
-                        write!(f, "; the lengths may be in another unit: about {factor} those of the others)")
+                        write!(f, "; the lengths may be in another unit: about {factor} the lengths of the others)")
                     }
                     None => f.write_str(")"),
                 }
@@ -153,14 +153,15 @@ impl fmt::Display for Flag {
             Self::MakesMode { mode, share } => {
                 write!(
                     f,
-                    "mode {mode} is mostly due to this subject (without it, the variance along the mode falls by "
+                    "mode {mode} is mostly due to this subject (without the subject, the variance along the mode falls \
+                     by "
                 )?;
                 write!(f, "{:.1} %)", 100.0 * share)
             }
             Self::SameInput(others) => write!(f, "same input as {others}"),
             Self::SameModel(others) => write!(f, "same model as {others}"),
             Self::SameSurface(others) => write!(f, "same surface as {others}"),
-            Self::AtBorder => f.write_str("touches the border of the volume, may be cut off"),
+            Self::AtBorder => f.write_str("touches the border of the volume and may be cut off"),
             Self::VoxelSize { found, usual } => {
                 write!(f, "voxel size {} mm, but {} mm for most subjects", edges(*found), edges(*usual))
             }

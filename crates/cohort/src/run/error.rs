@@ -59,7 +59,7 @@ pub enum RunError {
         mask: PathBuf,
     },
     /// The weights given in the table aren't an existing file.
-    #[error("column weights: expected uniform, area or a file, found {}: no such file", .path.display())]
+    #[error("column weights: expected uniform, area or an existing file, found {}", .path.display())]
     NoWeights {
         /// The cell of the table, interpreted as a path.
         path: PathBuf,

@@ -132,8 +132,8 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
         if least < low - width || most > high + width {
             return Ok(Some(format!(
                 "{name}: the model ranges from {least:.4} to {most:.4} at excluded vertices, but only from {low:.4} to \
-                 {high:.4} at the others, because the data don't determine it there; this affects means, modes and \
-                 maps of whole models: lower the degree or set a smoothness"
+                 {high:.4} at the others, because the data don't determine the model there; this affects means, modes \
+                 and maps of whole models: lower the degree or set a smoothness"
             )));
         }
     }

@@ -31,7 +31,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw>
     let fvec = fvec.ok_or_else(|| Flaw::new("a matrix `fvec`", "none"))?;
     let complex = fvec.to_array(Complex64::new);
     let coefficients = Coefficients::from_complex(&complex)
-        .map_err(|_| Flaw::new("fvec of (L + 1)^2 rows", format!("{} rows", fvec.rows)))?;
+        .map_err(|_| Flaw::new("fvec with (L + 1)^2 rows", format!("{} rows", fvec.rows)))?;
     let sphere = sph_verts.map(|directions| sphere(&directions, faces.as_ref())).transpose()?;
     Ok((coefficients, sphere))
 }
@@ -39,7 +39,7 @@ pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw>
 fn sphere(vertices: &Matrix, faces: Option<&Matrix>) -> Result<Sphere, Flaw> {
     let three = |name: &str, found: &Matrix| match found.columns {
         3 => Ok(()),
-        columns => Err(Flaw::new(format!("{name} of 3 columns"), columns)),
+        columns => Err(Flaw::new(format!("{name} with 3 columns"), columns)),
     };
     three("sph_verts", vertices)?;
     let vectors: Vec<[f64; 3]> = (0..vertices.rows).map(|row| [0, 1, 2].map(|axis| vertices.real(row, axis))).collect();

@@ -70,7 +70,7 @@ impl Order {
             small => (tag & 0xffff, small as usize, 4),
         };
         if from == 4 && length > 4 {
-            return Err(Flaw::new("an element of at most four bytes with its tag", length));
+            return Err(Flaw::new("a small element of at most four bytes", length));
         }
         let found = bytes.get(from..).and_then(|rest| rest.get(..length));
         let found = found.ok_or_else(|| {
@@ -93,12 +93,12 @@ impl Order {
 pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result<[Option<Matrix>; N], Flaw> {
     let head = bytes.get(..128).ok_or_else(|| Flaw::new("a header of 128 bytes", format!("{} bytes", bytes.len())))?;
     if head.starts_with(b"MATLAB 7.3") {
-        return Err(Flaw::new("level 5, as MATLAB's save -v7 writes it", "level 7.3"));
+        return Err(Flaw::new("a MAT file of level 5, as written by MATLAB's save -v7", "level 7.3"));
     }
     let order = match head.get(126..) {
         Some(b"IM") => Order { big: false },
         Some(b"MI") => Order { big: true },
-        _ => return Err(Flaw::new("the mark of the byte order, at byte 126", "none")),
+        _ => return Err(Flaw::new("a byte-order mark at byte 126", "none")),
     };
     let mut rest = bytes.get(128..).unwrap_or_default();
     let mut found = [const { None }; N];

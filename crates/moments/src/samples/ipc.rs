@@ -45,7 +45,9 @@ pub(super) fn contents(file: &File, bytes: u64) -> Result<Contents, String> {
     let tail_at = bytes.checked_sub(TAIL as u64).ok_or("the end of the file")?;
     let tail: [u8; TAIL] = read(&mut input, tail_at, TAIL)?.try_into().map_err(|_| "the end of the file")?;
     let length = read_footer_length(tail).map_err(|error| error.to_string())?;
-    let at = tail_at.checked_sub(length as u64).ok_or_else(|| format!("a footer of {length} bytes"))?;
+    let at = tail_at
+        .checked_sub(length as u64)
+        .ok_or_else(|| format!("a footer of {length} bytes, longer than the file"))?;
     let footer = read(&mut input, at, length)?;
     let footer = root_as_footer(&footer).map_err(|error| error.to_string())?;
     let schema = footer.schema().ok_or("a footer without columns")?;
@@ -116,7 +118,7 @@ fn check_block(input: &mut BufReader<&File>, place: &Place) -> Result<u64, Strin
         // most one number per row.
         let plausible = most_expanded(length).max(rows.saturating_mul(8).saturating_add(PADDING));
         if expanded > plausible.min(length.saturating_mul(MOST_PER_BYTE)) {
-            return Err(format!("a buffer that expands from {length} to {expanded} bytes, for {rows} rows"));
+            return Err(format!("a buffer that expands from {length} to {expanded} bytes, too many for {rows} rows"));
         }
         all = all.saturating_add(expanded);
     }

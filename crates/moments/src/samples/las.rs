@@ -41,10 +41,13 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
         found,
     };
     let mut input = BufReader::with_capacity(BUFFER, file);
-    let header = Header::read_from(&mut input).map_err(|e| malformed("a header of LAS".to_owned(), e.to_string()))?;
+    let header = Header::read_from(&mut input).map_err(|e| malformed("a LAS header".to_owned(), e.to_string()))?;
     let row = header.point_data_record_length;
     if header.point_data_record_format & COMPRESSED != 0 {
-        return Err(malformed("points that aren't compressed".to_owned(), "LAZ; decompress it first".to_owned()));
+        return Err(malformed(
+            "uncompressed points".to_owned(),
+            "compressed points (LAZ); decompress the file first".to_owned(),
+        ));
     }
     if row < LEAST {
         return Err(malformed(format!("points of at least {LEAST} bytes"), format!("{row} bytes")));
@@ -54,8 +57,8 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let first = u64::from(header.offset_to_point_data);
     let least = points.checked_mul(row.into()).and_then(|values| values.checked_add(first));
     if least.is_none_or(|least| least > bytes) {
-        let expected = format!("{points} points of {row} bytes after {first} bytes, per the header");
-        return Err(malformed(expected, format!("{bytes} bytes in all")));
+        let expected = format!("{points} points of {row} bytes after {first} bytes, according to the header");
+        return Err(malformed(expected, format!("{bytes} bytes in total")));
     }
     let rows = shard.range(points);
     input.seek(SeekFrom::Start(first + rows.start * u64::from(row))).map_err(MomentsError::io(path, "read"))?;

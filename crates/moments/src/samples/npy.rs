@@ -50,9 +50,11 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     let header = read_header(path, &mut input)?;
     let expected = header.bytes().and_then(|values| values.checked_add(header.length));
     if expected != Some(bytes) {
-        let expected =
-            format!("{} rows of {} bytes after {} bytes, per the header", header.rows, header.row, header.length);
-        return Err(malformed(path, expected, format!("{bytes} bytes in all")));
+        let expected = format!(
+            "{} rows of {} bytes after {} bytes, according to the header",
+            header.rows, header.row, header.length
+        );
+        return Err(malformed(path, expected, format!("{bytes} bytes in total")));
     }
     let rows = shard.range(header.rows);
     let starts: Vec<(u64, usize, Vec<Field>)> = if header.fortran {

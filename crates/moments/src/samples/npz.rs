@@ -54,7 +54,7 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Records, u6
         let before = shard.range(header.rows).start * header.row as u64;
         let skipped = io::copy(&mut input.by_ref().take(before), &mut io::sink());
         if skipped.map_err(MomentsError::io(path, "read"))? != before {
-            return Err(malformed("as many rows as the header states", format!("fewer rows of {}", entry.name)));
+            return Err(malformed("as many rows as the header states", format!("fewer rows in {}", entry.name)));
         }
         streams.push(Stream { input, row: header.row, fields: header.fields });
     }

@@ -32,7 +32,7 @@ pub(super) fn check(file: &File, metadata: &ParquetMetaData, columns: &[usize]) 
     let bytes = file.metadata().map_err(|error| error.to_string())?.len();
     let schema = metadata.file_metadata().schema_descr();
     for group in metadata.row_groups() {
-        let rows = u64::try_from(group.num_rows()).map_err(|_| "a group with a negative number of rows")?;
+        let rows = u64::try_from(group.num_rows()).map_err(|_| "a row group with a negative number of rows")?;
         let mut all = 0_u64;
         for (leaf, column) in (0..schema.num_columns()).zip(group.columns()) {
             if columns.contains(&schema.get_column_root_idx(leaf)) {
@@ -65,17 +65,18 @@ fn check_column(file: &File, bytes: u64, column: &ColumnChunkMetaData, rows: u64
         // A page of equal numbers compresses to almost nothing, so a high ratio is valid. But a valid page has at most
         // one value per row.
         if expanded > most_expanded(compressed) && expanded > rows.saturating_mul(9).saturating_add(PADDING) {
-            return Err(format!("a page that expands from {compressed} to {expanded} bytes, for {rows} rows"));
+            return Err(format!("a page that expands from {compressed} to {expanded} bytes, too many for {rows} rows"));
         }
         let both = compressed + expanded;
         if page.kind == DICTIONARY {
             // The dictionary may contain text or numbers. Each value takes at least one byte.
             let values = u64::try_from(page.values).ok().filter(|&values| values <= expanded);
-            let values = values.ok_or_else(|| format!("a dictionary of {} values in {expanded} bytes", page.values))?;
+            let values =
+                values.ok_or_else(|| format!("a dictionary of {} values in only {expanded} bytes", page.values))?;
             dictionary = Some(both.saturating_add(8 * values));
         } else {
             if dictionary.is_none() && DICTIONARY_ENCODINGS.contains(&page.encoding) {
-                return Err(format!("a page at byte {body} that needs a dictionary, which the column lacks"));
+                return Err(format!("a page at byte {body} that needs a dictionary, in a column without a dictionary"));
             }
             page_most = both.max(page_most);
         }
@@ -137,7 +138,7 @@ impl<R: Read> Compact<R> {
                 *found = true;
             }
         }
-        if found == [true; 3] { Ok(page) } else { Err(invalid("its type or a size is missing")) }
+        if found == [true; 3] { Ok(page) } else { Err(invalid("the page's type or size is missing")) }
     }
 
     /// Reads the part of a page header that depends on the type of page. Returns the number of values and the code of
@@ -167,7 +168,7 @@ impl<R: Read> Compact<R> {
             more => last + more,
         };
         let known = (0..=i64::from(i16::MAX)).contains(&number);
-        if known { Ok(Some((number, byte & 15))) } else { Err(invalid("a field without a number")) }
+        if known { Ok(Some((number, byte & 15))) } else { Err(invalid("a field with an invalid number")) }
     }
 
     fn byte(&mut self) -> io::Result<u8> {
@@ -199,7 +200,7 @@ impl<R: Read> Compact<R> {
     fn pass(&mut self, bytes: u64) -> io::Result<()> {
         let passed = io::copy(&mut self.input.by_ref().take(bytes), &mut io::sink())?;
         self.read += passed;
-        if passed == bytes { Ok(()) } else { Err(invalid("the end of its column")) }
+        if passed == bytes { Ok(()) } else { Err(invalid("the end of the column")) }
     }
 
     /// Skips the value of a field of type `kind`.

@@ -64,10 +64,11 @@ impl Groups {
     fn open(&mut self) -> Result<bool, String> {
         while self.left == 0 {
             let Some(group) = self.reader.metadata().row_groups().get(self.next) else { return Ok(false) };
-            let rows = u64::try_from(group.num_rows()).map_err(|_| "a group with a negative number of rows")?;
+            let rows = u64::try_from(group.num_rows()).map_err(|_| "a row group with a negative number of rows")?;
             let skipped = rows.min(self.skip);
             self.skip -= skipped;
-            self.left = usize::try_from(rows - skipped).map_err(|_| format!("a group of {rows} rows"))?;
+            self.left =
+                usize::try_from(rows - skipped).map_err(|_| format!("a row group of {rows} rows, too many to read"))?;
             if self.left > 0 {
                 let group = self.reader.get_row_group(self.next).map_err(text)?;
                 let open = |&leaf: &usize| Column::open(&*group, leaf, skipped as usize);
@@ -227,7 +228,7 @@ fn values<T: DataType>(
     let definition = optional.then_some(&mut levels);
     let (rows, _, _) = reader.read_records(count, definition, None, &mut found).map_err(text)?;
     if rows != count {
-        return Err(format!("the end of a column, {} rows early", count - rows));
+        return Err(format!("a column that ends {} rows early", count - rows));
     }
     let mut found = found.into_iter().map(of);
     // The definition level is 1 for a stored value, and 0 for a missing value, which isn't stored.

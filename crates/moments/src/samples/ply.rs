@@ -62,8 +62,8 @@ pub(super) fn open(
         Some(Encoding::Binary { little }) => {
             let least = header.rows.checked_mul(header.row as u64).and_then(|values| values.checked_add(length));
             if least.is_none_or(|least| least > bytes) {
-                let expected = format!("{} vertices of {} bytes, per the header", header.rows, header.row);
-                return Err(malformed(expected, format!("{bytes} bytes in all")));
+                let expected = format!("{} vertices of {} bytes, according to the header", header.rows, header.row);
+                return Err(malformed(expected, format!("{bytes} bytes in total")));
             }
             let rows = shard.range(header.rows);
             let mut file = input.into_inner();
@@ -106,7 +106,7 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
                 let Ok(count) = count.parse::<u64>() else { return unclear("an element's count") };
                 match (name, vertices) {
                     ("vertex", None) => (header.rows, vertices) = (count, Some(true)),
-                    (_, None) => return unclear("the vertices before other elements"),
+                    (_, None) => return unclear("vertices before all other elements"),
                     _ => (header.others, vertices) = (header.others.saturating_add(count), Some(false)),
                 }
             }
@@ -126,7 +126,9 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
                 header.names.push(name.to_owned());
                 header.row += kind.size();
             }
-            ["property", ..] if vertices == Some(true) => return unclear("vertices with numbers, not lists"),
+            ["property", ..] if vertices == Some(true) => {
+                return unclear("vertex properties that are numbers, not lists");
+            }
             _ => {}
         }
     }

@@ -108,7 +108,7 @@ fn point_clouds_in_ply() {
         is_the_same(folder.path(), &write(name, &format!("format binary_{order}_endian 1.0"), body.clone()));
         body.truncate(body.len() / 2);
         let short = write(&format!("short-{name}"), &format!("format binary_{order}_endian 1.0"), body);
-        refused(&short, &["short-", "1000 vertices of 21 bytes", "bytes in all"]);
+        refused(&short, &["short-", "1000 vertices of 21 bytes", "bytes in total"]);
     }
     let lines = rows().iter().fold("end_header\n".to_owned(), |t, [x, y, z, f]| t + &format!("{x} {y} 7 {z} {f}\n"));
     is_the_same(folder.path(), &write("text.ply", "format ascii 1.0", lines.into_bytes()));

@@ -185,7 +185,7 @@ fn solve(matrix: &[([usize; 2], f64)], mut right: Vec<f64>) -> Result<Vec<f64>, 
     };
     let n = right.len();
     let (places, values): (Vec<[usize; 2]>, Vec<f64>) = matrix.iter().copied().unzip();
-    let pattern = SparseSum::new(n, &places).ok_or_else(|| failed("too little memory for its matrix"))?;
+    let pattern = SparseSum::new(n, &places).ok_or_else(|| failed("too little memory for the matrix"))?;
     let factor = pattern.factor(&values).ok_or_else(|| failed("a matrix that isn't positive definite"))?;
     factor.solve(MatMut::from_column_major_slice_mut(&mut right, n, 1));
     Ok(right)

@@ -346,7 +346,7 @@ impl<'a> System<'a> {
         let pattern = SparseSum::new(2 * vertices, &entries).ok_or_else(|| ParametrizeError::Argument {
             what: "linear system of equal-area",
             expected: "enough memory for its Cholesky factor",
-            found: format!("too little for {vertices} vertices"),
+            found: format!("too little memory for {vertices} vertices"),
         })?;
         Ok(Self { quads, pattern })
     }

@@ -6,7 +6,7 @@ use spharm_monitor::{Interrupted, Monitor};
 use spharm_surface::Mesh;
 use spharm_surface::geometry::{unit, vertex_normals};
 use spharm_surface::nearest::TriangleTree;
-use spharm_surface::repair::{MeshRepair, rims};
+use spharm_surface::repair::{MeshRepair, rims, turn_closed_outward};
 
 use super::filling::Rim;
 use super::strip::triangulated;
@@ -20,8 +20,9 @@ pub const LARGEST_HOLE: usize = 500;
 /// the slit or bridges the slit's bends.
 const LARGEST_DOME: f64 = 3.0;
 
-/// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left, and adds them to the repair's report,
-/// `found`. The triangles around each vertex of the mesh must form a single fan.
+/// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left, turns the mesh outwards if it is then
+/// closed and wound inwards, and adds the changes to the repair's report, `found`. The triangles around each vertex of
+/// the mesh must form a single fan.
 ///
 /// # Errors
 ///
@@ -53,6 +54,7 @@ pub fn fill_holes(mesh: &mut Mesh, found: &mut MeshRepair, monitor: &dyn Monitor
         mesh.vertices.extend(filling.vertices);
         mesh.faces.extend(filling.faces);
     }
+    turn_closed_outward(mesh, found);
     found.measure(mesh);
     Ok(())
 }

@@ -62,7 +62,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let skipped = layout.bytes().saturating_mul(frame as u64);
     if layout.bytes().saturating_add(skipped) > most {
         let bits = 8 * scalar.size();
-        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits that its header gives");
+        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits stated in its header");
         return Err(not_mgh(found));
     }
     skip(source, &mut stream, skipped)?;

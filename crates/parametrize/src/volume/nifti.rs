@@ -24,7 +24,11 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     stream.read_exact(&mut header).map_err(|_| not_nifti("a file that is shorter than its header"))?;
     if !matches!(&header[344..348], b"n+1\0") {
         let pair = header[344..348] == *b"ni1\0";
-        return Err(not_nifti(if pair { "a header without its .img; merge both files" } else { "another format" }));
+        return Err(not_nifti(if pair {
+            "a header without its .img file; merge both files"
+        } else {
+            "another format"
+        }));
     }
     let header = NiftiHeader::from_reader(&header[..]).map_err(|error| not_nifti(&error.to_string()))?;
     let dim = header.dim().map_err(|error| not_nifti(&error.to_string()))?;
@@ -49,7 +53,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     if layout.bytes() > most || offset > most {
         let [x, y, z] = size;
         let bits = 8 * scalar.size();
-        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits that its header gives");
+        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits stated in its header");
         return Err(not_nifti(&found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());

@@ -61,7 +61,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let header = Fields { bytes, little: bytes[0] != 0 };
     if header.bytes[4..8] != *b"n+2\0" {
         let pair = header.bytes[4..8] == *b"ni2\0";
-        let found = if pair { "a header without its .img; merge both files" } else { "another format" };
+        let found = if pair { "a header without its .img file; merge both files" } else { "another format" };
         return Err(not_nifti(found.to_owned()));
     }
     let dimensions: [i64; 8] = std::array::from_fn(|k| header.long(16 + 8 * k));
@@ -99,7 +99,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let offset = start.saturating_add(layout.bytes().saturating_mul(image));
     if layout.bytes() > most || offset > most {
         let bits = 8 * scalar.size();
-        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits that its header gives");
+        let found = format!("a file too short for the {x} x {y} x {z} voxels of {bits} bits stated in its header");
         return Err(not_nifti(found));
     }
     let broken = |error: std::io::Error| cut_short(path, &error.to_string());

@@ -29,7 +29,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         return Err(source.wrong("three dimensions", format!("shape {:?}; extract one volume", header.shape)));
     };
     if header.bytes().is_none_or(|bytes| bytes > most) {
-        let found = format!("a file too short for the {x} x {y} x {z} values that its header gives");
+        let found = format!("a file too short for the {x} x {y} x {z} values stated in its header");
         return Err(source.wrong("a NumPy array", found));
     }
     source.image(1, 1)?;

@@ -65,7 +65,7 @@ impl fmt::Display for VoxelSteps {
         write!(
             f,
             "a model of degree {max_degree} follows the voxels' steps: it resolves lengths of {resolved:.3}, less than \
-             {VOXELS} voxels of {voxel:.3}, which biases area and sphericity; use degrees up to {suitable_degree}"
+             {VOXELS} voxels of size {voxel:.3}, which biases area and sphericity; use degrees up to {suitable_degree}"
         )
     }
 }
@@ -128,7 +128,7 @@ mod tests {
         // The longest edge of a voxel determines the suitable degree.
         let thick = ellipsoid([4.0, 2.0, 2.0], [0.2, 0.2, 0.6]);
         assert!(thick.steps(8).is_none() && thick.steps(12).is_some(), "{:?}", thick.steps(8));
-        assert!(thick.steps(12).unwrap().to_string().contains("voxels of 0.600"));
+        assert!(thick.steps(12).unwrap().to_string().contains("voxels of size 0.600"));
     }
 
     #[test]

@@ -208,7 +208,7 @@ fn problems(mask: &Mask, allowed: bool, monitor: &dyn Monitor) -> Result<Problem
     if !hollow.is_empty() {
         let voxels: usize = hollow.iter().sum();
         let word = if hollow.len() == 1 { "cavity" } else { "cavities" };
-        let of = if voxels == 1 { "of 1 voxel".to_owned() } else { format!("of {voxels} voxels in all") };
+        let of = if voxels == 1 { "of 1 voxel".to_owned() } else { format!("of {voxels} voxels in total") };
         problems.push(format!("{} {word} inside ({of})", hollow.len()));
     }
     let quads = QuadMesh::around(mask);

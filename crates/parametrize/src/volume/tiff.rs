@@ -79,8 +79,8 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     // number of slices is missing.
     let slices = description.slices.or(several.then_some(1));
     if several && description.elsewhere {
-        let found = "a description with pages in another order or in other files".to_owned();
-        return Err(source.wrong("pages in the order of DimensionOrder", found));
+        let found = "a description that puts pages in another order or in other files".to_owned();
+        return Err(source.wrong("pages in this file, in the order given by DimensionOrder", found));
     }
     let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;
     let (width, height) = decoder.dimensions().map_err(broken)?;

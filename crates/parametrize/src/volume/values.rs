@@ -207,7 +207,7 @@ impl Layout {
             (&mut stream).take(wanted).read_to_end(&mut bytes).map_err(|error| cut_short(path, &error.to_string()))?;
             if (bytes.len() as u64) < wanted {
                 let there = self.bytes() - left + bytes.len() as u64;
-                return Err(cut_short(path, &format!("{there} of {} bytes of values", self.bytes())));
+                return Err(cut_short(path, &format!("only {there} of {} bytes of values", self.bytes())));
             }
             if self.scaling.is_none() && bytes.iter().all(|&byte| byte == 0) {
                 voxels.background(bytes.len() / self.scalar.size())?;

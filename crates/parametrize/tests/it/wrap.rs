@@ -145,7 +145,7 @@ fn handles_cavities_and_pieces_are_counted() {
     let found = report.wrap.unwrap();
     assert_eq!((found.pieces, found.handles), (1, 0));
     let text = report.to_string();
-    assert!(text.contains("wrapped at 64 voxels along the longest side, 31.0 % of the mesh's area"), "{text}");
+    assert!(text.contains("wrapped with 64 voxels along the longest side, 31.0 % of the mesh's area"), "{text}");
     assert!(text.ends_with("1 smaller piece left out"), "{text}");
     assert!((volume(&outer) / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3);
 }

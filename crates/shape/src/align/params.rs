@@ -124,7 +124,7 @@ impl fmt::Display for AlignWarning {
             Self::DegreesDiffer { moving, target, used } => {
                 write!(f, "the surfaces have degrees {moving} and {target}; degrees up to {used} were compared")
             }
-            Self::Point => f.write_str("a surface is a single point: no rotation is determined"),
+            Self::Point => f.write_str("a surface is a single point, so the rotation is undetermined"),
             Self::ObjectUndetermined => f.write_str(
                 "the rotation in space is undetermined about one axis: a surface lies on a line, or the surfaces are \
                  uncorrelated",
@@ -134,8 +134,8 @@ impl fmt::Display for AlignWarning {
                  the distance, as for a surface of revolution",
             ),
             Self::ParametersUndetermined => f.write_str(
-                "the rotation of the parameters is undetermined: turning the parameters in the given pose changes \
-                 nothing",
+                "the rotation of the parameters is undetermined: in the given pose, rotating the parameters doesn't \
+                 change the distance",
             ),
             Self::PoseInDoubt { distance, second } => write!(
                 f,

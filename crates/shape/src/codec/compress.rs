@@ -195,7 +195,7 @@ impl Trials<'_> {
         }
         best.ok_or_else(|| CodecError::Parameter {
             what: "tolerance",
-            expected: "a tolerance that some step can reach".to_owned(),
+            expected: "a tolerance that a quantisation step can reach".to_owned(),
             found: tolerance.to_string(),
         })
     }

@@ -115,7 +115,7 @@ pub enum CodecError {
 fn beginning(level: &Option<usize>) -> String {
     match level {
         Some(degree) => {
-            format!("the bytes present contain a complete model of degree {degree}; allow a prefix to read it")
+            format!("the bytes present contain a complete model of degree {degree}; allow a prefix to read this model")
         }
         None => "the bytes present don't contain a complete model".to_owned(),
     }

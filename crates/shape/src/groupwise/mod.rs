@@ -189,7 +189,7 @@ fn check(members: &[ArrayView2<'_, f64>], sphere: &Sphere, mask: Option<&[f64]>)
             0 => ("the list of the sphere's triangles", "empty".to_owned()),
             found => ("the number of clockwise triangles of the sphere", found.to_string()),
         };
-        let expected = "there must be triangles, all counter-clockwise when seen from outside";
+        let expected = "at least one triangle is needed, and all must be counter-clockwise when seen from outside";
         return Err(ShapeError::Setting { name, found, expected });
     }
     if let Some(mask) = mask {

@@ -33,7 +33,7 @@ impl Design {
                 weights[column] += weight;
             }
             if weights.iter().all(|weight| *weight == 0.0) {
-                let expected = "a combination of columns that isn't zero";
+                let expected = "a combination of columns with a nonzero weight";
                 return Err(ShapeError::Contrast { expected, found: format!("{:?}", text.as_ref()) });
             }
         }
@@ -71,7 +71,7 @@ fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeErro
         };
         if names.iter().filter(|name| **name == names[column]).count() > 1 {
             let found = format!("{:?}, the name of two columns", names[column]);
-            return Err(ShapeError::Contrast { expected: "names of single columns of the design", found });
+            return Err(ShapeError::Contrast { expected: "names that occur only once in the design", found });
         }
         found.push((sign * weight, column));
         rest = left;

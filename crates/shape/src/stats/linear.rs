@@ -121,7 +121,7 @@ pub(crate) fn check_design(
     let (rows, weights) = contrast.weights.dim();
     if weights != p || rows == 0 || rows > p {
         return Err(ShapeError::Contrast {
-            expected: "rows with a weight for each column of the design, no more rows than columns",
+            expected: "a weight for each column of the design, and at most as many rows as columns",
             found: format!("{rows} rows of {weights} weights for {p} columns"),
         });
     }
@@ -157,14 +157,14 @@ fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Resul
     let unlike =
         |expected, found: &str| ShapeError::Setting { name: "variance_groups", found: found.to_owned(), expected };
     match (&params.variance_groups, components) {
-        (Some(_), _) if params.welch => Err(unlike("use only one of them", "given together with Welch's test")),
+        (Some(_), _) if params.welch => Err(unlike("use only one of the two", "given together with Welch's test")),
         (Some(of), _) if of.len() != n => Err(differ("variance_groups", of.len())),
-        (Some(_), 2..) => Err(unlike("it needs values of one component", "given for positions")),
+        (Some(_), 2..) => Err(unlike("values of one component are needed", "given for positions")),
         _ => match params.errors {
             Some(errors) if params.welch && errors != Resampling::SignFlips => Err(ShapeError::Setting {
                 name: "errors",
                 found: errors.assumption().to_owned(),
-                expected: "expected symmetric errors for Welch's test",
+                expected: "Welch's test needs symmetric errors",
             }),
             _ => Ok(()),
         },

@@ -47,7 +47,7 @@ impl SurfaceGraph {
         for face in faces {
             if let Some(far) = face.iter().find(|v| **v as usize >= count) {
                 let (expected, found) = (count, *far as usize + 1);
-                return Err(ShapeError::Differ { what: "number of vertices of the triangles", expected, found });
+                return Err(ShapeError::Differ { what: "number of vertices that triangles refer to", expected, found });
             }
             let [a, b, c] = face.map(|v| vertices[v as usize]);
             let normal = cross(sub(b, a), sub(c, a));

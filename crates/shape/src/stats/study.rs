@@ -138,7 +138,7 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
         },
     };
     if tested.levels.is_empty() && !order.is_empty() {
-        let (found, expected) = (order.join(", "), "an effect of numbers has no levels");
+        let (found, expected) = (order.join(", "), "a numeric effect has no levels");
         return Err(ShapeError::Setting { name: "the order of levels", found, expected });
     }
     let [own, covariates] = expanded(Some(effect), covariates);

@@ -188,7 +188,7 @@ pub fn build_factor(
     params: &FactorParams,
     monitor: &dyn Monitor,
 ) -> Result<FactorReport, SolverError> {
-    assert_eq!(source.size(), spec.size(), "the Gram matrix is that of the degree");
+    assert_eq!(source.size(), spec.size(), "the Gram matrix must have the size of the factor");
     // Use an existing factor regardless of the budget.
     if let Ok(file) = open_factor(store, spec, Some(params.scalar)) {
         return Ok(FactorReport { file, present: true, memory: 0, warnings: Vec::new() });

@@ -67,7 +67,7 @@ pub(crate) fn factorise(
 ) -> Result<f64, SolverError> {
     let Panels { grid, width, threads } = *panels;
     let (size, count) = (grid.size(), grid.columns());
-    assert_eq!(source.size(), size, "the Gram matrix and its tiles");
+    assert_eq!(source.size(), size, "the Gram matrix and its tiles must have the same size");
     let mut sums = vec![0.0; size];
     let (mut panel, mut top, mut other) = (Vec::new(), Vec::new(), Vec::new());
     for first in (0..count).step_by(width) {

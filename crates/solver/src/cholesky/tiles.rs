@@ -73,7 +73,7 @@ impl MemoryTiles {
 
     fn set(&self, row: usize, column: usize, values: Values) {
         let set = self.tiles[self.grid.index(row, column)].set(values);
-        assert!(set.is_ok(), "tile ({row}, {column}) is computed once");
+        assert!(set.is_ok(), "tile ({row}, {column}) must be computed only once");
     }
 
     fn values(&self, row: usize, column: usize) -> &Values {

@@ -32,7 +32,7 @@ const MANY: usize = 16;
 /// Solves `C C^T x = b`: `x` (K, c) contains b on entry and the solution on return.
 pub(crate) fn solve(tiles: &dyn Tiles, mut x: ArrayViewMut2<'_, f64>, threads: usize) -> Result<(), SolverError> {
     let grid = tiles.grid();
-    assert_eq!(x.nrows(), grid.size(), "rows of the right-hand sides");
+    assert_eq!(x.nrows(), grid.size(), "the right-hand sides must have as many rows as the factor");
     let channels = x.ncols();
     if channels == 0 {
         return Ok(());

@@ -121,7 +121,7 @@ impl<'a> Recorder<'a> {
         self.history.push(PassReport { pass, refinement, seconds, bytes_read, residuals });
         let name = if refinement { "refinement after pass" } else { "pass" };
         let gigabytes = bytes_read as f64 / 1e9;
-        self.monitor.note(Level::Detail, format_args!("{name} {pass}: {seconds:.2} s, {gigabytes:.2} GB"));
+        self.monitor.note(Level::Detail, format_args!("{name} {pass}: {seconds:.2} s, {gigabytes:.2} GB read"));
     }
 
     pub(super) fn begin_block(&self, degrees: &RangeInclusive<usize>) -> Result<(), Interrupted> {

@@ -27,7 +27,7 @@ impl Triangle {
     }
 
     pub(super) fn push(&mut self, rows: Matrix<'_>) {
-        assert_eq!(rows.columns(), self.columns, "columns of a triangular factor");
+        assert_eq!(rows.columns(), self.columns, "the rows must have as many columns as the factor");
         let values = (0..self.columns).flat_map(|j| rows.column(j)).copied().collect();
         self.waiting.push((rows.rows(), values));
         if self.waiting.iter().map(|(rows, _)| rows).sum::<usize>() >= self.columns {

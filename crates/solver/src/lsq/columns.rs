@@ -8,7 +8,7 @@ const RUN: usize = 4096;
 
 /// Returns the inner products of corresponding columns of two arrays.
 pub(crate) fn dots(a: &Array2<f64>, b: &Array2<f64>) -> Vec<f64> {
-    assert_eq!(a.dim(), b.dim(), "arrays of inner products");
+    assert_eq!(a.dim(), b.dim(), "both arrays must have the same shape");
     let c = a.ncols();
     let (a, b) = (a.as_standard_layout(), b.as_standard_layout());
     let [a, b] = [&a, &b].map(|array| array.as_slice().unwrap_or_default());

@@ -124,13 +124,14 @@ impl fmt::Display for Step {
             Self::Cg { by_moments, precondition, at_most, leave_for_factor } => {
                 f.write_str(if *by_moments { "iterations by moments" } else { "iterations by samples" })?;
                 if *precondition == Precondition::Density {
-                    f.write_str(", with the density of uneven samples")?;
+                    f.write_str(", preconditioned with the density of the samples")?;
                 }
                 write!(f, ", at most {at_most} in total")?;
                 let Some(Leave { after, most, .. }) = leave_for_factor else { return Ok(()) };
                 write!(
                     f,
-                    "; after {after} iterations, switches to a factor if more than {most:.0} are predicted to remain"
+                    "; after {after} iterations, switches to a factor if more than {most:.0} further iterations are \
+                     predicted"
                 )
             }
             Self::Factor { from: Factor::Stored { reciprocal }, .. } => {
@@ -138,8 +139,8 @@ impl fmt::Display for Step {
             }
             Self::Factor { from: Factor::Made, .. } => f.write_str("the factor of an earlier batch"),
             Self::Factor { required: true, .. } => f.write_str("a factor"),
-            Self::Factor { .. } => f.write_str("a factor, if there is memory for it"),
-            Self::Refine => f.write_str("refinement with the factor, which ends the fit"),
+            Self::Factor { .. } => f.write_str("a factor, if it fits in memory"),
+            Self::Refine => f.write_str("refinement with the factor (last step)"),
         }
     }
 }

@@ -71,7 +71,7 @@ impl LsqSolver<'_> {
             (Some(Step::MakeMoments), Given::Targets(_, targets)) => {
                 let right_sides = self.take_moments_of_fit(Some(targets), monitor)?;
                 let cg = right_sides.map_or_else(|| Cg::new(&*self.problem(given)), |b| Ok(Cg::from_right_sides(b)))?;
-                let (_, why) = steps.next().expect("the step is the first one");
+                let (_, why) = steps.next().expect("the plan has a first step");
                 taken.add(Done::new("moments", "none", why), &cg, None);
                 cg
             }
@@ -93,7 +93,7 @@ impl LsqSolver<'_> {
                     let left = match (stop, over) {
                         (Stop::Converged, _) => None,
                         (Stop::Stalled, _) => Some("the optimality stopped improving"),
-                        (Stop::IterationLimit, true) => Some("all iterations are used up"),
+                        (Stop::IterationLimit, true) => Some("the maximum number of iterations was reached"),
                         (Stop::IterationLimit, false) if leave_for_factor.is_some() => Some("a factor seems faster"),
                         (Stop::IterationLimit, false) => Some("moments are faster from here on"),
                     };
@@ -157,7 +157,7 @@ impl LsqSolver<'_> {
             (false, true) => Some("rounding errors in the moments limit the accuracy"),
             (false, false) => None,
         };
-        let why = "checks the gradient, in which rounding errors accumulate";
+        let why = "checks the gradient for accumulated rounding errors";
         taken.add(Done::new("confirmation", name, &why), cg, wrong.map(str::to_owned));
         if too_far {
             // Rounding errors have dominated: repeat the iterations, but only up to the best one.

@@ -41,19 +41,23 @@ impl fmt::Display for Why {
             Self::FactorStored => f.write_str("a factor is stored, and iterations aren't expected to be faster"),
             Self::AfterFactor => f.write_str("refines the factor's solution to the tolerance"),
             Self::MomentsPay { after, expected } => {
-                write!(f, "they save time from {after:.0} iterations on, and {} are expected", number(*expected))
+                write!(
+                    f,
+                    "moments save time from {after:.0} iterations on, and {} iterations are expected",
+                    number(*expected)
+                )
             }
-            Self::DensityRequested => f.write_str("the requested density is computed from them"),
+            Self::DensityRequested => f.write_str("the requested density is computed from moments"),
             Self::UntilMomentsPay { after } => write!(f, "moments save time only from {after:.0} iterations on"),
             Self::MomentsPaidOff => f.write_str("moments would have saved time by now"),
             Self::MomentsExist => f.write_str("with moments, an iteration costs the same for any number of samples"),
             Self::MomentsPayLate { after } if after.is_finite() => {
                 write!(f, "moments would save time only from {after:.0} iterations on")
             }
-            Self::MomentsPayLate { .. } => f.write_str("an iteration by moments wouldn't be faster"),
+            Self::MomentsPayLate { .. } => f.write_str("iterations by moments wouldn't be faster"),
             Self::NoMoments => f.write_str("moments aren't available, or don't fit in memory"),
-            Self::SlowIterations => f.write_str("the iterations before didn't converge soon enough"),
-            Self::NoFactor => f.write_str("in place of a factor that can't be computed"),
+            Self::SlowIterations => f.write_str("the previous iterations converged too slowly"),
+            Self::NoFactor => f.write_str("replaces a factor that couldn't be computed"),
         }
     }
 }

@@ -40,7 +40,7 @@ pub(super) fn apply_adjoint_by_blocks(
     operator: &dyn BlockOperator,
     r: ArrayView2<'_, f64>,
 ) -> Result<Array2<f64>, SolverError> {
-    assert_eq!(r.nrows(), operator.rows(), "rows of the adjoint's argument");
+    assert_eq!(r.nrows(), operator.rows(), "the adjoint's argument must have one row per direction");
     let c = r.ncols();
     let rows = ChunkedRows::from_array(r, operator.chunk_rows());
     let mut result = Array2::zeros((basis_size(operator.max_degree()), c));
@@ -74,6 +74,6 @@ fn degrees_of(rows: usize, max_degree: usize) -> Range<usize> {
     let degree = spharm_harmonics::index::max_degree_of(rows);
     match degree {
         Some(degree) if degree <= max_degree => 0..degree + 1,
-        _ => panic!("{rows} coefficients are no basis size up to degree {max_degree}"),
+        _ => panic!("expected (L + 1)^2 coefficients with L of at most {max_degree}, found {rows}"),
     }
 }

@@ -54,7 +54,7 @@ impl ThreadedKernels for Faer {
     }
 
     fn subtract_outer(&mut self, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
-        assert_eq!(a.columns(), b.columns(), "columns of both factors");
+        assert_eq!(a.columns(), b.columns(), "both factors must have the same number of columns");
         self.subtract(view(a), view(b), view_mut(out, a.rows(), b.rows(), leading));
     }
 }

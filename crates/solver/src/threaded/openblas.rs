@@ -114,7 +114,7 @@ impl ThreadedKernels for OpenBlas {
 
     fn subtract_outer(&mut self, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f64], leading: usize) {
         let (rows, columns, k) = (a.rows(), b.rows(), a.columns());
-        assert_eq!(b.columns(), k, "columns of both factors");
+        assert_eq!(b.columns(), k, "both factors must have the same number of columns");
         assert_extent(out, rows, columns, leading);
         // SAFETY: the assertions have checked the extent of `out`, and `Matrix` those of both factors.
         unsafe {
@@ -146,7 +146,7 @@ impl Drop for OpenBlas {
 }
 
 fn int(value: usize) -> c_int {
-    c_int::try_from(value).unwrap_or_else(|_| panic!("a dimension of {value} is beyond a 32-bit BLAS"))
+    c_int::try_from(value).unwrap_or_else(|_| panic!("a matrix dimension of {value} is too large for a 32-bit BLAS"))
 }
 
 #[cfg(test)]

@@ -166,11 +166,18 @@ fn plans_are_noted_and_the_report_has_the_steps_that_were_taken_and_why() {
         [("moments", ""), ("iterations by moments", "a factor seems faster"), ("factor", ""), ("refinement", "")];
     assert_eq!(steps, of(&expected));
     assert_eq!(notes.len(), 5, "{notes:?}");
-    assert!(notes[0].starts_with("step 1: moments of the samples (they save time from "), "{notes:?}");
+    assert!(notes[0].starts_with("step 1: moments of the samples (moments save time from "), "{notes:?}");
     let (steps, _) = taken(LsqParams { memory: 1 << 20, max_iterations: 100, ..params(Strategy::Auto) });
     assert!(steps[2].0 == "factor" && steps[2].1.starts_with("no factor was computed"), "{steps:?}");
-    assert_eq!(steps[3..], of(&[("iterations by moments", "all iterations are used up"), ("confirmation", "")]));
+    assert_eq!(
+        steps[3..],
+        of(&[("iterations by moments", "the maximum number of iterations was reached"), ("confirmation", "")])
+    );
     let (steps, notes) = taken(LsqParams { max_iterations: 5, ..params(Strategy::Cg) });
-    let expected = [("moments", ""), ("iterations by moments", "all iterations are used up"), ("confirmation", "")];
+    let expected = [
+        ("moments", ""),
+        ("iterations by moments", "the maximum number of iterations was reached"),
+        ("confirmation", ""),
+    ];
     assert_eq!((steps, notes.len()), (of(&expected), 2));
 }

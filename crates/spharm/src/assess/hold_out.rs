@@ -39,7 +39,7 @@ impl HoldOut {
             return Err(Error::HoldOut { fraction, vertices: n });
         }
         if found.count() == n {
-            let (what, expected) = ("hold-out", "a fraction that leaves vertices to fit to");
+            let (what, expected) = ("hold-out", "a fraction small enough to leave vertices for the fit");
             return Err(Error::Setting {
                 what,
                 expected,

@@ -30,7 +30,7 @@ impl Group {
     pub fn carry(&self, points: &[Vec3], source: usize, target: usize) -> Result<Vec<Carried>, Error> {
         for found in [source, target] {
             if found >= self.places.len() {
-                let expected = "one of the group's members, counted from 0";
+                let expected = "the index of a member of the group, counted from 0";
                 return Err(Error::Setting { what: "carrying points", expected, found: found.to_string() });
             }
         }

@@ -119,12 +119,12 @@ fn member_path(folder: &Path, name: &str) -> PathBuf {
 fn check_names(names: &[&str], count: usize) -> Result<(), Error> {
     let refused = |expected, found: String| Err(Error::Setting { what: "a group's folder", expected, found });
     if names.len() != count {
-        return refused("a name for each member", format!("{} for {count}", names.len()));
+        return refused("a name for each member", format!("{} names for {count} members", names.len()));
     }
     let bad =
         |name: &&&str| name.is_empty() || name.starts_with('.') || name.contains(['/', '\\', '\0']) || **name == "mean";
     if let Some(name) = names.iter().find(bad) {
-        return refused("names that are valid as file names, other than `mean`", format!("{name:?}"));
+        return refused("member names that are valid file names, other than `mean`", format!("{name:?}"));
     }
     let mut sorted = names.to_vec();
     sorted.sort_unstable();

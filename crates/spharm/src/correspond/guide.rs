@@ -40,7 +40,7 @@ impl GuideLandmarks {
     pub(super) fn check(&self, count: usize, template: bool) -> Result<(), Error> {
         let refused = |expected, found: String| Err(Error::Setting { what: "guiding by landmarks", expected, found });
         if self.members.len() != count {
-            let found = format!("{} sets for {count} surfaces", self.members.len());
+            let found = format!("{} sets of landmarks for {count} surfaces", self.members.len());
             return refused("landmarks for each of the surfaces", found);
         }
         let all = || self.members.iter().chain(&self.template);
@@ -56,7 +56,7 @@ impl GuideLandmarks {
         }
         match (&self.template, template) {
             (None, true) => refused("landmarks for the template", "none".to_owned()),
-            (Some(_), false) => refused("a template for the template's landmarks", "none".to_owned()),
+            (Some(_), false) => refused("a template to which the template's landmarks belong", "none".to_owned()),
             _ => Ok(()),
         }
     }
@@ -74,24 +74,34 @@ impl GuideLandmarks {
     }
 
     /// Computes a member's pose from its landmarks `own` and the template's landmarks `theirs`, and improves the pose
-    /// by comparing the surfaces of the member, `moving`, and of the template, `fixed`. Returns the pose and the
-    /// distance between the surfaces, if the pose differs from `found`, the pose computed from the surfaces alone.
-    pub(super) fn turned(
+    /// by comparing the surfaces of the member, `moving`, and of the template, `fixed`. Compares the pose with `found`,
+    /// the pose computed from the surfaces alone.
+    pub(super) fn judge(
         &self,
         (moving, own): (&PoseSurface, &[Vec3]),
         (fixed, theirs): (&PoseSurface, &[Vec3]),
         found: &Similarity,
         params: &PoseParams,
-    ) -> Option<(Similarity, f64)> {
+    ) -> Verdict {
         if own.len() < TURN || flat(own) || flat(theirs) {
-            return None;
+            return Verdict::Undetermined;
         }
         let by_landmarks = motion(own, theirs, None, params.scale, params.mirror);
         let (similarity, distance) = improved(moving, fixed, &by_landmarks, params);
         let other = similarity.mirrors() != found.mirrors()
             || angle_between(&similarity.orthogonal, &found.orthogonal) > DISTINCT;
-        other.then_some((similarity, distance))
+        if other { Verdict::Other(similarity, distance) } else { Verdict::Confirmed }
     }
+}
+
+/// What landmarks say about a pose that was computed from the surfaces alone.
+pub(super) enum Verdict {
+    /// Too few landmarks, or landmarks on a line, don't determine the rotation.
+    Undetermined,
+    /// The landmarks give the same rotation.
+    Confirmed,
+    /// The landmarks give another rotation: the pose, and the distance between the surfaces.
+    Other(Similarity, f64),
 }
 
 /// Returns whether points are so close to a line that they don't determine the rotation about the line.

@@ -111,7 +111,7 @@ impl CorrespondParams {
             if self.refinement.is_none() {
                 return Err(Error::Setting {
                     what: "the list of signals",
-                    expected: "a refinement (without one, signals have no effect)",
+                    expected: "a refinement, because signals have no effect without refinement",
                     found: "none".to_owned(),
                 });
             }

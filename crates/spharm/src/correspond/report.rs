@@ -118,6 +118,10 @@ impl CorrespondWarning {
     #[must_use]
     pub fn of_member(&self, name: impl Fn(usize) -> String) -> String {
         match self {
+            Self::Pose(warning @ GroupPoseWarning::Doubtful { .. }) => format!(
+                "{}; let landmarks guide the registration or, if the given poses are right, search near them",
+                warning.of_member()
+            ),
             Self::Pose(warning) => warning.of_member(),
             Self::Unreached { share, farthest, .. } => format!(
                 "the template doesn't reach {:.1} % of this surface (largest distance {farthest:.4}): the surface has \

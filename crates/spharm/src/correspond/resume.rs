@@ -46,14 +46,15 @@ impl Resume {
         if path.exists() {
             if spharm_files::read(&path, MOST).map_err(io("read"))? != key.as_bytes() {
                 return refused(
-                    "registrations of these surfaces and settings",
-                    "registrations of other surfaces or settings; remove the folder, or choose another folder",
+                    "registrations of these surfaces with these settings",
+                    "registrations of other surfaces or with other settings; remove the folder, or choose another \
+                     folder",
                 );
             }
         } else {
             std::fs::create_dir_all(folder).map_err(io("create"))?;
             if std::fs::read_dir(folder).map_err(io("read"))?.next().is_some() {
-                return refused("a new folder, or one of registrations", "a folder with other files");
+                return refused("a new folder, or a folder of registrations", "a folder with other files");
             }
             write_new(&path, false, |out| out.write_all(key.as_bytes()))?;
         }

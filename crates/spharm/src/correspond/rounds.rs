@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_register::{Registered, Subject, Template, register};
 use spharm_surface::geometry::Vec3;
-use spharm_surface::pose::{GroupPoses, PoseSurface, group_poses, pose};
+use spharm_surface::pose::{GroupPoseWarning, GroupPoses, PoseSurface, group_poses, pose};
 use spharm_surface::{Mesh, Similarity, Sphere};
 
 use super::fits::Fitted;
-use super::guide::{GuideLandmarks, Guided};
+use super::guide::{GuideLandmarks, Guided, Verdict};
 use super::params::CorrespondParams;
 use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED};
 use super::subjects::Subjects;
@@ -121,9 +121,9 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     let mut warnings = same(&surfaces);
     let Some(template) = &params.template else {
         let mut found = group_poses(&surfaces, &params.pose, monitor)?;
-        let by_landmarks =
-            landmarks.map_or_else(Vec::new, |landmarks| turned(&landmarks, params, &surfaces, &mut found));
-        found.warnings.retain(|warning| !by_landmarks.contains(&warning.member()));
+        if let Some(landmarks) = landmarks {
+            turn_by_landmarks(&landmarks, params, &surfaces, &mut found);
+        }
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
         return Ok(Posed {
             similarities: found.similarities,
@@ -140,8 +140,9 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         && let Some(theirs) = &landmarks.template
     {
         for ((moving, own), pose) in surfaces.iter().zip(&landmarks.members).zip(&mut found) {
-            if let Some(other) = landmarks.turned((moving, own), (&fixed, theirs), &pose.similarity, &params.pose) {
-                (pose.similarity, pose.distance) = other;
+            let verdict = landmarks.judge((moving, own), (&fixed, theirs), &pose.similarity, &params.pose);
+            if let Verdict::Other(similarity, distance) = verdict {
+                (pose.similarity, pose.distance) = (similarity, distance);
             }
         }
     }
@@ -164,26 +165,31 @@ fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLand
     landmarks
 }
 
-/// Replaces the poses of members for which the landmarks give a different rotation than the surfaces. Returns the
-/// indices of these members.
-fn turned(
+/// Replaces the poses of members for which the landmarks give a different rotation than the surfaces. Drops warnings
+/// about these poses, and about doubtful poses that the landmarks confirm.
+fn turn_by_landmarks(
     landmarks: &GuideLandmarks,
     params: &CorrespondParams,
     surfaces: &[PoseSurface],
     found: &mut GroupPoses,
-) -> Vec<usize> {
+) {
     let template = found.template;
     let to_group = found.similarities[template];
     let (fixed, theirs) = (&surfaces[template], &landmarks.members[template]);
-    let mut turned = Vec::new();
     for (index, (moving, own)) in surfaces.iter().zip(&landmarks.members).enumerate() {
         let so_far = found.similarities[index].then(&to_group.inverse());
-        if let Some((similarity, distance)) = landmarks.turned((moving, own), (fixed, theirs), &so_far, &params.pose) {
-            (found.similarities[index], found.distances[index]) = (similarity.then(&to_group), distance);
-            turned.push(index);
+        match landmarks.judge((moving, own), (fixed, theirs), &so_far, &params.pose) {
+            Verdict::Undetermined => {}
+            Verdict::Confirmed => {
+                let doubtful = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Doubtful { .. });
+                found.warnings.retain(|warning| warning.member() != index || !doubtful(warning));
+            }
+            Verdict::Other(similarity, distance) => {
+                (found.similarities[index], found.distances[index]) = (similarity.then(&to_group), distance);
+                found.warnings.retain(|warning| warning.member() != index);
+            }
         }
     }
-    turned
 }
 
 /// Registers a template to all members. In the last round, each registration is repeated with parts of the guiding

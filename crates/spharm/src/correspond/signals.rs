@@ -95,11 +95,11 @@ impl Signals {
     fn check_values(&self, values: &[Vec<f64>], vertices: usize) -> Result<(), Error> {
         let refused = |what, expected, found: String| Err(Error::Setting { what, expected, found });
         if values.len() != self.weights.len() {
-            let found = format!("{} instead of {}", values.len(), self.weights.len());
+            let found = format!("{} signals instead of {}", values.len(), self.weights.len());
             return refused("the list of signals", "the same number of signals for each surface", found);
         }
         if let Some(values) = values.iter().find(|values| values.len() != vertices) {
-            let found = format!("{} for {vertices} vertices", values.len());
+            let found = format!("{} values for {vertices} vertices", values.len());
             return refused("each signal", "one value per vertex", found);
         }
         match values.iter().flatten().find(|value| !value.is_finite()) {
@@ -130,7 +130,7 @@ impl Signals {
             let mean = sum(&|value| value);
             let deviation = sum(&|value| (value - mean).powi(2)).sqrt();
             if deviation <= 1e-12 * mean.abs() {
-                let (expected, found) = ("different values on the surfaces", format!("{mean} everywhere"));
+                let (expected, found) = ("values that vary over the surfaces", format!("{mean} everywhere"));
                 return Err(Error::Setting { what: "each signal", expected, found });
             }
             for row in values.iter_mut().flat_map(|values| values.chunks_exact_mut(channels)) {
@@ -146,7 +146,7 @@ pub(super) fn beside(positions: &Coefficients, signals: &Coefficients) -> Result
     let joined = concatenate(Axis(1), &[positions.values().view(), signals.values().view()]);
     joined.map_err(|_| Error::Setting {
         what: "each signal",
-        expected: "as many coefficients as the positions",
+        expected: "as many coefficients as the positions have",
         found: signals.values().nrows().to_string(),
     })
 }

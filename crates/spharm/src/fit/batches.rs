@@ -170,7 +170,7 @@ fn check(target: &Target, sphere: &Sphere) -> Result<(), Error> {
 fn values(target: &Target) -> ArrayView2<'_, f64> {
     let shape = (target.values.len() / target.channels.max(1), target.channels);
     ArrayView2::from_shape(shape, &target.values[..])
-        .expect("`check` has seen that a target has its channels for each vertex")
+        .expect("`check` verified that a target has a value per vertex and channel")
 }
 
 impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {

@@ -34,12 +34,15 @@ impl Denoiser {
         let precision = precision(job);
         let rows = precision.as_ref().map_or(vertices, |of| of.iter().filter(|precision| **precision > 0.0).count());
         check_rows(rows, basis_size(max_degree))?;
-        monitor.note(Level::Info, format_args!("fitting {NOISE_COLUMNS} columns of noise to estimate its power"));
+        monitor.note(
+            Level::Info,
+            format_args!("fitting {NOISE_COLUMNS} columns of noise to estimate the power of the noise"),
+        );
         let mut power = NoisePower::new(max_degree);
         for start in (0..NOISE_COLUMNS).step_by(at_a_time.max(1)) {
             monitor.check()?;
             let columns = start..NOISE_COLUMNS.min(start + at_a_time.max(1));
-            monitor.note(Level::Status, format_args!("noise, column {} of {NOISE_COLUMNS}", columns.start + 1));
+            monitor.note(Level::Status, format_args!("fitting noise, column {} of {NOISE_COLUMNS}", columns.start + 1));
             let noise = white_noise(vertices, columns, precision.as_deref());
             let (coefficients, residual) = fit(&noise)?;
             // Add column by column, so that the sums don't depend on the number of columns fitted together.
@@ -127,7 +130,7 @@ impl FitParams {
         }
         if self.smoothness != Smoothness::Default {
             let found = format!("smoothness {}", self.smoothness.name());
-            return refuse("a fit without a smoothness penalty (it has its own penalty)", found);
+            return refuse("a fit without a smoothness penalty, because denoising has its own penalty", found);
         }
         Ok(())
     }

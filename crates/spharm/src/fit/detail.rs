@@ -57,7 +57,7 @@ pub(crate) fn left_out(
     if needed > job.memory / 2 {
         return Ok(None);
     }
-    monitor.note(Level::Status, format_args!("vertices held out, degree {higher}"));
+    monitor.note(Level::Status, format_args!("fitting without the held-out vertices, degree {higher}"));
     // With area weights, the penalties were chosen for weights with a different sum.
     let all = precision.map_or(n as f64, |precision| precision.iter().sum());
     let scale = all / job.weights.as_ref().map_or(n as f64, |weights| weights.iter().sum());

@@ -200,8 +200,10 @@ fn check_range(moments: &Moments) -> Result<(), Error> {
     moments.out_of_range().map_or(Ok(()), |channel| {
         Err(Error::Setting {
             what: "a fit from moments",
-            expected: "sums of squares from 1e-307 to 1e308; scale the values and form the moments again",
-            found: format!("sums outside this range for channel {channel:?}"),
+            expected: "sums of squares from 1e-307 to 1e308",
+            found: format!(
+                "sums outside this range for channel {channel:?}; scale the values and compute the moments again"
+            ),
         })
     })
 }

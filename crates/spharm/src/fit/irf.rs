@@ -202,7 +202,8 @@ impl<'o> Planner<'o> {
     ) {
         let (plan, blocks) = (fitter.plan(), fitter.blocks().len());
         let text = format_args!(
-            "{} with {} vertices, degree {}: {} with {} of {}, {together} at a time, {} of {} MiB planned",
+            "{} with {} vertices, degree {}: method {} with {} of {}, {together} targets at a time, {} of {} MiB of \
+             memory planned",
             counted(surfaces, "target", "targets"),
             self.operator.rows(),
             job.params.max_degree,
@@ -215,8 +216,9 @@ impl<'o> Planner<'o> {
         monitor.note(Level::Info, text);
         let twice = plan.whole.iter().filter(|&&whole| !whole).count();
         if twice > 0 {
-            let blocks = counted(twice, "block doesn't", "blocks don't");
-            monitor.note(Level::Info, format_args!("{blocks} fit in memory and must be read again for each use"));
+            let blocks = counted(twice, "block", "blocks");
+            monitor
+                .note(Level::Info, format_args!("not kept in memory, and therefore read again for each use: {blocks}"));
         }
     }
 }

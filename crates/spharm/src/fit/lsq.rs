@@ -260,7 +260,8 @@ fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize),
 
 fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monitor: &dyn Monitor) {
     let text = format_args!(
-        "{} with {} vertices, degree {}: least squares, matrix-free, {together} at a time, {} of {} MiB planned",
+        "{} with {} vertices, degree {}: least squares, matrix-free, {together} targets at a time, {} of {} MiB of \
+         memory planned",
         counted(count, "target", "targets"),
         job.sphere.directions.len(),
         job.params.max_degree,

@@ -52,9 +52,9 @@ pub(crate) fn check_auto(rows: usize, max_degree: usize) -> Result<(), Error> {
         return Ok(());
     }
     Err(Error::Setting {
-        what: "a smoothness by cross-validation",
-        expected: "at least one vertex or sample per 100 coefficients; lower the degree, or give the smoothness",
-        found: format!("{rows} for {functions} coefficients"),
+        what: "choosing the smoothness by cross-validation",
+        expected: "at least one vertex or sample per 100 coefficients",
+        found: format!("{rows} for {functions} coefficients; lower the degree, or give the smoothness"),
     })
 }
 
@@ -106,7 +106,7 @@ pub(crate) fn merge_reports(some: LsqReport, other: LsqReport) -> LsqReport {
 
 pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {
     let text = format_args!(
-        "{} iterations by {}, {} refinements ({}), optimality {:.1e}, condition {:.1e}, {:.3} s",
+        "{} iterations by {}, {} refinements, preconditioner {}, optimality {:.1e}, condition number {:.1e}, {:.3} s",
         report.iterations,
         report.products,
         report.refinements,

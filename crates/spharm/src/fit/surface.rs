@@ -49,7 +49,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let fitter = Fitter::new(job, &plan, sums)?;
     let needed = plan.needed(plan.together).div_ceil(1 << 20);
     let text = format_args!(
-        "{} with {} vertices, degree {}: least squares over {} samples of the surface, {} at a time, {needed} of {} MiB planned",
+        "{} with {} vertices, degree {}: least squares over {} samples of the surface, {} targets at a time, {needed} \
+         of {} MiB of memory planned",
         counted(count, "target", "targets"),
         sizes.vertices,
         sizes.max_degree,
@@ -76,8 +77,8 @@ fn note_fine_degree(vertices: usize, max_degree: usize, monitor: &dyn Monitor) {
     let functions = (max_degree + 1).pow(2);
     if functions > vertices {
         let text = format_args!(
-            "degree {max_degree} has {functions} coefficients for each coordinate of {vertices} vertices: degrees above {} \
-             only follow the edges of the triangles",
+            "degree {max_degree} has {functions} coefficients per coordinate, but the surface has {vertices} vertices: \
+             degrees above {} only follow the edges of the triangles",
             vertices.isqrt().saturating_sub(1),
         );
         monitor.note(Level::Info, text);
@@ -194,7 +195,7 @@ impl<'a> Fitter<'a> {
             .map(|report| PerTarget { optimality: report.optimality, warnings: warnings_of(report) })
             .collect();
         per_target.iter().try_for_each(|of_target| converged(self.params, &of_target.warnings).map(drop))?;
-        let mut report = reports.into_iter().reduce(merge_reports).expect("a batch has a target");
+        let mut report = reports.into_iter().reduce(merge_reports).expect("each batch has a target");
         report.seconds.total = started.elapsed().as_secs_f64();
         note_solution(&report, monitor);
         let (residuals, at_centres) = self.assess(&targets, coefficients.view())?;

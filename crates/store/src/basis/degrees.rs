@@ -131,8 +131,8 @@ fn check(
 ) -> Result<(), StoreError> {
     let (path, header) = (file.path(), file.header());
     if header.key != key || header.degree != degree || header.rows != rows {
-        let expected = format!("scheme {} degree {degree} of {rows} rows", key.short());
-        let found = format!("scheme {} degree {} of {} rows", header.key.short(), header.degree, header.rows);
+        let expected = format!("scheme {}, degree {degree}, {rows} rows", key.short());
+        let found = format!("scheme {}, degree {}, {} rows", header.key.short(), header.degree, header.rows);
         return Err(StoreError::corrupt(path, "contents", expected, found));
     }
     let Some(first) = first else { return Ok(()) };
@@ -168,8 +168,8 @@ pub fn degrees(store: &Path, key: SchemeKey) -> Result<Vec<FoundDegree>, StoreEr
 fn open_as(path: &Path, key: SchemeKey, degree: usize) -> Result<DegreeFile, StoreError> {
     let file = DegreeFile::open(path)?;
     if file.header().key != key || file.header().degree != degree {
-        let found = format!("scheme {} degree {}", file.header().key.short(), file.header().degree);
-        return Err(StoreError::corrupt(path, "contents", format!("scheme {} degree {degree}", key.short()), found));
+        let found = format!("scheme {}, degree {}", file.header().key.short(), file.header().degree);
+        return Err(StoreError::corrupt(path, "contents", format!("scheme {}, degree {degree}", key.short()), found));
     }
     Ok(file)
 }

@@ -117,7 +117,7 @@ impl Plan {
     fn accept(&mut self, file: &DegreeFile, key: SchemeKey, degree: usize, scalar: Scalar) -> Result<(), StoreError> {
         let header = file.header();
         let describe = |key: SchemeKey, scalar: Scalar, degree: usize, rows: usize| {
-            format!("{} ({}) degree {degree} of {rows} rows", key.short(), scalar.name())
+            format!("scheme {} ({}), degree {degree}, {rows} rows", key.short(), scalar.name())
         };
         let expected = describe(key, scalar, degree, self.rows);
         let found = describe(header.key, header.scalar, header.degree, header.rows);

@@ -77,7 +77,7 @@ pub(crate) fn decode(stored: &[u8], raw_len: usize, scalar_size: usize) -> io::R
     // declares.
     let shuffled = zstd::bulk::decompress(stored, raw_len)?;
     if shuffled.len() != raw_len {
-        return Err(invalid(format!("{} bytes decoded, expected {raw_len}", shuffled.len())));
+        return Err(invalid(format!("expected {raw_len} decoded bytes, found {}", shuffled.len())));
     }
     Ok(unshuffle(&shuffled, scalar_size))
 }
@@ -90,7 +90,9 @@ pub(crate) fn check_frame(stored: impl Read, raw_len: u64) -> io::Result<()> {
     let decoded = io::copy(&mut decoder, &mut io::sink())?;
     let rest = io::copy(&mut decoder.finish(), &mut io::sink())?;
     if decoded != raw_len || rest > 0 {
-        return Err(invalid(format!("{decoded} bytes decoded and {rest} after the frame, expected {raw_len} and 0")));
+        return Err(invalid(format!(
+            "expected {raw_len} decoded bytes and none after the frame, found {decoded} and {rest}"
+        )));
     }
     Ok(())
 }
@@ -101,7 +103,7 @@ fn declares(stored: &[u8], raw_len: u64) -> io::Result<()> {
     let found = zstd::zstd_safe::get_frame_content_size(stored);
     match found {
         Ok(Some(len)) if len == raw_len && stored.starts_with(&MAGIC) => Ok(()),
-        _ => Err(invalid(format!("no frame of {raw_len} bytes"))),
+        _ => Err(invalid(format!("expected a zstd frame of {raw_len} decoded bytes"))),
     }
 }
 

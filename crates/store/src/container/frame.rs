@@ -89,7 +89,7 @@ pub(crate) fn decode<C: Contents>(header: &HeaderBytes, path: &Path) -> Result<C
         return Err(StoreError::Version { path: path.to_path_buf(), expected: version, found });
     }
     if blake3::hash(&header[..HASH_AT]).as_bytes() != &header[HASH_AT..] {
-        return Err(StoreError::corrupt(path, "header", "bytes that match its hash", "other bytes"));
+        return Err(StoreError::corrupt(path, "header", "bytes that match the stored hash", "other bytes"));
     }
     let header_len = u32_at(header, HEADER_LEN_AT);
     if header_len as usize != HEADER_LEN {

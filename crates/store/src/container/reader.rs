@@ -111,7 +111,12 @@ impl<C: Contents> Container<C> {
 
     /// Returns the byte range of a part within the mapped window.
     fn place(&self, mapped: &MappedParts, part: usize) -> Range<usize> {
-        assert!(mapped.parts.contains(&part), "{} {part} of a window on {:?}", C::KIND.part, mapped.parts);
+        assert!(
+            mapped.parts.contains(&part),
+            "{} {part} is outside the mapped window of {:?}",
+            C::KIND.part,
+            mapped.parts
+        );
         let entry = &self.entries[part];
         (entry.offset - mapped.first) as usize..(entry.end() - mapped.first) as usize
     }
@@ -132,14 +137,19 @@ fn read_table<C: Contents>(source: &Source, header: &HeaderBytes, parts: u64) ->
     source.read_at(file_len - FOOTER_LEN as u64, &mut footer)?;
     let footer = Footer::decode(&footer, file_len, path)?;
     if footer.entries != parts {
-        return Err(StoreError::corrupt(path, "entries of the table", parts, footer.entries));
+        return Err(StoreError::corrupt(path, "number of entries in the table", parts, footer.entries));
     }
     // The table must exactly fill the range between the last part and the footer. Its size is thus limited by the
     // file's size.
     let table_len = footer.entries.saturating_mul(ENTRY_LEN as u64);
     let end = footer.table_offset.checked_add(table_len).and_then(|end| end.checked_add(FOOTER_LEN as u64));
     if footer.table_offset < HEADER_LEN as u64 || end != Some(file_len) {
-        return Err(StoreError::corrupt(path, "place of the table", "just before the footer", footer.table_offset));
+        return Err(StoreError::corrupt(
+            path,
+            "offset of the table",
+            "the offset just before the footer",
+            footer.table_offset,
+        ));
     }
     let mut table = vec![0; table_len as usize];
     source.read_at(footer.table_offset, &mut table)?;

@@ -112,7 +112,9 @@ pub(crate) fn decode_table<C: Contents>(
         }
         let (fits, expected) = match entry.codec {
             Codec::Raw => (entry.stored_len == raw_len, raw_len.to_string()),
-            Codec::Zstd => ((1..raw_len).contains(&entry.stored_len), format!("less than {raw_len}, compressed")),
+            Codec::Zstd => {
+                ((1..raw_len).contains(&entry.stored_len), format!("less than {raw_len} for compressed data"))
+            }
         };
         if !fits {
             return Err(corrupt("stored length", expected, entry.stored_len.to_string()));
@@ -169,7 +171,7 @@ impl Footer {
             return Err(StoreError::corrupt(path, "footer (cut off?)", FOOTER_MAGIC.escape_ascii(), found));
         }
         if blake3::hash(&bytes[..FOOTER_HASH_AT]).as_bytes() != &bytes[FOOTER_HASH_AT..] {
-            return Err(StoreError::corrupt(path, "footer", "bytes that match its hash", "other bytes"));
+            return Err(StoreError::corrupt(path, "footer", "bytes that match the stored hash", "other bytes"));
         }
         if bytes[RESERVED_AT..FOOTER_HASH_AT].iter().any(|&byte| byte != 0) {
             return Err(StoreError::corrupt(path, "reserved bytes of the footer", "zeros", "other bytes"));

@@ -43,7 +43,7 @@ impl<C: Contents> Container<C> {
                 zeros &= piece.iter().all(|&byte| byte == 0);
             })?;
             if !zeros {
-                return Err(damaged("the padding after it"));
+                return Err(damaged("its padding"));
             }
             if entry.codec == Codec::Zstd {
                 let stored = FileRange { file: source.file(), range: entry.offset..entry.end() };

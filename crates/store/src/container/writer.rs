@@ -69,7 +69,12 @@ impl ContainerWriter {
         let Self { path, temporary, entries } = self;
         let entries = entries.into_inner().unwrap_or_else(PoisonError::into_inner);
         let entries: Vec<Entry> = entries.into_iter().flatten().collect();
-        assert_eq!(entries.len(), contents.parts(), "every {} was written", C::KIND.part);
+        assert_eq!(
+            entries.len(),
+            contents.parts(),
+            "every {} must be written before the file is published",
+            C::KIND.part
+        );
         let header = encode(contents);
         let table = encode_table(&entries);
         let table_offset = entries.last().map_or(HEADER_LEN as u64, Entry::next_offset);

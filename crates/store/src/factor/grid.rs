@@ -67,7 +67,7 @@ impl TileGrid {
     /// If the tile lies above the diagonal or outside the grid.
     pub fn index(&self, row: usize, column: usize) -> usize {
         let n = self.columns();
-        assert!(column <= row && row < n, "tile ({row}, {column}) of {n} rows");
+        assert!(column <= row && row < n, "tile ({row}, {column}) is not in the lower triangle of {n} tile rows");
         self.first_of(column) + row - column
     }
 
@@ -83,7 +83,7 @@ impl TileGrid {
     ///
     /// If no tile has this number.
     pub fn place(&self, index: usize) -> (usize, usize) {
-        assert!(index < self.count(), "tile {index} of {}", self.count());
+        assert!(index < self.count(), "tile {index} is not one of {} tiles", self.count());
         let (mut column, mut end) = (0, self.columns());
         while end - column > 1 {
             let middle = column.midpoint(end);

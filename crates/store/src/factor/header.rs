@@ -104,7 +104,8 @@ impl Contents for FactorHeader {
         }
         let tile = u32_at(bytes, TILE_AT) as usize;
         let grid = TileGrid::checked(size as usize, tile).ok_or_else(|| {
-            let expected = format!("a multiple of 8 up to {MAX_TILE} that makes at most {MAX_TILES} tiles");
+            let expected =
+                format!("a multiple of 8 up to {MAX_TILE} that divides the factor into at most {MAX_TILES} tiles");
             corrupt("size of the tiles", &expected, &tile)
         })?;
         let tile_columns = u32_at(bytes, TILE_COLUMNS_AT);

@@ -73,7 +73,11 @@ impl FactorWriter {
     ///
     /// If `values` doesn't have the tile's length, or if the tile lies above the diagonal or outside the grid.
     pub fn put(&self, row: usize, column: usize, values: &[f64]) -> Result<(), StoreError> {
-        assert_eq!(values.len(), self.header.grid.len(row, column), "values of tile ({row}, {column})");
+        assert_eq!(
+            values.len(),
+            self.header.grid.len(row, column),
+            "expected one value per element of tile ({row}, {column})"
+        );
         let at = self.header.grid.index(row, column);
         let single: Vec<f32>;
         let bytes: &[u8] = match self.header.scalar {
@@ -106,7 +110,11 @@ impl FactorWriter {
     ///
     /// If `values` doesn't have the tile's length, or if the factor's f32 tiles aren't kept for reading back.
     pub fn get(&self, row: usize, column: usize, values: &mut [f64]) -> Result<(), StoreError> {
-        assert_eq!(values.len(), self.header.grid.len(row, column), "values of tile ({row}, {column})");
+        assert_eq!(
+            values.len(),
+            self.header.grid.len(row, column),
+            "expected one value per element of tile ({row}, {column})"
+        );
         let at = self.header.grid.index(row, column);
         let (file, offset) = match (&self.scratch, self.header.scalar) {
             (Some(scratch), _) => (scratch, self.scratch_offset(at)),

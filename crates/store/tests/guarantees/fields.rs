@@ -55,7 +55,7 @@ const BASIS: &[Lie] = &[
     ("number of chunks", |h| wide(h, 2, 511)),
     ("number of chunks", |h| put64(h, 80, 2)),
     ("number of chunks: expected at most", |h| put64(h, 80, u64::MAX)),
-    ("entries of the table", |h| {
+    ("number of entries in the table", |h| {
         put64(h, 48, 8 << 22);
         put64(h, 80, 1 << 22);
     }),

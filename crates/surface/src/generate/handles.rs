@@ -67,7 +67,7 @@ pub fn torus(parameters: &Torus) -> Mesh {
 /// If `cells` is below 32.
 #[must_use]
 pub fn double_torus(cells: u32) -> Mesh {
-    assert!(cells >= 32, "a double torus takes 32 cells, found {cells}");
+    assert!(cells >= 32, "expected at least 32 cells for a double torus, found {cells}");
     const LEVEL: f64 = 0.02;
     let step = 2.4 / f64::from(cells);
     // The grid is chosen such that the flat part of the surface between the holes lies midway between grid points. No

@@ -31,7 +31,7 @@ pub fn icosphere(subdivisions: u32) -> Mesh {
 /// For more than 29 subdivisions, because the number of vertices would exceed 64 bits.
 #[must_use]
 pub fn icosphere_counts(subdivisions: u32) -> [u64; 2] {
-    assert!(subdivisions <= 29, "{subdivisions} subdivisions of an icosahedron");
+    assert!(subdivisions <= 29, "expected at most 29 subdivisions of the icosahedron, found {subdivisions}");
     let quarter = 1 << (2 * subdivisions);
     [10 * quarter + 2, 20 * quarter]
 }

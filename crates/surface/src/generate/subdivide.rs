@@ -40,7 +40,7 @@ pub(super) fn split(mesh: &Mesh, middle: impl Fn(Vec3, Vec3) -> Vec3) -> Mesh {
     let mut midpoints: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges);
     let mut midpoint = |a: u32, b: u32| {
         *midpoints.entry((a.min(b), a.max(b))).or_insert_with(|| {
-            let next = u32::try_from(vertices.len()).expect("more vertices than 32-bit numbers can count");
+            let next = u32::try_from(vertices.len()).expect("the mesh has more vertices than 32-bit indices allow");
             vertices.push(middle(vertices[a as usize], vertices[b as usize]));
             next
         })

@@ -52,7 +52,7 @@ pub(super) fn is_annotation(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("annot"))
 }
 
-/// Reads an annotation of a surface with `vertices` vertices, from an `.annot` file or a GIfTI file of labels.
+/// Reads an annotation of a surface with `vertices` vertices, from an `.annot` file or a GIfTI label file.
 ///
 /// # Errors
 ///
@@ -64,7 +64,7 @@ pub fn read_annotation(path: impl AsRef<Path>, vertices: usize) -> Result<Annota
     let found = if is_annotation(path) {
         parse(&bytes).map_err(|flaw| flaw.at(path, "a FreeSurfer annotation"))?
     } else {
-        let (labels, values) = gifti::read_labels(&bytes).map_err(|flaw| flaw.at(path, "a GIfTI file of labels"))?;
+        let (labels, values) = gifti::read_labels(&bytes).map_err(|flaw| flaw.at(path, "a GIfTI label file"))?;
         let keys = values.into_iter().map(|value| (value.fract() == 0.0).then_some(value as i64));
         named(keys, labels)
     };
@@ -110,7 +110,7 @@ fn table(cursor: &mut Cursor<'_>) -> Result<Vec<(i64, String)>, Flaw> {
     let first = cursor.i32(Endian::Big)?;
     let numbered = first < 0;
     if numbered && first != -2 {
-        return Err(Flaw::new("a table of version 2", format!("version {}", -i64::from(first))));
+        return Err(Flaw::new("a colour table of version 2", format!("version {}", -i64::from(first))));
     }
     // The newer version begins with the largest region number; the number of regions comes later, after the name of the
     // file that the table was read from.

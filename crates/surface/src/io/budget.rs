@@ -31,8 +31,8 @@ impl Budget {
             None => {
                 let limit = Bytes(most_expanded(self.file));
                 return Err(Flaw::unsupported(
-                    format!("{what} more than {limit} in a file of {}", Bytes(self.file)),
-                    "save its surface as .ply if you trust it",
+                    format!("{what} more than {limit} (file size: {})", Bytes(self.file)),
+                    "if you trust the file, save its surface as .ply",
                 ));
             }
         }
@@ -51,7 +51,7 @@ mod tests {
         budget.spend(60 << 20, "shapes of").unwrap();
         assert_eq!(budget.left(), 4 << 20);
         let error = budget.spend(5 << 20, "shapes of").unwrap_err();
-        assert!(format!("{error:?}").contains("shapes of more than 64.0 MiB in a file of 0 bytes"), "{error:?}");
+        assert!(format!("{error:?}").contains("shapes of more than 64.0 MiB (file size: 0 bytes)"), "{error:?}");
         budget.spend(4 << 20, "shapes of").unwrap();
     }
 }

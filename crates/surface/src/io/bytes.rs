@@ -45,8 +45,8 @@ impl<'a> Cursor<'a> {
     pub(super) fn take(&mut self, n: usize) -> Result<&'a [u8], Flaw> {
         let Some((head, tail)) = self.rest.split_at_checked(n) else {
             return Err(Flaw::new(
-                format!("{n} more bytes at byte {}", self.at),
-                format!("{} before the end of the file", self.rest.len()),
+                format!("{n} more bytes from byte {} on", self.at),
+                format!("only {} bytes before the end of the file", self.rest.len()),
             ));
         };
         self.rest = tail;

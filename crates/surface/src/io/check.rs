@@ -65,8 +65,17 @@ pub(crate) fn indices(path: &Path, mesh: &Mesh) -> Result<(), SurfaceError> {
 
 /// Checks that a signal has values and that they are finite.
 pub(crate) fn signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
+    signal_without(path, signal, |x| !x.is_finite())
+}
+
+/// Checks a signal that is to be written: it must have values, which may be NaN but not infinite.
+pub(super) fn written_signal(path: &Path, signal: &Signal) -> Result<(), SurfaceError> {
+    signal_without(path, signal, f64::is_infinite)
+}
+
+fn signal_without(path: &Path, signal: &Signal, bad: impl Fn(f64) -> bool) -> Result<(), SurfaceError> {
     signal_with_gaps(path, signal)?;
-    match signal.values.iter().position(|x| !x.is_finite()) {
+    match signal.values.iter().position(|x| bad(*x)) {
         None => Ok(()),
         Some(i) => Err(SurfaceError::NonFinite {
             path: path.to_owned(),
@@ -97,13 +106,13 @@ pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) 
     fits(path, values, 3, format)
 }
 
-/// Checks that a signal's values stay finite when rounded to 32-bit floats.
+/// Checks that a signal's finite values stay finite when rounded to 32-bit floats.
 pub(super) fn values_fit_f32(path: &Path, signal: &Signal, format: &FormatSpec) -> Result<(), SurfaceError> {
     fits(path, &signal.values, signal.channels, format)
 }
 
 fn fits(path: &Path, values: &[f64], channels: usize, format: &FormatSpec) -> Result<(), SurfaceError> {
-    match values.iter().enumerate().find(|(_, x)| !(**x as f32).is_finite()) {
+    match values.iter().enumerate().find(|(_, x)| x.is_finite() && !(**x as f32).is_finite()) {
         None => Ok(()),
         Some((i, &value)) => Err(SurfaceError::NotRepresentable {
             path: path.to_owned(),

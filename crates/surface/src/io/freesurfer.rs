@@ -68,9 +68,10 @@ pub(super) fn read_curv(bytes: &[u8]) -> Result<Signal, Flaw> {
     // The counts are below 2^31 each, so their product doesn't overflow.
     if (vertices * channels).checked_mul(4) != Some(cursor.remaining() as u64) {
         return Err(Flaw::new(
-            format!("{vertices} x {channels} values of 4 bytes to the end of the file"),
+            format!("exactly {vertices} x {channels} values of 4 bytes each after the header"),
             format!(
-                "{} bytes (FreeSurfer's old quadrangle surfaces begin with the same bytes and aren't supported)",
+                "{} bytes (or an old FreeSurfer quadrangle surface, which begins with these bytes and isn't \
+                 supported)",
                 cursor.remaining()
             ),
         ));
@@ -144,7 +145,7 @@ pub(super) fn write_curv(out: &mut dyn Write, signal: &Signal, _: &Context<'_>) 
 fn write_i32(out: &mut dyn Write, n: usize) -> io::Result<()> {
     let n = i32::try_from(n).map_err(|_| {
         io::Error::other(
-            "FreeSurfer's formats hold at most 2^31 - 1 vertices or triangles; write a surface as .ply, values as \
+            "FreeSurfer's formats hold at most 2^31 - 1 vertices or triangles; write surfaces as .ply and values as \
              .func.gii",
         )
     })?;

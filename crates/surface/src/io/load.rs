@@ -62,8 +62,8 @@ pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Flaw> {
     let text = inflated(flate2::read::MultiGzDecoder::new(bytes), limit, "a gzip stream")?;
     if text.len() as u64 >= limit {
         return Err(Flaw::unsupported(
-            format!("more than {} in {} compressed bytes", Bytes(limit), bytes.len()),
-            "unpack the file with gunzip if you trust it",
+            format!("contents of more than {} from {} compressed bytes", Bytes(limit), bytes.len()),
+            "if you trust the file, unpack it with gunzip",
         ));
     }
     Ok(text)

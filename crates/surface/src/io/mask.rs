@@ -35,7 +35,7 @@ pub fn read_mask(path: impl AsRef<Path>, vertices: usize) -> Result<Vec<bool>, S
             return Err(SurfaceError::VertexCount { path, sphere: None, expected: vertices, found });
         }
         if signal.channels != 1 {
-            let flaw = Flaw::new("a value for each vertex", format!("{} for each", signal.channels));
+            let flaw = Flaw::new("one value per vertex", format!("{} per vertex", signal.channels));
             return Err(flaw.at(path, "a mask"));
         }
         // In GIfTI labels, a nonzero value may stand for a region called unknown or medial wall.
@@ -58,7 +58,8 @@ fn is_gifti_label(path: &Path) -> bool {
 fn label(bytes: &[u8], vertices: usize) -> Result<Vec<bool>, Flaw> {
     let mut rows = lines(bytes).skip(1).filter(|(_, line)| !line.trim_ascii().is_empty());
     let (_, count) = rows.next().unwrap_or_default();
-    let count: u64 = number(count.trim_ascii()).ok_or_else(|| Flaw::new("a count on line 2", shown(count)))?;
+    let count: u64 =
+        number(count.trim_ascii()).ok_or_else(|| Flaw::new("a number of vertices on line 2", shown(count)))?;
     let count = bounded(count, 2, bytes.len(), "vertices")?;
     let mut mask = vec![false; vertices];
     let mut found = 0;
@@ -66,7 +67,7 @@ fn label(bytes: &[u8], vertices: usize) -> Result<Vec<bool>, Flaw> {
         let vertex: usize = next_number(&mut words(line), "a vertex", at)?;
         let Some(keep) = mask.get_mut(vertex) else {
             return Err(Flaw::new(
-                format!("vertices below {vertices}, the surface's number of vertices"),
+                format!("vertex numbers below {vertices}, the surface's number of vertices"),
                 format!("{vertex} on line {at}"),
             ));
         };
@@ -94,19 +95,19 @@ mod tests {
         assert_eq!(read("lh.windows.label", &text.replace('\n', "\r\n"), 4).unwrap(), [true, false, false, true]);
         assert_eq!(read("mask.csv", "0\n1\n-2\n", 3).unwrap(), [false, true, true]);
         for (text, vertices, expected) in [
-            (text.as_str(), 3, "vertices below 3"),
+            (text.as_str(), 3, "vertex numbers below 3"),
             (&text.replace("\n2\n", "\n3\n"), 5, "expected 3 vertices, found 2"),
             (&text.replace("\n2\n", "\n4000000000\n"), 5, "4000000000 vertices"),
-            (&text.replace("\n2\n", "\nx\n"), 5, "a count on line 2"),
+            (&text.replace("\n2\n", "\nx\n"), 5, "a number of vertices on line 2"),
             (&text.replace("\n3  ", "\n-3  "), 5, "a vertex on line 3"),
             (&format!("{head}0\n"), 5, "all vertices are excluded"),
-            (head, 5, "a count"),
+            (head, 5, "expected a number of vertices"),
         ] {
             let error = read("bad.label", text, vertices).unwrap_err().to_string();
             assert!(error.contains("bad.label") && error.contains(expected) && !error.contains('\n'), "{error}");
         }
         for (text, expected) in
-            [("0\n0\n", "vertices are excluded"), ("1\n", "1 vertices"), ("1,2\n1,2\n", "2 for each")]
+            [("0\n0\n", "vertices are excluded"), ("1\n", "1 vertices"), ("1,2\n1,2\n", "2 per vertex")]
         {
             let error = read("bad.csv", text, 2).unwrap_err().to_string();
             assert!(error.contains("bad.csv") && error.contains(expected), "{error}");

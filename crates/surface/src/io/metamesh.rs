@@ -37,12 +37,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             // A second mesh begins here; only the first is read.
             b"ObjectType" if !mesh.faces.is_empty() => break,
             b"BinaryData" | b"CompressedData" if value.eq_ignore_ascii_case(b"true") => {
-                return Err(Flaw::unsupported("binary data", "write it as text: BinaryData = False"));
+                return Err(Flaw::unsupported("binary data", "write the file as text (BinaryData = False)"));
             }
             b"TransformMatrix" | b"Offset" | b"ElementSpacing" if !is_identity(key, value) => {
                 return Err(Flaw::unsupported(
                     format!("{} {}", shown(key), shown(value)),
-                    "apply it to the points, as SPHARM-PDM does",
+                    "apply the transform to the points, as SPHARM-PDM does",
                 ));
             }
             b"NPoints" => points = count("the count of points")?,
@@ -101,6 +101,6 @@ fn face(line: &[u8], at: usize, places: &HashMap<i64, u32>, faces: &mut Vec<[u32
     if fan(&corners, faces) {
         Ok(())
     } else {
-        Err(Flaw::new(format!("three or more corners on line {at}"), corners.len().to_string()))
+        Err(Flaw::new(format!("at least three corners on line {at}"), corners.len().to_string()))
     }
 }

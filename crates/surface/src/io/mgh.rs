@@ -61,7 +61,10 @@ fn header(bytes: &[u8]) -> Result<Header, Flaw> {
         3 => Kind::F32,
         4 => Kind::I16,
         other => {
-            return Err(Flaw::unsupported(format!("values of type {other}"), "convert it with mri_convert -odt float"));
+            return Err(Flaw::unsupported(
+                format!("values of type {other}"),
+                "convert the file with mri_convert -odt float",
+            ));
         }
     };
     Ok(Header { size, frames, kind })

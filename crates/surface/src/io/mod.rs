@@ -241,11 +241,13 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &Mesh, options: &WriteOptions) -
 }
 
 /// Writes values on vertices in the format implied by the name: `.gii` (float32 unless `double`), `.mgz`, `.csv`,
-/// `.tsv`, or, for one channel, FreeSurfer's curv (`lh.*`, `rh.*`, `.curv`, `.thickness`, ...).
+/// `.tsv`, or, for one channel, FreeSurfer's curv (`lh.*`, `rh.*`, `.curv`, `.thickness`, ...). Values may be NaN,
+/// which marks vertices without a value.
 ///
 /// # Errors
 ///
-/// The errors of [`write_mesh`]; [`Argument`](SurfaceError::Argument) for several channels in a curv file.
+/// The errors of [`write_mesh`], with [`NonFinite`](SurfaceError::NonFinite) only for infinities;
+/// [`Argument`](SurfaceError::Argument) for several channels in a curv file.
 pub fn write_signal(path: impl AsRef<Path>, signal: &Signal, options: &WriteOptions) -> Result<(), SurfaceError> {
     write_signal_of(path, signal, None, options)
 }
@@ -264,11 +266,11 @@ pub fn write_signal_of(
 ) -> Result<(), SurfaceError> {
     let path = path.as_ref();
     let format = to_write_signal(path)?;
-    check::signal(path, signal)?;
+    check::written_signal(path, signal)?;
     if signal.channels > format.most_channels {
         return Err(SurfaceError::Argument {
             what: "channels of a FreeSurfer curv file",
-            expected: "1; write .func.gii, .mgz or .csv for more",
+            expected: "1 (write several channels to .func.gii, .mgz or .csv)",
             found: signal.channels.to_string(),
         });
     }

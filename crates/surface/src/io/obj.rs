@@ -28,7 +28,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 }
                 if !fan(&corners, &mut faces) {
                     return Err(Flaw::new(
-                        format!("three or more corners on line {line_number}"),
+                        format!("at least three corners on line {line_number}"),
                         corners.len().to_string(),
                     ));
                 }

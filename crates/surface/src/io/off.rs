@@ -26,7 +26,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         _ if keyword.ends_with(b"OFF") => {
             return Err(Flaw::unsupported(
                 format!("the variant {}", shown(keyword)),
-                "save it as plain three-dimensional OFF",
+                "save the surface as plain three-dimensional OFF",
             ));
         }
         _ => return Err(Flaw::new("the word OFF", shown(keyword))),
@@ -62,7 +62,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             corners.push(next_number(&mut words, "a vertex's index", at)?);
         }
         if !fan(&corners, &mut faces) {
-            return Err(Flaw::new(format!("three or more corners on line {at}"), count.to_string()));
+            return Err(Flaw::new(format!("at least three corners on line {at}"), count.to_string()));
         }
     }
     Ok(Mesh::new(vertices, faces))

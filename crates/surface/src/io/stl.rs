@@ -65,7 +65,9 @@ fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
             b"endloop" if corners == 3 => corners = 0,
             _ => {
                 return Err(Flaw::new(
-                    format!("the next of solid, facet, outer loop, vertex (3 times), endloop, ... on line {at}"),
+                    format!(
+                        "the next keyword of solid, facet, outer loop, vertex (3 times), endloop, ... on line {at}"
+                    ),
                     shown(word),
                 ));
             }

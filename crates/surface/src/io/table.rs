@@ -39,7 +39,10 @@ pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
             let found = values.len() - start;
             let wanted = *channels.get_or_insert(found);
             if found != wanted {
-                return Err(Flaw::new(format!("{wanted} values on line {at}, as on the first"), found.to_string()));
+                return Err(Flaw::new(
+                    format!("{wanted} values on line {at}, as on the first line"),
+                    found.to_string(),
+                ));
             }
             vertices += 1;
         }

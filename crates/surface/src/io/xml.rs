@@ -89,7 +89,10 @@ pub(super) fn walk<'a>(
                 roots += usize::from(depth == 0);
                 depth += 1;
                 if depth > DEEPEST || roots > 1 {
-                    return Err(Flaw::new(format!("one element, with others at most {DEEPEST} deep"), "more"));
+                    return Err(Flaw::new(
+                        format!("one root element, with others nested at most {DEEPEST} deep"),
+                        "several or deeper elements",
+                    ));
                 }
                 visit(Step::Start(&Tag(tag)))?;
             }

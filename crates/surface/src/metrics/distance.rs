@@ -284,7 +284,7 @@ impl Samples {
         }
         let grid = Grid::new(mesh, params.samples);
         if !(grid.area > 0.0 && grid.area.is_finite()) {
-            return Err(wrong(format!("{} triangles of area {}", mesh.faces.len(), grid.area)));
+            return Err(wrong(format!("{} triangles with a total area of {}", mesh.faces.len(), grid.area)));
         }
         // Points are in the order of the mesh, so that sums don't depend on the number of threads.
         let pieces = grid.triangles.par_iter().flat_map_iter(|&(corners, n)| centroids(corners, n));

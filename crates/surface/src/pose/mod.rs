@@ -18,6 +18,9 @@
 //! Symmetric and nearly symmetric surfaces have several poses that are equally or nearly equally good; see
 //! [`Pose::second`].
 //!
+//! If the surfaces are already the right way round, such as scans in one coordinate system, [`PoseSearch::Near`] only
+//! improves the given poses. Nothing can then be turned over by mistake.
+//!
 //! The result is bitwise the same for any number of threads.
 
 mod covering;
@@ -40,9 +43,22 @@ use crate::kabsch::kabsch;
 use crate::matrix3::{Matrix3, angle_between, product, times, transposed};
 use crate::similarity::Similarity;
 
+/// The poses from which a search starts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub enum PoseSearch {
+    /// All rotations: the surfaces may have any poses.
+    #[default]
+    Any,
+    /// The given poses, also with one centre moved onto the other: the surfaces are already the right way round.
+    Near,
+}
+
 /// Settings of a pose search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseParams {
+    /// The poses from which the search starts; all rotations by default.
+    pub search: PoseSearch,
     /// Whether the moving surface is scaled to the size of the fixed surface; `false` by default.
     pub scale: bool,
     /// Whether mirror images of the moving surface are allowed; `false` by default.
@@ -53,7 +69,7 @@ pub struct PoseParams {
 
 impl Default for PoseParams {
     fn default() -> Self {
-        Self { scale: false, mirror: false, trimmed: 0.1 }
+        Self { search: PoseSearch::Any, scale: false, mirror: false, trimmed: 0.1 }
     }
 }
 
@@ -137,6 +153,9 @@ pub fn pose(
     params: &PoseParams,
     monitor: &dyn Monitor,
 ) -> Result<Pose, Interrupted> {
+    if params.search == PoseSearch::Near {
+        return near(moving, fixed, params, monitor);
+    }
     let mut found = starts(moving, fixed, params, monitor)?;
     for (stage, next) in STAGES.iter().zip(STAGES[1..].iter().map(Some).chain([None])) {
         found = staged(moving, fixed, &found, stage, params, monitor)?;
@@ -158,6 +177,34 @@ pub fn pose(
         second: other.map_or(f64::INFINITY, |other| other.1),
         other: other.map(|other| other.0),
     })
+}
+
+/// Improves the given pose, and the pose in which the centres coincide, and returns the better result. With `mirror`,
+/// also starts from the mirror image (x to -x).
+fn near(
+    moving: &PoseSurface,
+    fixed: &PoseSurface,
+    params: &PoseParams,
+    monitor: &dyn Monitor,
+) -> Result<Pose, Interrupted> {
+    let size = if params.scale { fixed.size() / moving.size() } else { 1.0 };
+    let centred = |own: Similarity| {
+        let translation = sub(fixed.centre, scale(times(&own.orthogonal, moving.centre), size));
+        Similarity { scale: size, translation, ..own }
+    };
+    let mut starts = vec![Similarity::default(), centred(Similarity::default())];
+    if params.mirror {
+        starts.push(centred(Similarity::reflection()));
+    }
+    let one = |start: &Similarity| -> Result<(Similarity, f64), Interrupted> {
+        monitor.check()?;
+        Ok(improved(moving, fixed, start, params))
+    };
+    let found: Vec<Result<(Similarity, f64), Interrupted>> = starts.par_iter().map(one).collect();
+    let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let best = found.iter().skip(1).fold(found[0], |best, end| if end.1 < best.1 { *end } else { best });
+    let similarity = Similarity { orthogonal: kabsch(&best.0.orthogonal, true), ..best.0 };
+    Ok(Pose { similarity, distance: best.1, second: f64::INFINITY, other: None })
 }
 
 /// Sorts motions by their untrimmed distances. Two poses may differ only in a part as small as the trimmed share, such

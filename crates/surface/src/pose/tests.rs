@@ -101,6 +101,33 @@ fn what_is_symmetric_says_so() {
     assert!(differ(&found.similarity, &found.other.unwrap()));
 }
 
+/// An ellipsoid has four equally good poses. Near the given pose, only one is found.
+#[test]
+fn a_search_near_the_given_pose_turns_nothing_over() {
+    let ellipsoid = |level: u32| {
+        let ball = icosphere(level);
+        ball.with_vertices(ball.vertices.iter().map(|v| [9.0 * v[0], 6.0 * v[1], 4.0 * v[2]]).collect())
+    };
+    let (fixed, other) = (PoseSurface::new(&ellipsoid(5)).unwrap(), ellipsoid(4));
+    let params = PoseParams { search: PoseSearch::Near, ..PoseParams::default() };
+    let mut random = SplitMix64::new(3);
+    for far in [0.0, 1.0, 40.0] {
+        let q = [1.0, random.between(-0.1, 0.1), random.between(-0.1, 0.1), random.between(-0.1, 0.1)];
+        let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let orthogonal = of_quaternion(q.map(|v| v / length));
+        let moved = Similarity { orthogonal, translation: [far, -far, 0.5 * far], ..Similarity::default() };
+        let found = pose(&PoseSurface::new(&moved.apply_mesh(&other)).unwrap(), &fixed, &params, &Silent).unwrap();
+        assert!(error(&other, &moved, &found.similarity) < 0.1, "{far}: {found:?}");
+        assert_eq!((found.second, found.other), (f64::INFINITY, None));
+    }
+    // The mirror image of a body without symmetry is matched, and scaled, if this is allowed.
+    let (fixed, other) = (PoseSurface::new(&lump(5)).unwrap(), lump(4));
+    let moved = Similarity { scale: 2.0, translation: [3.0, 0.0, 0.0], ..Similarity::reflection() };
+    let params = PoseParams { mirror: true, scale: true, ..params };
+    let found = pose(&PoseSurface::new(&moved.apply_mesh(&other)).unwrap(), &fixed, &params, &Silent).unwrap();
+    assert!(found.similarity.mirrors() && error(&other, &moved, &found.similarity) < 0.1, "{found:?}");
+}
+
 #[test]
 fn the_number_of_threads_changes_no_bit() {
     let (a, b) = (PoseSurface::new(&lump(4)).unwrap(), PoseSurface::new(&lump(3)).unwrap());

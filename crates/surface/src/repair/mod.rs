@@ -1,8 +1,9 @@
 //! Repairs common defects of scanned or exported meshes: duplicate vertices, repeated triangles, fins, triangles wound
 //! against their neighbours, parts that touch, unreferenced vertices, loose pieces and small holes.
 //!
-//! Rims that nearly coincide are welded; no other vertex is moved. Holes of more than [`LARGEST_FAN`] edges and
-//! one-sided surfaces remain; [`Topology`](crate::topology::Topology) reports them.
+//! Rims that nearly coincide are welded; no other vertex is moved. Holes of more than [`LARGEST_FAN`] edges, or of a
+//! shape that a fan of triangles can't fill, and one-sided surfaces remain; [`Topology`](crate::topology::Topology)
+//! reports them.
 
 mod rims;
 mod sheets;
@@ -159,8 +160,9 @@ fn percent(fraction: f64) -> String {
     format!("{percent:.digits$}")
 }
 
-/// Repairs a mesh, whose triangles must have valid indices. Returns the repaired mesh and the changes. The remaining
-/// vertices keep their order; vertices added where parts touched or to fill holes come last.
+/// Repairs a mesh, whose triangles must have valid indices. Returns the repaired mesh and the changes. A closed result
+/// is wound outwards. The remaining vertices keep their order; vertices added where parts touched or to fill holes come
+/// last.
 ///
 /// # Panics
 ///
@@ -180,9 +182,23 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     // The vertices that were merged with others are unused, too. They are subtracted, since they are counted as
     // welded.
     found.unused = unused.saturating_sub(welded);
-    let mesh = Mesh { vertices, faces, meta: mesh.meta.clone() };
+    let mut mesh = Mesh { vertices, faces, meta: mesh.meta.clone() };
+    turn_closed_outward(&mut mesh, &mut found);
     found.measure(&mesh);
     (mesh, found)
+}
+
+/// Turns all triangles if the mesh is closed and wound inwards, and adds them to the changes. An open mesh isn't
+/// changed.
+///
+/// # Panics
+///
+/// If a triangle's index is out of range.
+pub fn turn_closed_outward(mesh: &mut Mesh, found: &mut MeshRepair) {
+    if sheets::turn_closed_outward(&mesh.vertices, &mut mesh.faces) {
+        // Triangles that were turned before are as they were given.
+        found.turned = (mesh.faces.len() - found.filled).saturating_sub(found.turned);
+    }
 }
 
 /// Welds a mesh, and turns its triangles so that the winding is consistent within each piece. Closed pieces are wound

@@ -6,7 +6,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::MeshRepair;
 use super::sheets::{by_edge, sides, start};
-use crate::geometry::{Vec3, bounds, dot, sub};
+use crate::geometry::{Vec3, add, bounds, dot, face_normal, sub};
 
 /// Largest number of edges of a hole that [`repair`](super::repair) fills.
 pub const LARGEST_FAN: usize = 32;
@@ -83,7 +83,8 @@ pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
 }
 
 /// Fills holes, which are loops of edges with one triangle each. A loop of three edges is filled by one triangle, a
-/// loop of four by two, and a longer loop of up to [`LARGEST_FAN`] edges by a fan around the mean of its vertices.
+/// loop of four by two, and a longer loop of up to [`LARGEST_FAN`] edges by a [`fan`] around the mean of its vertices,
+/// if the fan is a proper surface.
 pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
     let edges: HashSet<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
     // Rims that meet at a vertex are separated by taking the shortest rim through each edge.
@@ -100,37 +101,70 @@ pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &
                 ends.retain(|end| end != b);
             }
         }
-        found.holes += 1;
-        let before = faces.len();
-        match rim[..] {
-            [a, b, c] => faces.push([a, b, c]),
+        let filling = match rim[..] {
+            [a, b, c] => vec![[a, b, c]],
             [a, b, c, d] => {
-                let length = |p: u32, q: u32| {
-                    let [p, q] = [p, q].map(|v| vertices.get(v as usize).copied().unwrap_or_default());
-                    (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>()
-                };
                 // A diagonal that is already an edge can't be used.
                 let taken = |p: u32, q: u32| edges.contains(&(p, q)) || edges.contains(&(q, p));
-                let along = if taken(a, c) || (!taken(b, d) && length(b, d) < length(a, c)) {
-                    [[b, c, d], [b, d, a]]
-                } else {
-                    [[a, b, c], [a, c, d]]
-                };
-                faces.extend(along);
+                quad(vertices, [a, b, c, d], taken)
             }
             _ => {
-                let middle = vertices.len() as u32;
-                let at = |k: usize| {
-                    let sum: f64 = rim.iter().filter_map(|&v| vertices.get(v as usize)).map(|v| v[k]).sum();
-                    sum / rim.len() as f64
-                };
-                vertices.push([0, 1, 2].map(at));
-                let ends = rim.iter().zip(rim.iter().cycle().skip(1));
-                faces.extend(ends.map(|(&a, &b)| [a, b, middle]));
+                let Some((middle, fan)) = fan(vertices, &rim) else { continue };
+                vertices.push(middle);
+                fan
             }
-        }
-        found.filled += faces.len() - before;
+        };
+        found.holes += 1;
+        found.filled += filling.len();
+        faces.extend(filling);
     }
+}
+
+/// Least area of a triangle, as a fraction of its longest edge squared. Thinner triangles have no accurate normal.
+const LEAST_AREA: f64 = 1e-9;
+
+/// Returns whether the corners of a triangle are on a line, as far as rounding can tell.
+fn has_no_area([a, b, c]: [Vec3; 3]) -> bool {
+    let longest = [sub(a, b), sub(b, c), sub(c, a)].map(|edge| dot(edge, edge)).into_iter().fold(0.0, f64::max);
+    let normal = face_normal([a, b, c]);
+    0.5 * dot(normal, normal).sqrt() <= LEAST_AREA * longest
+}
+
+/// Fills a rim of four edges with two triangles. Uses the shorter diagonal, unless it is `taken` by an edge of the mesh
+/// or a triangle would have no area.
+fn quad(vertices: &[Vec3], [a, b, c, d]: [u32; 4], taken: impl Fn(u32, u32) -> bool) -> Vec<[u32; 3]> {
+    let length = |p: u32, q: u32| {
+        let along = sub(vertices[p as usize], vertices[q as usize]);
+        dot(along, along)
+    };
+    let [by_ac, by_bd] = [[[a, b, c], [a, c, d]], [[b, c, d], [b, d, a]]];
+    let flat = |faces: &[[u32; 3]; 2]| faces.iter().any(|face| has_no_area(face.map(|v| vertices[v as usize])));
+    let use_bd = if taken(a, c) {
+        true
+    } else if taken(b, d) || flat(&by_bd) {
+        false
+    } else {
+        length(b, d) < length(a, c) || flat(&by_ac)
+    };
+    (if use_bd { by_bd } else { by_ac }).to_vec()
+}
+
+/// Fills a rim with a fan of triangles around the mean of its vertices, and returns the mean and the fan. The mean gets
+/// the next vertex number. Returns `None` if a triangle would have no area or face against the others; such a hole
+/// remains open.
+fn fan(vertices: &[Vec3], rim: &[u32]) -> Option<(Vec3, Vec<[u32; 3]>)> {
+    let sum = rim.iter().fold([0.0; 3], |sum, &v| add(sum, vertices[v as usize]));
+    let middle = sum.map(|x| x / rim.len() as f64);
+    let corners = |[a, b]: [u32; 2]| [vertices[a as usize], vertices[b as usize], middle];
+    let ends = rim.iter().zip(rim.iter().cycle().skip(1)).map(|(&a, &b)| [a, b]);
+    let normals: Vec<Vec3> = ends.clone().map(|end| face_normal(corners(end))).collect();
+    let mean = normals.iter().fold([0.0; 3], |sum, normal| add(sum, *normal));
+    let is_bad = |(end, normal): ([u32; 2], &Vec3)| has_no_area(corners(end)) || dot(*normal, mean) < 0.0;
+    if ends.clone().zip(&normals).any(is_bad) {
+        return None;
+    }
+    let number = vertices.len() as u32;
+    Some((middle, ends.map(|[a, b]| [a, b, number]).collect()))
 }
 
 /// Returns the shortest rim that begins with a given edge; `None` if it has more than [`LARGEST_FAN`] edges.

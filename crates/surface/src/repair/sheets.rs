@@ -235,6 +235,32 @@ pub(super) fn orient(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     count
 }
 
+/// Turns all triangles of a closed surface that is wound inwards, and returns whether it did. An open surface isn't
+/// changed.
+pub(super) fn turn_closed_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> bool {
+    let sides = sides(faces);
+    let closed = !faces.is_empty() && by_edge(&sides).all(|edge| edge.len() == 2);
+    let inwards = closed && volume(vertices, faces, 0..faces.len()) < 0.0;
+    if inwards {
+        faces.iter_mut().for_each(|face| face.swap(1, 2));
+    }
+    inwards
+}
+
+/// Returns six times the signed volume between triangles and the centre of their area.
+fn volume(vertices: &[Vec3], faces: &[[u32; 3]], group: impl Iterator<Item = usize> + Clone) -> f64 {
+    let corners = |f: usize| faces[f].map(|v| vertices[v as usize]);
+    let weighted = |f: usize| {
+        let [a, b, c] = corners(f);
+        let area = area_of(vertices, &faces[f]);
+        [0, 1, 2].map(|k| area * (a[k] + b[k] + c[k]) / 3.0)
+    };
+    let area: f64 = group.clone().map(|f| area_of(vertices, &faces[f])).sum();
+    let sum = group.clone().fold([0.0; 3], |sum, f| add(sum, weighted(f)));
+    let centre = scale(sum, 1.0 / area.max(f64::MIN_POSITIVE));
+    group.map(|f| dot(sub(corners(f)[0], centre), face_normal(corners(f)))).sum()
+}
+
 /// Turns each closed piece that is wound inwards, and all open pieces together if they enclose a negative volume as
 /// seen from their centre. A single open piece, such as a flat side of a box or the inside of a bowl, doesn't show
 /// which side is outside.
@@ -250,17 +276,7 @@ pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) {
         groups.entry(if open.contains(&root) { ALL_OPEN } else { root }).or_default().push(f);
     }
     for group in groups.into_values() {
-        let corners = |f: usize| faces[f].map(|v| vertices[v as usize]);
-        let weighted = |f: usize| {
-            let [a, b, c] = corners(f);
-            let area = area_of(vertices, &faces[f]);
-            [0, 1, 2].map(|k| area * (a[k] + b[k] + c[k]) / 3.0)
-        };
-        let area: f64 = group.iter().map(|&f| area_of(vertices, &faces[f])).sum();
-        let sum = group.iter().fold([0.0; 3], |sum, &f| add(sum, weighted(f)));
-        let centre = scale(sum, 1.0 / area.max(f64::MIN_POSITIVE));
-        let volume = |f: usize| dot(sub(corners(f)[0], centre), face_normal(corners(f)));
-        if group.iter().map(|&f| volume(f)).sum::<f64>() < 0.0 {
+        if volume(vertices, faces, group.iter().copied()) < 0.0 {
             group.into_iter().for_each(|f| faces[f].swap(1, 2));
         }
     }

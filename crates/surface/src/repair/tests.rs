@@ -254,3 +254,63 @@ fn fins_go_from_a_body_with_a_hole() {
     assert!(Topology::of(&clean).is_sphere() && clean.vertices.len() == whole as usize, "{found}");
     assert_eq!((found.fins, found.holes), (50, 1), "{found}");
 }
+
+/// Two edges of the rim are in line with the mean of its vertices, where a fan would have triangles without area.
+#[test]
+fn a_hole_with_edges_in_line_with_its_middle_gets_no_triangles_without_area() {
+    // A grid of 8 x 8 squares on each side of a cube, with two triangles each.
+    let mut mesh = Mesh::new(Vec::new(), Vec::new());
+    for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0), (2, 1.0), (2, -1.0)] {
+        for (i, j) in (0..8).flat_map(|i| (0..8).map(move |j| (i, j))) {
+            // The hole is the same after a half turn about its middle.
+            let halves: &[usize] = match (axis, sign > 0.0, [i, j]) {
+                (0, true, [3 | 4, 3 | 4] | [5, 4] | [2, 3]) => &[],
+                (0, true, [5, 5]) => &[1],
+                (0, true, [2, 2]) => &[0],
+                _ => &[0, 1],
+            };
+            let first = mesh.vertices.len() as u32;
+            for (a, b) in [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)] {
+                let mut corner = [0.0; 3];
+                corner[axis] = sign;
+                corner[(axis + 1) % 3] = f64::from(a) / 4.0 - 1.0;
+                corner[(axis + 2) % 3] = f64::from(b) / 4.0 - 1.0;
+                mesh.vertices.push(corner);
+            }
+            mesh.faces.extend(halves.iter().map(|half| [[0, 1, 2], [0, 2, 3]][*half].map(|k| first + k)));
+        }
+    }
+    let (mended, found) = repair(&mesh);
+    assert_eq!((found.holes, rims(&mended.faces).len()), (0, 1), "{found}");
+    assert!(mended.faces.iter().all(|face| area_of(&mended.vertices, face) > 1e-3));
+}
+
+/// A rim of four vertices, three of them on a line, has one diagonal that gives two triangles with an area.
+#[test]
+fn a_rim_of_four_is_not_filled_by_a_triangle_without_area() {
+    let mut tetrahedron = Mesh::new(
+        vec![[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [2.0, 0.0, 0.0]],
+        vec![[0, 2, 4], [4, 2, 1], [0, 3, 2], [2, 3, 1]],
+    );
+    for _ in 0..4 {
+        let (mended, found) = repair(&tetrahedron);
+        assert!(found.holes == 1 && Topology::of(&mended).is_sphere(), "{found}");
+        assert!(mended.faces.iter().all(|face| area_of(&mended.vertices, face) > 0.1), "{:?}", mended.faces);
+        tetrahedron.faces.rotate_left(1);
+    }
+}
+
+#[test]
+fn a_closed_surface_that_is_inside_out_is_turned() {
+    let ball = icosphere(2);
+    let mut inside_out = ball.clone();
+    inside_out.faces.iter_mut().for_each(|face| face.swap(1, 2));
+    let (turned, found) = repair(&inside_out);
+    assert_eq!((turned, found.turned), (ball.clone(), 320));
+    // With three triangles that are wound outwards already, and a hole.
+    ball.faces[..3].iter().zip(&mut inside_out.faces).for_each(|(given, face)| *face = *given);
+    inside_out.faces.pop();
+    let (turned, found) = repair(&inside_out);
+    assert_eq!((found.turned, found.holes, found.filled), (316, 1, 1));
+    assert_eq!(turned.faces[..319], ball.faces[..319]);
+}

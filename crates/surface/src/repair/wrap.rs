@@ -33,15 +33,15 @@ pub struct Wrap {
 impl fmt::Display for Wrap {
     /// Describes the wrap and its differences from the mesh by phrases joined by commas.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "wrapped at {} voxels along the longest side", self.voxels)?;
+        write!(f, "wrapped with {} voxels along the longest side", self.voxels)?;
         let of = |share: f64, text: &str| (share >= 5e-5).then(|| format!("{} % {text}", percent(share)));
         let handles = match self.handles_cut {
             true => phrase(self.handles, "handle cut", "handles cut"),
             false => phrase(self.handles, "handle filled", "handles filled"),
         };
         let phrases = [
-            of(self.hidden_area, "of the mesh's area farther than a voxel from the wrap"),
-            of(self.bridged_area, "of the wrap's area farther than a voxel from the mesh"),
+            of(self.hidden_area, "of the mesh's area is farther than a voxel from the wrap"),
+            of(self.bridged_area, "of the wrap's area is farther than a voxel from the mesh"),
             phrase(self.pieces, "smaller piece left out", "smaller pieces left out"),
             phrase(self.cavities, "cavity filled", "cavities filled"),
             handles,

@@ -64,7 +64,10 @@ impl Topology {
         let mut degenerate_faces = 0;
         for (i, &[a, b, c]) in mesh.faces.iter().enumerate() {
             let last = a.max(b).max(c);
-            assert!((last as usize) < vertices, "triangle {i} names vertex {last} of {vertices}");
+            assert!(
+                (last as usize) < vertices,
+                "triangle {i} refers to vertex {last} (both counted from 0), but the mesh has {vertices} vertices"
+            );
             for v in [a, b, c] {
                 referenced[v as usize] = true;
             }

@@ -146,7 +146,10 @@ fn sparse_and_quantized_positions_are_read() {
         .replace("\"byteLength\":48}", "\"byteLength\":30,\"byteStride\":8}")
         .replace("5126,\"count\":4,", "5122,\"normalized\":true,\"count\":4,");
     let error = read(&json, &bin).unwrap_err().to_string();
-    assert!(error.contains("expected positions of three 32-bit floats, found VEC3 of componentType 5122"), "{error}");
+    assert!(
+        error.contains("expected positions of three 32-bit floats each, found VEC3 of componentType 5122"),
+        "{error}"
+    );
     let json = json.replacen('{', "{\"extensionsRequired\":[\"KHR_mesh_quantization\"],", 1);
     let wanted = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]];
     assert_eq!(read(&json, &bin).unwrap().vertices, wanted);
@@ -158,8 +161,8 @@ fn what_a_reader_cannot_take_is_named_with_a_way_out() {
     let required = |name: &str| whole.replacen('{', &format!("{{\"extensionsRequired\":[\"{name}\"],"), 1);
     let node = |node: &str| format!("{{{PARTS},\"nodes\":[{node}]}}");
     for (json, what) in [
-        (required("KHR_draco_mesh_compression"), "without compression"),
-        (required("EXT_meshopt_compression"), "without compression"),
+        (required("KHR_draco_mesh_compression"), "without mesh compression"),
+        (required("EXT_meshopt_compression"), "without mesh compression"),
         (required("ABC_new"), "the extension ABC_new"),
         (whole.replace("\"2.0\"", "\"1.0\""), "version 1.0"),
         (node("{\"mesh\":0,\"skin\":0}"), "bones"),
@@ -187,12 +190,12 @@ fn lies_about_arrays_and_nodes_are_placed() {
         (with("5126,\"count\":4", "5126,\"count\":2000000"), "expected 2000000 elements"),
         (with("5126,\"count\":4", "5126,\"count\":3"), "expected indices below 3"),
         (with("5123,\"count\":12", "5123,\"count\":11"), "expected three corners"),
-        (with("\"byteOffset\":48", "\"byteOffset\":18446744073709551615"), "a buffer view from byte"),
+        (with("\"byteOffset\":48", "\"byteOffset\":18446744073709551615"), "a buffer view of"),
         (with("\"byteLength\":48", "\"byteLength\":48,\"byteStride\":0"), "byteStride"),
         (with("\"byteLength\":48", "\"byteLength\":48,\"byteStride\":252"), "elements in buffer view 0"),
         (with("{\"byteLength\":72}", "{\"byteLength\":9000}"), "9000 bytes in buffer 0"),
-        (with("\"POSITION\":0", "\"POSITION\":7"), "an accessor of the document"),
-        (with("\"indices\":1", "\"indices\":0"), "indices of unsigned whole numbers"),
+        (with("\"POSITION\":0", "\"POSITION\":7"), "an existing accessor"),
+        (with("\"indices\":1", "\"indices\":0"), "unsigned whole numbers as indices"),
         (with("\"indices\":1", "\"indices\":1,\"mode\":9"), "mode from 0 to 6"),
         (with("\"bufferView\":0,", ""), "data of each accessor"),
         (nodes("{\"children\":[1]},{\"children\":[0]}") + " ", "at least one vertex"),

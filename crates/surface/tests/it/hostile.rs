@@ -160,9 +160,9 @@ fn text_with_other_values_than_its_dimensions_say_is_refused() {
         read(folder.path(), Path::new("a.shape.gii"), text.as_bytes())
     };
     for (data_type, data, what) in [
-        ("FLOAT32", "1.000 2.000", "expected 3 values, as its dimensions say, found 2"),
+        ("FLOAT32", "1.000 2.000", "expected 3 values, as given by the array's dimensions, found 2"),
         ("FLOAT32", "1", "expected 3 values (at least 2 bytes each)"),
-        ("FLOAT64", "1 2 3 4", "expected 3 values, as its dimensions say, found more"),
+        ("FLOAT64", "1 2 3 4", "expected 3 values, as given by the array's dimensions, found more"),
         ("INT32", "1 2.5 3", "values, found"),
         ("UINT8", "1 2 256", "values, found"),
         ("FLOAT64", "1 2 x", "values, found"),

@@ -1,7 +1,9 @@
 //! Tests that written files read back: exactly in text and 64-bit formats, rounded once to 32 bits in other formats.
 
 use proptest::prelude::*;
-use spharm_surface::io::{PlyAttributes, WriteOptions, read_mesh, read_signal, write_mesh, write_ply, write_signal};
+use spharm_surface::io::{
+    PlyAttributes, WriteOptions, read_mesh, read_signal, read_signal_with_gaps, write_mesh, write_ply, write_signal,
+};
 use spharm_surface::{Mesh, Signal, SurfaceError};
 
 use crate::fixtures;
@@ -98,6 +100,24 @@ fn signals() {
     let one = Signal::new(vec![0.5, -2.0], 2, 1);
     write_signal(&curv, &one, &WriteOptions::default()).unwrap();
     assert_eq!(read_signal(&curv).unwrap(), one);
+}
+
+/// NaN marks vertices without a value.
+#[test]
+fn signals_with_gaps() {
+    let folder = tempfile::tempdir().unwrap();
+    let signal = Signal::new(vec![0.5, f64::NAN, -2.0], 3, 1);
+    let options = WriteOptions::default();
+    for name in ["a.shape.gii", "b.csv", "c.tsv", "d.mgz", "lh.thickness"] {
+        let path = folder.path().join(name);
+        write_signal(&path, &signal, &options).unwrap();
+        assert!(matches!(read_signal(&path), Err(SurfaceError::NonFinite { vertex: 1, .. })), "{name}");
+        let found = read_signal_with_gaps(&path).unwrap();
+        assert!(found.values[1].is_nan() && [found.values[0], found.values[2]] == [0.5, -2.0], "{name}");
+    }
+    let infinite = Signal::new(vec![0.5, f64::INFINITY], 2, 1);
+    let error = write_signal(folder.path().join("e.csv"), &infinite, &options).unwrap_err();
+    assert!(matches!(error, SurfaceError::NonFinite { vertex: 1, .. }), "{error}");
 }
 
 #[test]

@@ -82,7 +82,7 @@ fn what_is_missing_or_wrong_is_named() {
         (model(TRIANGLE, "<item/>"), "the attribute objectid of item"),
         (model(TRIANGLE, "<item objectid=\"1\" transform=\"1 0 0\"/>"), "12 numbers in a transform"),
         (model(TRIANGLE, "<item objectid=\"1\" path=\"/3D/other.model\"/>"), "the part 3D/other.model"),
-        (model(&TRIANGLE.replace("v3=\"2\"", "v3=\"3\""), item), "a vertex of the mesh, below 3"),
+        (model(&TRIANGLE.replace("v3=\"2\"", "v3=\"3\""), item), "a vertex number below 3"),
         (model(&TRIANGLE.replace("v3=\"2\"", ""), item), "v1, v2 and v3"),
         (model(&TRIANGLE.replacen("x=\"0\"", "x=\"a\"", 1), item), "a number as x of a vertex"),
         (model(&TRIANGLE.replacen("x=\"0\"", "", 1), item), "x, y and z of each vertex"),
@@ -111,7 +111,7 @@ fn objects_in_themselves_and_archives_that_swell_are_refused() {
     let object = |id: usize, parts: &str| format!("<object id=\"{id}\"><components>{parts}</components></object>");
     let part = |id: usize| format!("<component objectid=\"{id}\"/>");
     let error = read_model(&model(&object(1, &part(1)), "<item objectid=\"1\"/>")).unwrap_err();
-    assert!(error.to_string().contains("one in itself"), "{error}");
+    assert!(error.to_string().contains("inside itself"), "{error}");
     // Each object has the one before it twice: 2^30 triangles, or as many objects of nothing.
     for first in [TRIANGLE.to_owned(), object(1, "")] {
         let doubled: String = (2..=30).map(|id| object(id, &part(id - 1).repeat(2))).collect();

@@ -74,7 +74,7 @@ fn errors_name_their_line_and_repeats_are_bounded() {
         ("0 0 1]", "0 0]", "three coordinates per point"),
         ("[0, 2, 1,", "[0, 2, 9,", "indices below 4"),
         ("[0, 2, 1,", "[0, 2, -3,", "indices below 4"),
-        ("[0, 2, 1,", "[0, 2,", "polygons of three or more corners"),
+        ("[0, 2, 1,", "[0, 2,", "polygons of at least three corners"),
         ("DEF c Coordinate", "USE c", "the name of an earlier node"),
         ("coord DEF c", "coord USE", "the name of an earlier node"),
         ("Shape {", "Shape { }}", "closing braces"),

@@ -54,11 +54,11 @@ fn false_declarations_are_placed() {
         ("2 0 3<", "2 0 3 3<", "expected offsets up to 13, found 12"),
         ("3 6 9 12<", "3 6 9 15<", "expected increasing offsets of at most 12"),
         ("3 6 9 12<", "6 3 9 12<", "expected increasing offsets of at most 12"),
-        ("3 6 9 12<", "2 6 9 12<", "polygons of three or more corners"),
+        ("3 6 9 12<", "2 6 9 12<", "polygons of at least three corners"),
         (">0 2 1", ">0 2 4", "expected indices below 4"),
         (">0 2 1", ">0 2 -1", "vertex indices from 0"),
-        ("NumberOfComponents=\"3\"", "NumberOfComponents=\"2\"", "3 as NumberOfComponents"),
-        ("type=\"Float64\"", "type=\"String\"", "a type of numbers"),
+        ("NumberOfComponents=\"3\"", "NumberOfComponents=\"2\"", "3 as the NumberOfComponents"),
+        ("type=\"Float64\"", "type=\"String\"", "a number type"),
         ("format=\"ascii\">0 0 0", "format=\"appended\" offset=\"9\">0 0 0", "AppendedData"),
         ("</VTKFile>", "", "closing tag"),
     ] {
@@ -69,7 +69,7 @@ fn false_declarations_are_placed() {
         assert!(error.to_string().contains(what), "{what}: {error}");
     }
     for (from, to, what) in [
-        ("\"PolyData\"", "\"ImageData\"", "save its surface as PolyData"),
+        ("\"PolyData\"", "\"ImageData\"", "save the surface as PolyData"),
         ("\"PolyData\"", "\"PolyData\" compressor=\"vtkLZMADataCompressor\"", "ZLib"),
     ] {
         let error = read(tetrahedron().replace(from, to).as_bytes()).unwrap_err();
@@ -102,11 +102,11 @@ fn headers_of_arrays_are_compared_with_their_bytes() {
     for (data, what) in [
         (array(&[u64::MAX, 96, 0, size], &packed), "blocks of an array"),
         (array(&[1, 96, 0, u64::MAX], &packed), "bytes of a block"),
-        (array(&[1, u64::MAX, 0, size], &packed), "bytes, as the array's header says"),
-        (array(&[1, 95, 0, size], &packed), "95 bytes in a block, as the array's header says, found more"),
-        (array(&[1, 97, 0, size], &packed), "97 bytes in a block, as the array's header says, found 96"),
-        (array(&[1, 96, 0, size], &[7; 20]), "a zlib stream"),
-        ("AAA".to_owned(), "8 more bytes in base64"),
+        (array(&[1, u64::MAX, 0, size], &packed), "bytes, as stated in the array's header"),
+        (array(&[1, 95, 0, size], &packed), "95 bytes in a block, as stated in the array's header, found more"),
+        (array(&[1, 97, 0, size], &packed), "97 bytes in a block, as stated in the array's header, found 96"),
+        (array(&[1, 96, 0, size], &[7; 20]), "a valid zlib stream"),
+        ("AAA".to_owned(), "8 more bytes of base64 data"),
         ("....AAAA".to_owned(), "base64"),
     ] {
         let error = file("ZLib", &data).unwrap_err().to_string();

@@ -91,9 +91,9 @@ fn plans_are_as_expected() {
 fn reasons_are_as_expected() {
     let rough = Request { tolerance: 1e-6, ..AUTO };
     let many = sizes(1_000_000, 30, 1);
-    let slow = "the iterations before didn't converge soon enough";
+    let slow = "the previous iterations converged too slowly";
     let (after_factor, no_factor) =
-        ("refines the factor's solution to the tolerance", "in place of a factor that can't be computed");
+        ("refines the factor's solution to the tolerance", "replaces a factor that couldn't be computed");
     let exist = "with moments, an iteration costs the same for any number of samples";
     for (sizes, moments, factor, request, expected) in [
         (CORTEX, EVEN, Factor::Makeable, AUTO, &[exist, slow, after_factor, no_factor][..]),
@@ -111,7 +111,7 @@ fn reasons_are_as_expected() {
             Moments::Makeable,
             Factor::None,
             AUTO,
-            &["they save time from 4 iterations on, and about 7 are expected", exist],
+            &["moments save time from 4 iterations on, and about 7 iterations are expected", exist],
         ),
         (CORTEX, EVEN, Factor::Made, AUTO, &["a factor was computed for an earlier batch", after_factor]),
         (

@@ -33,14 +33,14 @@ impl GroupFiles {
             return Err(refused(&path, format!("version {VERSION}"), shared.version));
         }
         if let Some(index) = shared.masked.iter().find(|index| **index >= shared.directions) {
-            return Err(refused(&path, format!("masked directions below {}", shared.directions), index));
+            return Err(refused(&path, format!("indices of masked directions below {}", shared.directions), index));
         }
         let names = match &shared.members {
             Some(names) => names.clone(),
             None => names_in(&folder.join("members"))?,
         };
         check_names(&names.iter().map(String::as_str).collect::<Vec<_>>(), names.len())
-            .map_err(|error| refused(&path, "unique names that are valid as file names".to_owned(), error))?;
+            .map_err(|error| refused(&path, "unique names that are valid file names".to_owned(), error))?;
         Ok(Self { folder, shared, names })
     }
 
@@ -140,7 +140,7 @@ impl GroupFiles {
         for index in indices {
             let name = self.names.get(*index).ok_or_else(|| Error::Setting {
                 what: "reading a group",
-                expected: "one of its members, counted from 0",
+                expected: "the index of a member of the group, counted from 0",
                 found: index.to_string(),
             })?;
             self.add(name, &mut group)?;
@@ -161,8 +161,8 @@ impl GroupFiles {
         let path = member_path(&self.folder, name);
         let record: Member = read_json(&path)?;
         if record.version != VERSION || record.name != name {
-            let found = format!("{} of version {}", record.name, record.version);
-            return Err(refused(&path, format!("{name} of version {VERSION}"), found));
+            let found = format!("member {} in format version {}", record.name, record.version);
+            return Err(refused(&path, format!("member {name} in format version {VERSION}"), found));
         }
         let scale = record.to_group.scale;
         if !(scale > 0.0 && scale.is_finite()) {
@@ -177,14 +177,14 @@ impl GroupFiles {
         let n = self.shared.directions;
         for (what, found, expected) in [("places", places.dim(), (n, 3)), ("reached", reached.dim(), (n, 1))] {
             if found != expected {
-                return Err(refused(&path, format!("{what} of shape {expected:?}"), format!("{found:?}")));
+                return Err(refused(&path, format!("`{what}` of shape {expected:?}"), format!("{found:?}")));
             }
         }
         if let Some(value) = places.iter().find(|value| !value.is_finite()) {
-            return Err(refused(&path, "finite coordinates in places".to_owned(), value));
+            return Err(refused(&path, "finite coordinates in `places`".to_owned(), value));
         }
         if let Some(value) = reached.iter().find(|value| **value != 0.0 && **value != 1.0) {
-            return Err(refused(&path, "only 0 and 1 in reached".to_owned(), value));
+            return Err(refused(&path, "only 0 and 1 in `reached`".to_owned(), value));
         }
         group.models.push(model);
         group.similarities.push(record.to_group);
@@ -197,7 +197,7 @@ impl GroupFiles {
     fn check_model(&self, path: &Path, model: &Model) -> Result<(), Error> {
         let (degree, channels) = (model.coefficients.max_degree(), model.coefficients.channels());
         if (degree, channels) != (self.shared.max_degree, 3) {
-            let expected = format!("a surface of degree {}", self.shared.max_degree);
+            let expected = format!("a surface (3 channels) of degree {}", self.shared.max_degree);
             return Err(refused(path, expected, format!("{channels} channels of degree {degree}")));
         }
         Ok(())
@@ -220,5 +220,5 @@ fn names_in(folder: &Path) -> Result<Vec<String>, Error> {
 
 fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     let bytes = spharm_files::read(path, MOST).map_err(|cause| io(path, "read", cause))?;
-    serde_json::from_slice(&bytes).map_err(|error| refused(path, "a record of a group".to_owned(), error))
+    serde_json::from_slice(&bytes).map_err(|error| refused(path, "the JSON record of a group".to_owned(), error))
 }

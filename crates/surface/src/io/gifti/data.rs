@@ -65,7 +65,7 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
         other => {
             return Err(Flaw::unsupported(
                 format!("DataType {}", shown(other.as_bytes())),
-                "convert its arrays to float32, float64, int32 or uint8",
+                "convert the arrays to float32, float64, int32 or uint8",
             ));
         }
     };
@@ -97,7 +97,7 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
         "ExternalFileBinary" => {
             return Err(Flaw::unsupported(
                 "data in an external file",
-                "convert it with wb_command -gifti-convert GZIP_BASE64_BINARY",
+                "convert the file with wb_command -gifti-convert GZIP_BASE64_BINARY",
             ));
         }
         other => {
@@ -108,7 +108,7 @@ pub(super) fn decode(description: &Description, text: &str, left: &mut u64) -> R
         if description.dimensions.iter().flatten().count() > 2 {
             return Err(Flaw::unsupported(
                 "a column-major array of more than two dimensions",
-                "convert it to row-major order",
+                "convert the array to row-major order",
             ));
         }
         transposed(&values, rows)
@@ -125,7 +125,7 @@ fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Res
     let bytes = count.saturating_mul(data_type.size() as u64);
     if bytes / DEFLATED > text as u64 {
         return Err(Flaw::new(
-            format!("no more than {text} bytes of compressed text can hold"),
+            format!("values that fit in {text} bytes of compressed text"),
             format!("{count} values ({})", Bytes(bytes)),
         ));
     }
@@ -133,7 +133,7 @@ fn expanded(count: u64, data_type: DataType, text: usize, left: &mut u64) -> Res
         Some(rest) => *left = rest,
         None => {
             let found = format!("{count} values ({}) in {text} bytes of compressed text", Bytes(bytes));
-            return Err(Flaw::unsupported(found, "write the file again without compression if you trust it"));
+            return Err(Flaw::unsupported(found, "if you trust the file, write it again without compression"));
         }
     }
     // The decompressed bytes and the numbers decoded from them are in memory at the same time.
@@ -171,7 +171,7 @@ fn shape(description: &Description) -> Result<(usize, usize, u64), Flaw> {
         let count = rows.checked_mul(columns)?;
         Some((usize::try_from(rows).ok()?, usize::try_from(columns).ok()?, count))
     });
-    shape.ok_or_else(|| Flaw::new("dimensions whose product is a size in memory", format!("{sizes:?}")))
+    shape.ok_or_else(|| Flaw::new("dimensions of an array that fits in memory", format!("{sizes:?}")))
 }
 
 fn ascii(text: &str, count: usize, data_type: DataType) -> Result<Vec<f64>, Flaw> {
@@ -188,14 +188,14 @@ fn ascii(text: &str, count: usize, data_type: DataType) -> Result<Vec<f64>, Flaw
         match value {
             Some(value) if values.len() < count => values.push(value),
             Some(_) => {
-                return Err(Flaw::new(format!("{count} values, as its dimensions say"), "more"));
+                return Err(Flaw::new(format!("{count} values, as given by the array's dimensions"), "more"));
             }
             None => return Err(Flaw::new(format!("{data_type:?} values"), shown(word))),
         }
     }
     if values.len() < count {
         let found = values.len().to_string();
-        return Err(Flaw::new(format!("{count} values, as its dimensions say"), found));
+        return Err(Flaw::new(format!("{count} values, as given by the array's dimensions"), found));
     }
     Ok(values)
 }
@@ -208,7 +208,7 @@ fn base64(text: &str) -> Result<Vec<u8>, Flaw> {
     } else {
         trimmed.as_bytes().into()
     };
-    STANDARD.decode(compact).map_err(|e| Flaw::new("base64 in a Data element", e.to_string()))
+    STANDARD.decode(compact).map_err(|e| Flaw::new("valid base64 in a Data element", e.to_string()))
 }
 
 /// Inflates zlib or gzip data. Stops one byte beyond `size`, so that callers can detect excess data.
@@ -223,7 +223,7 @@ fn inflate(packed: &[u8], size: usize) -> Result<Vec<u8>, Flaw> {
     } else {
         flate2::read::ZlibDecoder::new(packed).take(limit).read_to_end(&mut raw)
     };
-    done.map_err(|e| Flaw::new("a zlib stream in a Data element", e.to_string()))?;
+    done.map_err(|e| Flaw::new("a valid zlib stream in a Data element", e.to_string()))?;
     Ok(raw)
 }
 
@@ -233,7 +233,10 @@ fn binary(raw: &[u8], count: usize, data_type: DataType, endian: Endian) -> Resu
             true => "more".to_owned(),
             false => raw.len().to_string(),
         };
-        return Err(Flaw::new(format!("{} bytes of data, as its dimensions say", count * data_type.size()), found));
+        return Err(Flaw::new(
+            format!("{} bytes of data, as given by the array's dimensions", count * data_type.size()),
+            found,
+        ));
     }
     fn convert<const N: usize>(raw: &[u8], number: impl Fn([u8; N]) -> f64) -> Vec<f64> {
         raw.as_chunks().0.iter().map(|&bytes| number(bytes)).collect()

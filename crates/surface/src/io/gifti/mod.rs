@@ -41,7 +41,7 @@ pub(super) fn read_labels(bytes: &[u8]) -> Result<(LabelTable, Vec<f64>), Flaw> 
     }
     let signal = to_signal(document.arrays)?;
     if signal.channels != 1 {
-        return Err(Flaw::new("a label for each vertex", format!("{} for each", signal.channels)));
+        return Err(Flaw::new("one label per vertex", format!("{} per vertex", signal.channels)));
     }
     Ok((document.labels, signal.values))
 }
@@ -69,8 +69,8 @@ fn interpret(mut document: Document) -> Result<Input, Flaw> {
                 take(&mut meta.surface_metadata, STRUCTURE).or_else(|| take(&mut meta.file_metadata, STRUCTURE));
             Ok(Input::Mesh(Mesh { vertices, faces, meta }))
         }
-        (Some(_), None) => Err(Flaw::new(format!("a {TRIANGLE} array beside the {POINTSET} one"), "none")),
-        (None, Some(_)) => Err(Flaw::new(format!("a {POINTSET} array beside the {TRIANGLE} one"), "none")),
+        (Some(_), None) => Err(Flaw::new(format!("a {TRIANGLE} array in addition to the {POINTSET} array"), "none")),
+        (None, Some(_)) => Err(Flaw::new(format!("a {POINTSET} array in addition to the {TRIANGLE} array"), "none")),
         (None, None) => to_signal(document.arrays).map(Input::Signal),
     }
 }
@@ -80,9 +80,10 @@ fn position_of(arrays: &[DataArray], intent: &str) -> Result<Option<usize>, Flaw
     let first = found.next();
     match found.count() {
         0 => Ok(first),
-        more => {
-            Err(Flaw::unsupported(format!("{} {intent} arrays", more + 1), "split it into files with one surface each"))
-        }
+        more => Err(Flaw::unsupported(
+            format!("{} {intent} arrays", more + 1),
+            "split the file into files with one surface each",
+        )),
     }
 }
 
@@ -93,7 +94,10 @@ fn take(metadata: &mut Vec<(String, String)>, name: &str) -> Option<String> {
 
 fn rows_of_three(array: Array, intent: &str) -> Result<Vec<f64>, Flaw> {
     if array.columns != 3 {
-        return Err(Flaw::new(format!("{intent} of n x 3 values"), format!("{} x {}", array.rows, array.columns)));
+        return Err(Flaw::new(
+            format!("a {intent} array of n x 3 values"),
+            format!("{} x {}", array.rows, array.columns),
+        ));
     }
     Ok(array.values)
 }
@@ -116,8 +120,8 @@ fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
     for (i, array) in arrays.iter().enumerate() {
         if array.rows != vertices {
             return Err(Flaw::new(
-                format!("arrays of {vertices} values, as the first"),
-                format!("{} in array {i} (counted from 0)", array.rows),
+                format!("arrays of {vertices} values each, as in the first array"),
+                format!("{} values in array {i} (counted from 0)", array.rows),
             ));
         }
     }

@@ -111,12 +111,12 @@ impl<'a> State<'a> {
         let name: &[u8] = name.as_ref().as_ref();
         if self.open.is_empty() {
             if name != b"GIFTI" || self.root {
-                return Err(Flaw::new("one GIFTI element and nothing beside it", shown(name)));
+                return Err(Flaw::new("a single GIFTI element at the top level", shown(name)));
             }
             self.root = true;
         }
         if self.open.len() >= DEEPEST {
-            return Err(Flaw::new(format!("elements at most {DEEPEST} deep"), "deeper ones".to_owned()));
+            return Err(Flaw::new(format!("elements nested at most {DEEPEST} deep"), "deeper nesting".to_owned()));
         }
         match name {
             b"DataArray" => {
@@ -177,7 +177,7 @@ impl<'a> State<'a> {
             Leaf::Data => {
                 if let Some((array, description, has_data)) = &mut self.array {
                     if *has_data {
-                        return Err(Flaw::new("one Data element to a DataArray", "two"));
+                        return Err(Flaw::new("one Data element per DataArray", "two"));
                     }
                     array.values = decode(description, &text, &mut self.left)?;
                     *has_data = true;

@@ -62,7 +62,7 @@ impl Arrays<'_> {
         let kind = component(accessor.component_type)?;
         let is_integer = matches!(kind, Scalar::I8 | Scalar::U8 | Scalar::I16 | Scalar::U16);
         if accessor.kind != "VEC3" || kind != Scalar::F32 && !(is_integer && self.document.is_quantized()) {
-            return Err(found_type("positions of three 32-bit floats", accessor));
+            return Err(found_type("positions of three 32-bit floats each", accessor));
         }
         let size = kind.size();
         let coordinate = |bytes: &[u8]| {
@@ -86,7 +86,7 @@ impl Arrays<'_> {
         let accessor = self.accessor(accessor)?;
         let kind = component(accessor.component_type)?;
         if accessor.kind != "SCALAR" || !is_unsigned(kind) {
-            return Err(found_type("indices of unsigned whole numbers", accessor));
+            return Err(found_type("unsigned whole numbers as indices", accessor));
         }
         self.values(accessor, kind.size(), primitive, budget, |bytes| number(kind, bytes) as u32)
     }
@@ -112,7 +112,7 @@ impl Arrays<'_> {
         let Some(Sparse { count, indices, values: replaced }) = &accessor.sparse else { return Ok(values) };
         let kind = component(indices.component_type)?;
         if !is_unsigned(kind) {
-            return Err(Flaw::new("sparse indices of unsigned whole numbers", indices.component_type.to_string()));
+            return Err(Flaw::new("unsigned whole numbers as sparse indices", indices.component_type.to_string()));
         }
         let places = self.elements(indices.buffer_view, indices.byte_offset, *count, kind.size())?;
         let replaced = self.elements(replaced.buffer_view, replaced.byte_offset, *count, size)?;
@@ -129,7 +129,7 @@ impl Arrays<'_> {
     /// Returns the bytes of `count` elements of `size` bytes each in a view, from `offset` on.
     fn elements(&self, view: usize, offset: u64, count: u64, size: usize) -> Result<impl Iterator<Item = &[u8]>, Flaw> {
         let found = self.document.buffer_views.get(view);
-        let found = found.ok_or_else(|| Flaw::new("a buffer view of the document", format!("number {view}")))?;
+        let found = found.ok_or_else(|| Flaw::new("an existing buffer view", format!("number {view}")))?;
         let stride = match found.byte_stride {
             None => size as u64,
             Some(stride) if (4..=252).contains(&stride) => stride,
@@ -141,7 +141,7 @@ impl Arrays<'_> {
         let needed = count.checked_sub(1).map_or(Some(0), end);
         if needed.is_none_or(|needed| needed > bytes.len() as u64) {
             return Err(Flaw::new(
-                format!("{count} elements in buffer view {view}, from byte {offset}"),
+                format!("{count} elements in buffer view {view}, from byte {offset} on"),
                 format!("{} bytes", bytes.len()),
             ));
         }
@@ -157,15 +157,15 @@ impl Arrays<'_> {
             Some(Buffer::External(uri)) => {
                 return Err(Flaw::unsupported(
                     format!("data in another file ({uri})"),
-                    "export it as one file: .glb, or .gltf with embedded data",
+                    "export the scene as one file: .glb, or .gltf with embedded data",
                 ));
             }
-            None => return Err(Flaw::new("a buffer of the document", format!("number {}", view.buffer))),
+            None => return Err(Flaw::new("an existing buffer", format!("number {}", view.buffer))),
         };
         let range = usize::try_from(view.byte_offset).ok().zip(usize::try_from(view.byte_length).ok());
         range.and_then(|(start, length)| bytes.get(start..start.checked_add(length)?)).ok_or_else(|| {
             Flaw::new(
-                format!("{} bytes of a buffer view from byte {}", view.byte_length, view.byte_offset),
+                format!("a buffer view of {} bytes from byte {} on", view.byte_length, view.byte_offset),
                 format!("a buffer of {} bytes", bytes.len()),
             )
         })
@@ -173,7 +173,7 @@ impl Arrays<'_> {
 
     fn accessor(&self, number: usize) -> Result<&Accessor, Flaw> {
         let accessor = self.document.accessors.get(number);
-        accessor.ok_or_else(|| Flaw::new("an accessor of the document", format!("number {number}")))
+        accessor.ok_or_else(|| Flaw::new("an existing accessor", format!("number {number}")))
     }
 }
 

@@ -35,16 +35,16 @@ impl<'a> Container<'a> {
         cursor.take(4)?;
         let version = cursor.u32(Endian::Little)?;
         if version != 2 {
-            return Err(Flaw::unsupported(format!("version {version} of glTF"), "export it as glTF 2.0"));
+            return Err(Flaw::unsupported(format!("version {version} of glTF"), "export the scene as glTF 2.0"));
         }
         let length = cursor.u32(Endian::Little)? as usize;
         let rest = length.checked_sub(12).and_then(|length| cursor.rest().get(..length)).ok_or_else(|| {
-            Flaw::new(format!("{length} bytes, as its header says"), format!("{} bytes", bytes.len()))
+            Flaw::new(format!("{length} bytes, as stated in the header"), format!("{} bytes", bytes.len()))
         })?;
         let mut cursor = Cursor::new(rest);
         let (kind, json) = chunk(&mut cursor)?;
         if kind != JSON {
-            return Err(Flaw::new("a chunk of JSON first", shown(kind)));
+            return Err(Flaw::new("JSON as the first chunk", shown(kind)));
         }
         let mut bin = None;
         // The specification requires that chunks of other types be ignored.

@@ -119,7 +119,7 @@ pub(super) const GENERATOR: &str = "spharm";
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 /// Extensions that compress meshes. They aren't supported; `UNCOMPRESSED` is the advice in error messages.
 const COMPRESSIONS: [&str; 3] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
-const UNCOMPRESSED: &str = "export it again without compression of meshes";
+const UNCOMPRESSED: &str = "export the scene again without mesh compression";
 /// Prefixes of the names of extensions that affect only the appearance of a surface.
 const LOOKS: [&str; 6] =
     ["KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp_json_ld"];
@@ -132,8 +132,8 @@ impl Document {
         let version = &document.asset.version;
         if !version.starts_with("2.") {
             return match version.as_str() {
-                "" => Err(Flaw::new("the version of glTF in \"asset\"", "none")),
-                _ => Err(Flaw::unsupported(format!("version {version} of glTF"), "export it as glTF 2.0")),
+                "" => Err(Flaw::new("the glTF version in \"asset\"", "none")),
+                _ => Err(Flaw::unsupported(format!("version {version} of glTF"), "export the scene as glTF 2.0")),
             };
         }
         for name in &document.extensions_required {
@@ -142,7 +142,10 @@ impl Document {
                 return Err(Flaw::unsupported(format!("the compression {name}"), UNCOMPRESSED));
             }
             if name != QUANTIZATION && !LOOKS.iter().any(|start| name.starts_with(start)) {
-                return Err(Flaw::unsupported(format!("the extension {name}"), "export it again without extensions"));
+                return Err(Flaw::unsupported(
+                    format!("the extension {name}"),
+                    "export the scene again without extensions",
+                ));
             }
         }
         Ok(document)
@@ -157,15 +160,15 @@ impl Document {
     pub(super) fn check_rigid(&self, node: &Node, mesh: &Mesh) -> Result<(), Flaw> {
         let weights = if node.weights.is_empty() { &mesh.weights } else { &node.weights };
         let found = if node.skin.is_some() {
-            "a mesh that bones move (a skin)"
+            "a mesh deformed by bones (a skin)"
         } else if weights.iter().any(|&weight| weight != 0.0) {
-            "a mesh with shape keys in use (morph targets)"
+            "a mesh with active shape keys (morph targets)"
         } else if node.extensions.contains_key("EXT_mesh_gpu_instancing") {
             "instances of a mesh (EXT_mesh_gpu_instancing)"
         } else {
             return Ok(());
         };
-        Err(Flaw::unsupported(found, "apply its modifiers, and export the mesh alone"))
+        Err(Flaw::unsupported(found, "apply the mesh's modifiers and export the mesh alone"))
     }
 }
 

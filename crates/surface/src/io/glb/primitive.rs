@@ -18,7 +18,7 @@ pub(super) fn add(
     match mode {
         0..=3 => return Ok(()),
         4..=6 => {}
-        other => return Err(Flaw::new("a primitive's mode from 0 to 6", other.to_string())),
+        other => return Err(Flaw::new("a primitive with a mode from 0 to 6", other.to_string())),
     }
     // A primitive without positions is drawn by an extension, or not at all.
     let Some(&position) = primitive.attributes.get("POSITION") else { return Ok(()) };
@@ -33,7 +33,10 @@ pub(super) fn add(
         None => (0..count as u32).collect(),
     };
     if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= count) {
-        return Err(Flaw::new(format!("indices below {count}, the primitive's vertices"), corner.to_string()));
+        return Err(Flaw::new(
+            format!("indices below {count}, the primitive's number of vertices"),
+            corner.to_string(),
+        ));
     }
     // The sums can't overflow, by the checks above.
     let corners: Vec<u32> = corners.iter().map(|corner| corner + first as u32).collect();
@@ -43,7 +46,7 @@ pub(super) fn add(
         4 => {
             let (triangles, rest) = corners.as_chunks::<3>();
             if !rest.is_empty() {
-                return Err(Flaw::new("three corners to a triangle", format!("{} corners", corners.len())));
+                return Err(Flaw::new("three corners per triangle", format!("{} corners", corners.len())));
             }
             mesh.faces.extend_from_slice(triangles);
         }

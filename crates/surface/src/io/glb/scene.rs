@@ -32,7 +32,10 @@ pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Bud
             return Err(Flaw::new(format!("one of {} nodes", document.nodes.len()), format!("number {number}")));
         };
         if std::mem::replace(seen, true) {
-            return Err(Flaw::new("nodes with one parent each", format!("node {number} in two places, or in itself")));
+            return Err(Flaw::new(
+                "nodes with one parent each",
+                format!("node {number} with several parents or inside itself"),
+            ));
         }
         let placement = parent.after(&local(node));
         if let Some(number) = node.mesh {

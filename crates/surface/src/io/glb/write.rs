@@ -86,7 +86,7 @@ pub(in crate::io) fn write(out: &mut dyn Write, mesh: &Mesh, attributes: &PlyAtt
     );
     let padded = json.len().next_multiple_of(4);
     let whole = 12 + 8 + padded + 8 + buffer.bytes.len();
-    let size = |n: usize| u32::try_from(n).map_err(|_| io::Error::other("more than glTF's 4 GiB"));
+    let size = |n: usize| u32::try_from(n).map_err(|_| io::Error::other("the scene exceeds glTF's limit of 4 GiB"));
     out.write_all(b"glTF")?;
     for number in [2, size(whole)?, size(padded)?] {
         out.write_all(&number.to_le_bytes())?;

@@ -18,9 +18,9 @@ pub(super) fn read(text: &str) -> Result<Landmarks, Flaw> {
         Value::Array(entries) => read_list(entries),
         Value::Object(object) => match object.get("markups") {
             Some(Value::Array(lists)) => read_markups(lists),
-            _ => Err(Flaw::new("\"markups\" or a list", "an object without them")),
+            _ => Err(Flaw::new("an object with \"markups\", or a list", "an object without \"markups\"")),
         },
-        other => Err(Flaw::new("an object of \"markups\" or a list", kind(other))),
+        other => Err(Flaw::new("an object with \"markups\", or a list", kind(other))),
     }
 }
 
@@ -43,10 +43,10 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
             // LPS is the schema's default frame.
             None | Some(Value::Null) => Frame::Lps,
             Some(Value::String(text)) => Frame::named(text).ok_or_else(|| {
-                Flaw::new(format!("coordinateSystem LPS or RAS in markups {number}"), shown(text.as_bytes()))
+                Flaw::new(format!("LPS or RAS as the coordinateSystem of markups {number}"), shown(text.as_bytes()))
             })?,
             Some(other) => {
-                return Err(Flaw::new(format!("coordinateSystem LPS or RAS in markups {number}"), kind(other)));
+                return Err(Flaw::new(format!("LPS or RAS as the coordinateSystem of markups {number}"), kind(other)));
             }
         };
         let unit = match list.get("coordinateUnits") {
@@ -56,7 +56,7 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
         if let Some(unit) = unit.filter(|unit| *unit != "mm") {
             return Err(Flaw::unsupported(
                 format!("coordinateUnits {}", shown(unit.as_bytes())),
-                "save it in mm, or as a table",
+                "save the landmarks in mm, or as a table",
             ));
         }
         // The lists of a file may have different frames. The result has the frame of the first list.
@@ -65,7 +65,7 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
             None | Some(Value::Null) => &[][..],
             Some(Value::Array(points)) => points,
             Some(other) => {
-                return Err(Flaw::new(format!("a list of controlPoints in markups {number}"), kind(other)));
+                return Err(Flaw::new(format!("a list as the controlPoints of markups {number}"), kind(other)));
             }
         };
         for (index, point) in points.iter().enumerate() {
@@ -96,7 +96,7 @@ fn name(entry: &Value, keys: &[&str], at: &str) -> Result<String, Flaw> {
 }
 
 fn position(value: Option<&Value>, key: &str, at: &str) -> Result<Vec3, Flaw> {
-    let expected = || format!("{key} of 3 numbers in {at}");
+    let expected = || format!("{key} with 3 numbers in {at}");
     let Some(Value::Array(numbers)) = value else {
         return Err(Flaw::new(expected(), value.map_or("none", kind)));
     };

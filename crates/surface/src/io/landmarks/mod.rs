@@ -217,7 +217,7 @@ impl Format {
         let found = endings.into_iter().find(|(ending, _)| name.ends_with(ending));
         found.map(|(_, format)| format).ok_or_else(|| SurfaceError::UnknownFormat {
             path: path.to_owned(),
-            expected: "landmarks: .mrk.json, .fcsv, .json, .csv or .tsv".to_owned(),
+            expected: "a landmark file (.mrk.json, .fcsv, .json, .csv or .tsv)".to_owned(),
             found: path.extension().map_or("no ending".to_owned(), |ending| ending.to_string_lossy().into_owned()),
         })
     }

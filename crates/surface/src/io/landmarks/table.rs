@@ -65,7 +65,7 @@ pub(super) fn read_fiducials(text: &str) -> Result<Landmarks, Flaw> {
         match key.trim() {
             "CoordinateSystem" => {
                 frame = Frame::named(value).ok_or_else(|| {
-                    let expected = format!("CoordinateSystem LPS, RAS, 0 or 1 on line {}", number + 1);
+                    let expected = format!("LPS, RAS, 0 or 1 as the CoordinateSystem on line {}", number + 1);
                     Flaw::new(expected, shown(value.trim().as_bytes()))
                 })?;
             }
@@ -102,7 +102,7 @@ fn row(found: &mut Gathered, columns: &Columns, cells: &[String], line: usize) -
     for (x, &column) in point.iter_mut().zip(&columns.at) {
         let cell = &cells[column];
         *x = cell.parse().map_err(|_| {
-            Flaw::new(format!("a coordinate in line {line}, cell {}", column + 1), shown(cell.as_bytes()))
+            Flaw::new(format!("a coordinate in cell {} of line {line}", column + 1), shown(cell.as_bytes()))
         })?;
     }
     let name = [Some(columns.name), columns.id].into_iter().flatten().map(|column| cells[column].as_str());

@@ -35,7 +35,7 @@ fn vertices(element: &Element, values: &mut Values<'_>) -> Result<Vec<[f64; 3]>,
         element.properties.iter().map(|p| [b"x", b"y", b"z"].iter().position(|axis| p.name == **axis)).collect();
     for axis in 0..3 {
         if axes.iter().filter(|&&a| a == Some(axis)).count() != 1 {
-            return Err(Flaw::new("vertex properties x, y and z, once each", "others"));
+            return Err(Flaw::new("exactly one vertex property each of x, y and z", "other properties"));
         }
     }
     let count = values.bounded(element)?;
@@ -69,7 +69,7 @@ fn faces(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>) 
         for _ in 0..n {
             corners.push(values.index(item)?);
         }
-        if fan(&corners, faces) { Ok(()) } else { Err(Flaw::new("faces of three or more corners", n.to_string())) }
+        if fan(&corners, faces) { Ok(()) } else { Err(Flaw::new("faces of at least three corners", n.to_string())) }
     })
 }
 
@@ -163,7 +163,7 @@ impl Values<'_> {
     fn index(&mut self, scalar: Scalar) -> Result<u32, Flaw> {
         let Encoding::Binary(e) = self.encoding else {
             let word = self.cursor.token();
-            return number(word).ok_or_else(|| Flaw::new("a whole number from 0", shown(word)));
+            return number(word).ok_or_else(|| Flaw::new("a non-negative whole number", shown(word)));
         };
         // Fast path for the two types that nearly all files use.
         match scalar {
@@ -173,7 +173,7 @@ impl Values<'_> {
         }
         let x = self.float(scalar)?;
         let i = x as u32;
-        if f64::from(i) == x { Ok(i) } else { Err(Flaw::new("a whole number from 0", x.to_string())) }
+        if f64::from(i) == x { Ok(i) } else { Err(Flaw::new("a non-negative whole number", x.to_string())) }
     }
 
     /// Reads a vertex index, or -1, which ends a strip and is returned as `None`.
@@ -183,7 +183,7 @@ impl Values<'_> {
         match x {
             -1.0 => Ok(None),
             _ if f64::from(i) == x => Ok(Some(i)),
-            _ => Err(Flaw::new("a whole number from 0, or -1", x.to_string())),
+            _ => Err(Flaw::new("a non-negative whole number or -1", x.to_string())),
         }
     }
 

@@ -101,7 +101,7 @@ pub(super) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Flaw> {
                 };
                 let name = next().to_vec();
                 let Some(element) = elements.last_mut() else {
-                    return Err(Flaw::new("an element before its properties", shown(line)));
+                    return Err(Flaw::new("an element line before the first property", shown(line)));
                 };
                 element.properties.push(Property { name, kind });
             }

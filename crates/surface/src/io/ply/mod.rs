@@ -43,7 +43,7 @@ impl PlyAttributes<'_> {
         match self.scalar {
             Some((name, _)) if !word(name) || taken.contains(&name) => Err(SurfaceError::Argument {
                 what: "the PLY property's name",
-                expected: "one word of letters, digits and _, none of x, y, z, red, green, blue",
+                expected: "one word of letters, digits and _, other than x, y, z, red, green and blue",
                 found: format!("{name:?}"),
             }),
             _ => Ok(()),

@@ -63,7 +63,10 @@ pub(super) fn read(mut package: Package<'_>) -> Result<Mesh, Flaw> {
         let object = parts.models.get(&next.path).and_then(|model| model.objects.get(&next.object));
         let object = object.ok_or_else(|| Flaw::new(format!("object {} in {}", next.object, next.path), "none"))?;
         if next.depth > DEEPEST {
-            return Err(Flaw::new(format!("objects at most {DEEPEST} deep"), "deeper ones, or one in itself"));
+            return Err(Flaw::new(
+                format!("objects nested at most {DEEPEST} deep"),
+                "deeper nesting, or an object inside itself",
+            ));
         }
         if object.is_support {
             continue;

@@ -115,7 +115,10 @@ fn check_root(tag: &Tag<'_>) -> Result<(), Flaw> {
     for prefix in needed.split_ascii_whitespace() {
         let space = spaces.iter().find(|(found, _)| found == prefix).map_or(prefix, |(_, space)| space);
         if !KNOWN.iter().any(|known| space.contains(known)) {
-            return Err(Flaw::unsupported(format!("the extension {space}"), "export it as plain 3MF, or as .stl"));
+            return Err(Flaw::unsupported(
+                format!("the extension {space}"),
+                "export the surface as plain 3MF or as .stl",
+            ));
         }
     }
     Ok(())
@@ -149,7 +152,7 @@ fn triangle(tag: &Tag<'_>, vertices: usize) -> Result<[u32; 3], Flaw> {
     tag.attributes(|name, value| {
         if let Some(corner) = ["v1", "v2", "v3"].iter().position(|corner| *corner == name) {
             let index = number::<u32>(value.trim().as_bytes()).filter(|&index| (index as usize) < vertices);
-            let wrong = || Flaw::new(format!("a vertex of the mesh, below {vertices}"), shown(value.as_bytes()));
+            let wrong = || Flaw::new(format!("a vertex number below {vertices}"), shown(value.as_bytes()));
             let index = index.ok_or_else(wrong)?;
             if let Some(slot) = corners.get_mut(corner) {
                 *slot = Some(index);

@@ -31,13 +31,13 @@ impl FaceSet {
                 Some(corner) => corners.push(corner),
                 None if index == -1 => {
                     if !corners.is_empty() && !fan(&corners, &mut mesh.faces) {
-                        return Err(Flaw::new("polygons of three or more corners", corners.len().to_string()));
+                        return Err(Flaw::new("polygons of at least three corners", corners.len().to_string()));
                     }
                     corners.clear();
                 }
                 None => {
                     return Err(Flaw::new(
-                        format!("indices below {count}, the set's points, or -1"),
+                        format!("indices below {count}, the set's number of points, or -1"),
                         index.to_string(),
                     ));
                 }

@@ -25,7 +25,7 @@ pub(super) fn is_vrml(bytes: &[u8]) -> bool {
 /// Reads all face sets.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     if bytes.starts_with(b"#VRML V1.") {
-        return Err(Flaw::unsupported("VRML 1.0", "save it as VRML 97 (2.0)"));
+        return Err(Flaw::unsupported("VRML 1.0", "save the surface as VRML 97 (2.0)"));
     }
     if !bytes.starts_with(MAGIC) {
         return Err(Flaw::new("#VRML V2.0", shown(bytes)));

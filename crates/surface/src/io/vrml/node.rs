@@ -162,7 +162,7 @@ impl<'a> Scene<'a> {
     /// Reads a node within another one, from its opening brace on. The node's text starts at position `start`.
     fn child(&mut self, outer: &mut Node<'a>, kind: &'a [u8], start: usize, depth: usize) -> Result<(), Flaw> {
         if depth >= DEEPEST {
-            return Err(Flaw::new(format!("nodes at most {DEEPEST} deep"), "deeper ones"));
+            return Err(Flaw::new(format!("nodes nested at most {DEEPEST} deep"), "deeper nesting"));
         }
         let open = self.tokens.next();
         if open != Some(Token::Open) {
@@ -222,7 +222,7 @@ impl<'a> Scene<'a> {
 
     fn tuple(&mut self, numbers: &mut [f64]) -> Result<(), Flaw> {
         for x in numbers {
-            *x = self.tokens.number("a number of a Transform")?;
+            *x = self.tokens.number("a number in a Transform")?;
         }
         Ok(())
     }

@@ -22,7 +22,7 @@ fn scalar(word: &[u8]) -> Result<Scalar, Flaw> {
         other => {
             return Err(Flaw::unsupported(
                 format!("the type {}", shown(other)),
-                "save it with float or double points and without text fields",
+                "save the surface with float or double points and without text fields",
             ));
         }
     })
@@ -76,7 +76,7 @@ impl Values<'_> {
                 other => self.float(other)? as i64,
             }
         };
-        u64::try_from(found).map_err(|_| Flaw::new("a whole number from 0", found.to_string()))
+        u64::try_from(found).map_err(|_| Flaw::new("a non-negative whole number", found.to_string()))
     }
 
     pub(super) fn points(&mut self) -> Result<Vec<[f64; 3]>, Flaw> {
@@ -98,7 +98,7 @@ impl Values<'_> {
     /// Reads cells, and passes the corners of each cell to `cell`.
     pub(super) fn cells(&mut self, mut cell: impl FnMut(&[u32]) -> Result<(), Flaw>) -> Result<(), Flaw> {
         let first: u64 = self.header("the number of cells")?;
-        let second: u64 = self.header("the size of the cells' list")?;
+        let second: u64 = self.header("the size of the cell list")?;
         let mut ahead = self.cursor;
         if ahead.token() == b"OFFSETS" {
             self.cursor = ahead;
@@ -106,14 +106,13 @@ impl Values<'_> {
         }
         self.begin();
         let count = self.bounded(first, 4, "cells")?;
-        let mut left = self.bounded(second, 4, "numbers in the cells' list")?;
+        let mut left = self.bounded(second, 4, "numbers in the cell list")?;
         let mut corners = Vec::new();
         for _ in 0..count {
             let n = self.integer(Scalar::I32)?;
-            let n = usize::try_from(n)
-                .ok()
-                .filter(|&n| n < left)
-                .ok_or_else(|| Flaw::new("cells that fill their list", format!("a cell of {n} corners beyond it")))?;
+            let n = usize::try_from(n).ok().filter(|&n| n < left).ok_or_else(|| {
+                Flaw::new("cells that fill the cell list", format!("a cell of {n} corners past the list's end"))
+            })?;
             left -= n + 1;
             corners.clear();
             for _ in 0..n {
@@ -122,7 +121,7 @@ impl Values<'_> {
             cell(&corners)?;
         }
         if left > 0 {
-            return Err(Flaw::new("cells that fill their list", format!("{left} numbers more")));
+            return Err(Flaw::new("cells that fill the cell list", format!("{left} unused numbers")));
         }
         Ok(())
     }
@@ -183,7 +182,7 @@ impl Values<'_> {
     /// Skips a field: `FIELD name arrays`, then for each array `name components tuples type` and its data.
     pub(super) fn skip_field(&mut self) -> Result<(), Flaw> {
         self.cursor.token();
-        let arrays: u64 = self.header("the number of a field's arrays")?;
+        let arrays: u64 = self.header("the number of arrays in a field")?;
         for _ in 0..arrays {
             self.cursor.token();
             let components: u64 = self.header("a field's components")?;

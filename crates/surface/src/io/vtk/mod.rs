@@ -42,7 +42,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 other => {
                     return Err(Flaw::unsupported(
                         format!("the dataset {}", shown(other)),
-                        "save its surface as PolyData",
+                        "save the surface as PolyData",
                     ));
                 }
             },

@@ -11,7 +11,7 @@ pub(in crate::io) fn polygon(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Resu
     if fan(corners, faces) {
         return Ok(());
     }
-    Err(Flaw::new("polygons of three or more corners", corners.len().to_string()))
+    Err(Flaw::new("polygons of at least three corners", corners.len().to_string()))
 }
 
 /// Adds a strip's triangles to `faces`.
@@ -19,7 +19,7 @@ pub(in crate::io) fn triangle_strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) 
     if strip(corners, faces) {
         return Ok(());
     }
-    Err(Flaw::new("triangle strips of three or more corners", corners.len().to_string()))
+    Err(Flaw::new("triangle strips of at least three corners", corners.len().to_string()))
 }
 
 /// Adds the triangles of a cell of an unstructured grid to `faces`. Vertices and lines have no triangles.
@@ -38,11 +38,11 @@ pub(in crate::io) fn cell(kind: u64, corners: &[u32], faces: &mut Vec<[u32; 3]>)
         9 => sized(kind, corners, 4).and_then(|()| polygon(corners, faces)),
         10..=16 | 24..=27 | 29 | 33 | 41 | 42 => Err(Flaw::unsupported(
             format!("cells with a volume (type {kind})"),
-            "extract its surface, as by ParaView's filter Extract Surface",
+            "extract the surface, for example with ParaView's filter Extract Surface",
         )),
         other => Err(Flaw::unsupported(
             format!("cells of type {other}"),
-            "convert them to triangles, as by ParaView's filters Extract Surface and Triangulate",
+            "convert the cells to triangles, for example with ParaView's filters Extract Surface and Triangulate",
         )),
     }
 }

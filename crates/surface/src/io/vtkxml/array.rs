@@ -44,7 +44,7 @@ impl Description {
             "UInt64" => Scalar::U64,
             "Float32" => Scalar::F32,
             "Float64" => Scalar::F64,
-            other => return Err(Flaw::new("a type of numbers, such as Float64", shown(other.as_bytes()))),
+            other => return Err(Flaw::new("a number type, such as Float64", shown(other.as_bytes()))),
         })
     }
 }
@@ -61,7 +61,7 @@ pub(super) fn decode(
         "ascii" | "" => return ascii(text, scalar),
         "binary" => bytes_of(text.as_bytes(), None, layout, budget)?,
         "appended" => {
-            let offset = description.offset.ok_or_else(|| Flaw::new("an offset of appended data", "none"))?;
+            let offset = description.offset.ok_or_else(|| Flaw::new("an offset for the appended data", "none"))?;
             bytes_of(&[], Some(offset), layout, budget)?
         }
         other => return Err(Flaw::new("format ascii, binary or appended", shown(other.as_bytes()))),

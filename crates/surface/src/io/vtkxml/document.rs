@@ -124,7 +124,7 @@ impl State<'_> {
         let kind = attribute("type")?;
         if kind != "PolyData" && kind != "UnstructuredGrid" {
             let found = format!("the dataset {}", shown(kind.as_bytes()));
-            return Err(Flaw::unsupported(found, "save its surface as PolyData (.vtp)"));
+            return Err(Flaw::unsupported(found, "save the surface as PolyData (.vtp)"));
         }
         self.layout.endian = match attribute("byte_order")?.as_str() {
             "LittleEndian" | "" => Endian::Little,
@@ -143,7 +143,7 @@ impl State<'_> {
             "vtkLZ4DataCompressor" => Compression::Lz4,
             other => {
                 let found = format!("the compressor {}", shown(other.as_bytes()));
-                return Err(Flaw::unsupported(found, "save it with ZLib or without compression"));
+                return Err(Flaw::unsupported(found, "save the file with ZLib compression or uncompressed"));
             }
         };
         Ok(())
@@ -176,7 +176,7 @@ impl State<'_> {
             Some(Section::Points) => {
                 if description.components != Some(3) {
                     let found = description.components.map_or("none".to_owned(), |n| n.to_string());
-                    return Err(Flaw::new("3 as NumberOfComponents of the points", found));
+                    return Err(Flaw::new("3 as the NumberOfComponents of the points", found));
                 }
                 self.piece.points = decode(description, text, &self.layout, &mut self.budget)?;
                 return Ok(());
@@ -205,14 +205,14 @@ impl Piece {
         let declared = self.declared_points.unwrap_or(points.len() as u64);
         if !rest.is_empty() || declared != points.len() as u64 {
             return Err(Flaw::new(
-                format!("{declared} points of three numbers"),
+                format!("{declared} points of three numbers each"),
                 format!("{} numbers", self.points.len()),
             ));
         }
         let polys = self.polys.offsets.len();
         if self.declared_polys.is_some_and(|declared| declared != polys as u64) {
             return Err(Flaw::new(
-                format!("{} polygons, as NumberOfPolys says", self.declared_polys.unwrap_or(0)),
+                format!("{} polygons, as given by NumberOfPolys", self.declared_polys.unwrap_or(0)),
                 polys.to_string(),
             ));
         }
@@ -253,7 +253,7 @@ impl Cells {
                 let corner = index(corner)?;
                 if corner as usize >= space.points {
                     return Err(Flaw::new(
-                        format!("indices below {}, the piece's points", space.points),
+                        format!("indices below {}, the piece's number of points", space.points),
                         corner.to_string(),
                     ));
                 }

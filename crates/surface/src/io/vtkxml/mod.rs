@@ -48,14 +48,14 @@ fn split(bytes: &[u8]) -> Result<(&[u8], Appended<'_>), Flaw> {
     // The data begin after the first underscore.
     let start = data.iter().take(4096).position(|&byte| byte == b'_');
     let Some(data) = start.and_then(|start| data.get(start + 1..)) else {
-        return Err(Flaw::new("_ and data in AppendedData", shown(rest)));
+        return Err(Flaw::new("an underscore and data in AppendedData", shown(rest)));
     };
     let has = |word: &[u8]| tag.windows(word.len()).any(|window| window == word);
     if has(b"\"raw\"") || has(b"'raw'") {
         return Ok((head, Appended::Raw(data)));
     }
     if !has(b"\"base64\"") && !has(b"'base64'") && has(b"encoding") {
-        return Err(Flaw::new("encoding raw or base64 of AppendedData", shown(tag)));
+        return Err(Flaw::new("raw or base64 as the encoding of AppendedData", shown(tag)));
     }
     let end = data.iter().position(|&byte| byte == b'<').unwrap_or(data.len());
     Ok((head, Appended::Base64(data.get(..end).unwrap_or_default().trim_ascii())))

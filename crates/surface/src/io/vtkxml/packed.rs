@@ -98,7 +98,7 @@ fn expand(
     const MOST: u64 = 1032;
     if expected / MOST > block.len() as u64 {
         let found = format!("a block of {} compressed bytes", block.len());
-        return Err(Flaw::new(format!("{expected} bytes, as the array's header says"), found));
+        return Err(Flaw::new(format!("{expected} bytes, as stated in the array's header"), found));
     }
     budget.spend(expected, "arrays of")?;
     let size = usize::try_from(expected).map_err(|_| Flaw::new("blocks that fit in memory", expected.to_string()))?;
@@ -108,19 +108,19 @@ fn expand(
             bytes.try_reserve(size + 1).map_err(|e| Flaw::new("blocks that fit in memory", e.to_string()))?;
             // One byte more than expected is read, so that excess data are detected.
             let mut decoder = flate2::read::ZlibDecoder::new(block).take(expected + 1);
-            decoder.read_to_end(bytes).map_err(|e| Flaw::new("a zlib stream in an array", e.to_string()))?;
+            decoder.read_to_end(bytes).map_err(|e| Flaw::new("a valid zlib stream in an array", e.to_string()))?;
         }
         _ => {
             bytes.resize(start + size, 0);
             let room = bytes.get_mut(start..).unwrap_or_default();
             let written = lz4_flex::block::decompress_into(block, room)
-                .map_err(|e| Flaw::new("a block of LZ4 in an array", e.to_string()))?;
+                .map_err(|e| Flaw::new("a valid LZ4 block in an array", e.to_string()))?;
             bytes.truncate(start + written);
         }
     }
     if bytes.len() - start != size {
         let found = if bytes.len() - start > size { "more".to_owned() } else { (bytes.len() - start).to_string() };
-        return Err(Flaw::new(format!("{size} bytes in a block, as the array's header says"), found));
+        return Err(Flaw::new(format!("{size} bytes in a block, as stated in the array's header"), found));
     }
     Ok(())
 }
@@ -173,7 +173,7 @@ impl<'a> Source<'a> {
             let characters = (count - bytes.len()).div_ceil(3).saturating_mul(4);
             let Some((piece, rest)) = text.split_at_checked(characters.min(text.len() / 4 * 4)) else { break };
             if piece.is_empty() {
-                return Err(Flaw::new(format!("{count} more bytes in base64"), bytes.len().to_string()));
+                return Err(Flaw::new(format!("{count} more bytes of base64 data"), bytes.len().to_string()));
             }
             *text = rest;
             decode(piece, bytes)?;
