@@ -8,10 +8,14 @@ A closed surface is x, y and z as functions on the sphere, each a sum of spheric
 >>> smooth = model.surface(5, degree=10)
 >>> distance = sp.compare(surface, model.surface())
 
-`fit` accepts a mesh as a path, as arrays, or as an object of trimesh, pyvista, meshio, nibabel or nilearn.
+`fit` accepts a mesh as a path, as arrays, or as an object of trimesh, pyvista, meshio, nibabel or nilearn. Values on vertices
+and masks may be images of nibabel and nilearn.
 Conventions: degrees are inclusive; theta is the colatitude and phi the azimuth, in radians; coefficients are those of the real
 orthonormal harmonics without the Condon-Shortley phase, row ``l**2 + l + m``. `spharm_rs.convert` converts them from and to the
 conventions of other packages.
+
+Two modules are imported by name, because they need other packages: ``spharm_rs.sklearn`` has estimators of scikit-learn, whose
+X is a sequence of surfaces, and ``spharm_rs.dask`` distributes moments and fits of cohorts.
 """
 
 from . import _load, convert, errors, reports  # noqa: F401  (first, for the kernels)

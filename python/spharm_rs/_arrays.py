@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import pathlib
+import tempfile
 from typing import Any
 
 import numpy as np
@@ -14,13 +16,62 @@ Floats = NDArray[np.float64]
 Triangles = NDArray[np.uint32]
 
 
-def real(what: str, values: ArrayLike, shape: str) -> Floats:
-    """Returns real numbers as aligned float64, without a copy if they are already."""
+#: Codes of GIfTI's data arrays: of a mesh, of the numbers of vertices with values, and of labels.
+_POINTS, _TRIANGLES, _VERTEX_NUMBERS, _LABELS = 1008, 1009, 2002, 1002
+
+
+def _parts(values: Any) -> dict[str, Any] | None:
+    """Returns the values of an image of nilearn for each hemisphere, and None for anything else."""
+    if isinstance(values, np.ndarray):
+        return None
+    for holder in (values, getattr(values, "data", None)):
+        parts = getattr(holder, "parts", None)
+        if isinstance(parts, dict) and all(isinstance(part, np.ndarray) for part in parts.values()):
+            return parts
+    return None
+
+
+def is_image(values: Any) -> bool:
+    """Returns whether an object is an image on vertices: a GIfTI image of nibabel, or an image or its data of nilearn."""
+    return hasattr(values, "agg_data") or _parts(values) is not None
+
+
+def has_mesh(image: Any) -> bool:
+    """Returns whether an image on vertices has a mesh, too."""
+    return hasattr(image, "mesh") or any(one.intent in (_POINTS, _TRIANGLES) for one in getattr(image, "darrays", ()))
+
+
+def unwrapped(what: str, values: Any) -> Any:
+    """Returns the values of an image on vertices as an array, (n,) or (n, c), and anything else unchanged."""
+    parts = _parts(values)
+    if parts is not None:
+        if len(parts) != 1:
+            found = " and ".join(map(str, parts)) or "none"
+            raise ValueError(f"{what}: expected one hemisphere, found {found}; give one, such as image.data.parts['left']")
+        return next(iter(parts.values()))
+    if not hasattr(values, "agg_data"):
+        return values
+    intents = [one.intent for one in values.darrays]
+    if _VERTEX_NUMBERS in intents:
+        raise ValueError(f"{what}: expected a value for each vertex, found a GIfTI image with values of numbered vertices")
+    arrays = [one.data for one in values.darrays if one.intent not in (_POINTS, _TRIANGLES)]
+    if not arrays:
+        found = "a mesh" if intents else "an empty image"
+        raise ValueError(f"{what}: expected a GIfTI image with values on vertices, found {found}")
+    lengths = sorted({len(array) for array in arrays})
+    if len(lengths) > 1:
+        raise ValueError(f"{what}: expected a GIfTI image with arrays of equal lengths, found {', '.join(map(str, lengths))}")
+    return arrays[0] if len(arrays) == 1 else np.column_stack(arrays)
+
+
+def real(what: str, values: ArrayLike, shape: str, *, flags: bool = False) -> Floats:
+    """Returns real numbers as aligned float64, without a copy if they are already; with ``flags``, true is 1."""
+    values = unwrapped(what, values)
     try:
         array = np.asarray(values)
     except ValueError as error:
         raise ValueError(f"{what}: expected an array of shape {shape}, found rows of different lengths") from error
-    if array.dtype.kind not in "fiu":
+    if array.dtype.kind not in ("fiub" if flags else "fiu"):
         raise ValueError(f"{what}: expected real numbers of shape {shape}, found {_described(array)}")
     return np.require(array, np.float64, "A")
 
@@ -57,8 +108,8 @@ def triangles(what: str, values: ArrayLike) -> Triangles:
 
 
 def channels(what: str, values: ArrayLike) -> Floats:
-    """Returns values on vertices, (n, c); a vector is one channel."""
-    array = real(what, values, "(n,) or (n, c)")
+    """Returns values on vertices, (n, c), of an array or an image; a vector is one channel, and true is 1."""
+    array = real(what, values, "(n,) or (n, c)", flags=True)
     if array.ndim == 1:
         array = array[:, np.newaxis]
     if array.ndim != 2:
@@ -75,20 +126,34 @@ def weights(values: ArrayLike, vertices: int) -> Floats:
 
 
 def mask(values: Any, vertices: int) -> NDArray[np.bool_] | None:
-    """Returns whether each vertex is read, (n,), from an array or a file, or None for all."""
+    """Returns whether each vertex is read, (n,), from an array, an image or a file, or None for all."""
     if values is None:
         return None
     if isinstance(values, (str, os.PathLike)):
         return _core.read_mask(os.fspath(values), vertices)
-    array = np.asarray(values)
+    array = np.asarray(unwrapped("mask", values))
+    if is_image(values):
+        if array.shape == (vertices, 1):
+            array = array[:, 0]
+        labels = any(one.intent == _LABELS for one in getattr(values, "darrays", ()))
+        if labels and array.shape == (vertices,) and array.any():
+            return _mask_of_labels(values, vertices)
     if array.dtype != bool:
-        numbers = real("mask", values, f"({vertices},)")
+        numbers = real("mask", array, f"({vertices},)")
         if np.isnan(numbers).any():
             raise ValueError(f"mask: expected true or false at each vertex, found NaN at vertex {int(np.isnan(numbers).argmax())}")
         array = numbers != 0
     if array.shape != (vertices,):
         raise ValueError(f"mask: expected shape ({vertices},), found {array.shape}")
     return np.ascontiguousarray(array)
+
+
+def _mask_of_labels(image: Any, vertices: int) -> NDArray[np.bool_]:
+    """Returns the mask of nibabel's image of labels: all regions but unknown and the medial wall, as of a file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder, "mask.label.gii")
+        path.write_bytes(image.to_bytes())
+        return _core.read_mask(os.fspath(path), vertices)
 
 
 def choice(what: str, value: Any, known: tuple[str, ...]) -> str:

@@ -11,14 +11,15 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model
+from ._model import Model, mapped_apart
 from ._progress import Progress, callback
 from ._surface import Path, Surface, as_surface
+from ._warnings import warn
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Distances:
-    """Distances between two surfaces.
+    """Distances between two surfaces: of corresponding vertices, between the surfaces, or both.
 
     Attributes
     ----------
@@ -26,7 +27,8 @@ class Distances:
         Mean and maximal squared distance of corresponding vertices, with the first surface's bounding box scaled to
         volume 1 (Shen and Chung 2006, section 4.2); NaN if the meshes don't correspond.
     rms, max : float
-        Root mean square and maximal distance of corresponding vertices, in the surfaces' unit.
+        Root mean square and maximal distance, in the surfaces' unit: of corresponding vertices or, if the meshes don't
+        correspond, between the surfaces (``surface["rms"]`` and ``surface["hausdorff"]``). `corresponding` tells which.
     scale : float
         Cube root of the volume of the first surface's bounding box.
     per_vertex : ndarray of float, (n,)
@@ -34,6 +36,9 @@ class Distances:
         ``surface_distance``, from the first surface.
     surface : dict or None
         Distances over the entire surfaces: ``mean``, ``rms``, ``percentile95``, ``hausdorff``, in the surfaces' unit.
+        None if only corresponding vertices were compared.
+    corresponding : bool
+        Whether ``msd``, ``xsd``, ``rms`` and ``max`` are of corresponding vertices.
     """
 
     msd: float
@@ -43,6 +48,32 @@ class Distances:
     scale: float
     per_vertex: Floats = field(repr=False)
     surface: dict[str, Any] | None = None
+    corresponding: bool = True
+
+    def __repr__(self) -> str:
+        found = [f"corresponding vertices: rms {self.rms:.4g}, max {self.max:.4g}"] if self.corresponding else []
+        if self.surface is not None:
+            names = ("mean", "rms", "percentile95", "hausdorff")
+            found.append("between surfaces: " + ", ".join(f"{name} {self.surface[name]:.4g}" for name in names))
+        return f"Distances({'; '.join(found)})"
+
+    @property
+    def mean(self) -> float:
+        """Mean distance between the surfaces, in their unit; NaN if `surface` is None."""
+        return self._between("mean")
+
+    @property
+    def percentile95(self) -> float:
+        """95th percentile of the distances between the surfaces, in their unit; NaN if `surface` is None."""
+        return self._between("percentile95")
+
+    @property
+    def hausdorff(self) -> float:
+        """Hausdorff distance between the surfaces, in their unit; NaN if `surface` is None."""
+        return self._between("hausdorff")
+
+    def _between(self, name: str) -> float:
+        return float("nan") if self.surface is None else float(self.surface[name])
 
 
 def compare(
@@ -62,13 +93,16 @@ def compare(
     ----------
     surface, other : Model, Surface, or what `as_surface` takes
         Two models are compared at equal directions, the vertices of an icosphere; a model and a mesh at the mesh's vertices
-        if the model was fitted to it, or else on an icosphere of 163,842 vertices.
+        if the model was fitted to it, or else on an icosphere of 163,842 vertices. Equal directions of two models whose
+        surfaces were mapped separately don't correspond, so the distance between these surfaces is measured.
     surface_distance : bool, optional
-        Whether to measure the distance over the entire surfaces; by default only if their triangles differ.
+        Whether to measure the distance over the entire surfaces; by default only if the surfaces don't correspond: if their
+        triangles differ, or for models mapped separately. With False, such models are compared at equal directions, with a
+        warning.
     samples : int
         Approximate number of points on each surface for ``surface_distance``.
     mask : array_like of bool, (n,), or path, optional
-        Vertices to compare, for meshes with the same triangles; a file as for `fit`. With ``surface_distance``, points are on
+        Vertices to compare, for surfaces that correspond; a file as for `fit`. With ``surface_distance``, points are on
         the triangles whose three corners are kept, and their distances are those from the entire other surface.
     memory : int or str, optional
         Bytes that ``surface_distance`` may use, or ``"512MiB"``; by default the free memory.
@@ -81,6 +115,9 @@ def compare(
 
     Raises
     ------
+    ValueError
+        If a mask, or ``surface_distance=False``, is given for meshes whose triangles differ; or a mask for models mapped
+        separately.
     MemoryBudgetError
         If the budget is too small; the exception has ``budget`` and ``needed``.
 
@@ -92,11 +129,21 @@ def compare(
     >>> found = sp.compare(surface, model, surface_distance=True)
     >>> found.msd < 1e-3 and found.surface["rms"] <= found.rms
     True
+    >>> other = sp.compare(surface, model.surface(5))
+    >>> other.corresponding, other.rms < other.percentile95 < other.max
+    (False, True)
     """
+    apart = isinstance(surface, Model) and isinstance(other, Model) and mapped_apart(surface, other)
+    if apart and surface_distance is False:
+        warn([_APART])
+    elif apart and mask is not None:
+        raise ValueError("mask: expected models whose directions correspond, found models of surfaces mapped separately")
     first, second = _surfaces(surface, other, threads)
     arrays = first.vertices, first.faces, second.vertices, second.faces
     kept = _arrays.mask(mask, len(first.vertices))
     corresponding = len(first.vertices) == len(second.vertices) and np.array_equal(first.faces, second.faces)
+    if surface_distance is not False:
+        corresponding = corresponding and not apart
     if kept is not None and not corresponding:
         raise ValueError(f"mask: expected meshes with the same triangles, found {first!r} and {second!r}")
     between: dict[str, Any] | None = None
@@ -114,15 +161,20 @@ def compare(
         between = json.loads(text)
     if between is not None and each is not None and not corresponding:
         nan = float("nan")
-        return Distances(nan, nan, nan, nan, between["scale"], each, between)
+        return Distances(nan, nan, between["rms"], between["hausdorff"], between["scale"], each, between, False)
     if not corresponding and between is None:
         raise ValueError(
             f"other: the triangles of {second!r} differ from the triangles of {first!r}; "
-            "without surface_distance=False, the distance between the surfaces is measured"
+            "omit surface_distance=False to measure the distance between the surfaces"
         )
     (msd, xsd, rms, largest, scale), _, by_vertex = _core.compare(*arrays, kept)
     return Distances(msd, xsd, rms, largest, scale, by_vertex if each is None else each, between)
 
+
+_APART = (
+    "the models' surfaces were mapped separately, so equal directions don't correspond; omit surface_distance=False to measure "
+    "the distance between the surfaces"
+)
 
 #: Subdivisions of the icosphere on which models are compared: 163,842 vertices, as by ``spharm compare``.
 _LEVEL = 7

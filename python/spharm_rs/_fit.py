@@ -28,7 +28,7 @@ def _settings(
     *,
     objective: str | None = None,
     weights: str | ArrayLike = "uniform",
-    mask: ArrayLike | Path | None = None,
+    mask: Any = None,
     smoothness: float | str | None = None,
     denoise: bool = False,
     stderr: bool = False,
@@ -50,7 +50,7 @@ def _settings(
 ) -> dict[str, Any]:
     """Checks the types of `fit`'s keyword arguments; the library checks their values."""
     if isinstance(smoothness, bool) or not (smoothness is None or isinstance(smoothness, (str, int, float, np.number))):
-        raise ValueError(f"smoothness: expected a number from 0, or 'auto', found {smoothness!r}")
+        raise ValueError(f"smoothness: expected a number of at least 0, or 'auto', found {smoothness!r}")
     return {
         "max_degree": _arrays.whole("max_degree", max_degree),
         "method": str(method or ("irf" if store is not None else "lsq")),
@@ -104,9 +104,34 @@ def _read(target: Any, sphere: Any, gaps: bool) -> tuple[Floats, Any]:
         except (errors.SpharmError, OSError, ValueError):
             raise error from None
         if sphere is None:
-            raise errors.MeshError(f"{os.fspath(target)}: a signal is fitted over its sphere; give it as sphere=") from error
+            raise errors.MeshError(f"{os.fspath(target)}: a signal needs a sphere; give the sphere as sphere=") from error
         return signal, None
     return mesh.vertices, mesh.faces
+
+
+def _check_values(what: str, values: Floats, settings: dict[str, Any], *, scattered: bool = False) -> None:
+    """Refuses values, (n, c), that are NaN or infinite at vertices that are read, or in rows of scattered samples."""
+    bad = ~np.isfinite(values).all(axis=1)
+    masked = settings["mask"] is not None
+    if masked:
+        bad &= settings["mask"]
+    if not isinstance(settings["weights"], str):
+        bad &= settings["weights"] != 0
+    if not bad.any():
+        return
+    vertex = int(bad.argmax())
+    missing = bool(np.isnan(values[vertex]).any())
+    of_rows = values.shape[1] > 1
+    kept = f"~np.isnan(values){'.any(axis=1)' if of_rows else ''}"
+    if not missing:
+        kept = f"np.isfinite(values){'.all(axis=1)' if of_rows else ''}"
+    at = f"{'NaN' if missing else 'infinity'} {'in row' if scattered else 'at vertex'} {vertex} (counted from 0)"
+    rows, drop = ("rows", ", or drop these rows from the directions and values") if scattered else ("vertices", "")
+    if masked:
+        text = f"{at}, which is inside mask; leave out {rows} without values, by mask=mask & {kept}{drop}"
+    else:
+        text = f"{at}; leave out {rows} without values by mask=, such as mask={kept}{drop}"
+    raise errors.MeshError(f"{what}: expected finite numbers, found {text}")
 
 
 def _model(fitted: Any) -> Model:
@@ -129,7 +154,7 @@ def fit(
     cut_handles: bool = False,
     objective: str | None = None,
     weights: str | ArrayLike = "uniform",
-    mask: ArrayLike | Path | None = None,
+    mask: Any = None,
     smoothness: float | str | None = None,
     denoise: bool = False,
     stderr: bool = False,
@@ -154,9 +179,11 @@ def fit(
 
     Parameters
     ----------
-    surface : Surface or what `as_surface` takes, or ndarray of float, (n,) or (n, c)
-        A surface; an array of positions (n, 3) at a sphere's vertices; or a signal on the sphere's vertices, as an array or,
-        given the sphere, as a file that `read_signal` reads.
+    surface : Surface or what `as_surface` takes, or ndarray of float, (n,) or (n, c), or image
+        A surface; an array of positions (n, 3) at a sphere's vertices; or a signal on the sphere's vertices, as an array,
+        as an image (nibabel's ``GiftiImage`` without a mesh, or nilearn's ``PolyData`` of one hemisphere) or, given the
+        sphere, as a file that `read_signal` reads. nilearn's ``SurfaceImage`` has a mesh and values: without a sphere, its
+        mesh is fitted; with a sphere, give ``image.mesh`` or ``image.data``.
     sphere : Surface or what `as_surface` takes, Parametrization, Model, or ndarray of float, (n, 3), optional
         A sphere with the same vertices in the same order, of any radius, centred at the origin. Without it the surface
         is first mapped to a sphere, as by `parametrize`; that sphere becomes the model's.
@@ -177,16 +204,19 @@ def fit(
     weights : {"uniform", "area"} or array_like of float, (n,)
         Weight of each vertex: one, its share of the sphere, or these. Values at vertices of weight 0 are never read, and may
         be NaN; a fit of the surface leaves out the triangles that they are corners of.
-    mask : array_like of bool, (n,), or path, optional
-        Vertices to read; the others have weight 0. A file has a value for each vertex, of which 0 leaves it out, or is a
-        FreeSurfer label, or a label of GIfTI.
+    mask : array_like of bool, (n,), path, or image, optional
+        Vertices to read; the others have weight 0, and may be NaN over a sphere. A file or an image (of nibabel or nilearn)
+        has a value for each vertex, of which 0 leaves it out, or is a FreeSurfer label, or a label of GIfTI. Outside of the
+        mask the model is an extrapolation, not data; the model doesn't record its mask.
     smoothness : float or "auto", optional
         Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses lambda by generalised cross-validation. By
-        default no penalty, but a small one if vertices are fitted over a sphere made by `parametrize`.
+        default no penalty, but a small one if vertices are fitted over a sphere made by `parametrize`. A penalty shrinks
+        focal effects of single subjects: for group tests (`shape.group_test`), fit without it.
     denoise : bool
         Remove independent noise of the vertices within the fit, by a penalty for each degree that is estimated from the
         surface, or from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has
-        the noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``.
+        the noise found, ``sigma``, the ``gain`` of each degree, and ``degrees_of_freedom``. It shrinks focal effects of
+        single subjects, too: for group tests, fit without it.
     stderr : bool
         Compute the standard error of each coefficient, for independent noise of the vertices: `Model.standard_errors`.
     hold_out : float, optional
@@ -235,8 +265,11 @@ def fit(
 
     Raises
     ------
+    ValueError
+        If arguments have other shapes or values, or if an image with a mesh and values is given with a sphere.
     MeshError
-        If the surface can't be mapped, or doesn't belong to the sphere.
+        If the surface can't be mapped, or doesn't belong to the sphere; or if a value that is read is NaN or infinite. It is
+        a ``ValueError``, too.
     MemoryBudgetError
         If the budget is too small; the exception has ``budget`` and ``needed``.
     StoreError
@@ -259,22 +292,34 @@ def fit(
     """
     if isinstance(surface, Parametrization):
         surface, sphere = surface.surface, surface if sphere is None else sphere
-    # An array holds values; a mesh is given as an object, a path or a pair of arrays.
+    # An array or an image holds values; a mesh is given as an object, a path or a pair of arrays.
     triangles = None
-    if isinstance(surface, np.ndarray):
+    image = _arrays.is_image(surface)
+    if image and sphere is not None and hasattr(surface, "mesh"):
+        raise ValueError(
+            f"surface: expected a mesh or values, found a {type(surface).__name__}, which has both; "
+            "give image.mesh to fit the shape, or image.data to fit the map of its values"
+        )
+    is_file = isinstance(surface, (str, os.PathLike))
+    if image and not _arrays.has_mesh(surface):
+        values, is_surface = _arrays.channels("surface", surface), False
+    elif isinstance(surface, np.ndarray):
         values, is_surface = _arrays.channels("surface", surface), surface.ndim == 2 and surface.shape[1] == 3
     else:
-        values, triangles = _read(surface, sphere, mask is not None or not isinstance(weights, str))
+        # Over a sphere, missing values are refused below.
+        values, triangles = _read(surface, sphere, sphere is not None or mask is not None or not isinstance(weights, str))
         is_surface = triangles is not None
     if isinstance(sphere, (int, float, np.number)):
         raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")
     directions, faces, parametrized = _sphere_of(len(values), triangles, sphere)
     changes = changes_of(fix, largest_repair, wrap, cut_handles)
     if directions is not None and (name := named_change(fix, wrap, cut_handles)) is not None:
-        raise ValueError(f"{name}: expected no sphere, because it changes the surface; map the surface with parametrize first")
+        raise ValueError(
+            f"{name}: expected no sphere, because this option changes the surface; map the surface with parametrize first"
+        )
     if (fix or wrap is not None) and (mask is not None or not isinstance(weights, str)):
         name, change = "weights" if mask is None else "mask", "fix=True" if fix else f"wrap={wrap}"
-        raise ValueError(f"{name}: expected none with {change}, which renumbers the vertices; repair the surface first")
+        raise ValueError(f"{name}: expected no array with {change}, which renumbers the vertices; repair the surface first")
     settings = _settings(
         max_degree,
         len(values),
@@ -300,6 +345,8 @@ def fit(
         memory=memory,
         threads=threads,
     )
+    if directions is not None:
+        _check_values(os.fspath(surface) if is_file else "surface" if is_surface else "values", values, settings)
     return _model(
         _core.fit(
             values,
@@ -371,18 +418,18 @@ def choose_degree(
         progress=callback(progress),
     )
     if rms > wanted:
-        text = f"no degree has an rms error of at most {wanted:.4g}; degree {degree} has {rms:.4g}"
+        text = f"no degree has an rms error of at most {wanted:.4g}; degree {degree} has an error of {rms:.4g}"
         warn([text], errors.NotDetermined)
     return degree
 
 
 def solve(
     transform: Transform | ArrayLike,
-    values: ArrayLike,
+    values: Any,
     max_degree: int | None = None,
     *,
     weights: str | ArrayLike = "uniform",
-    mask: ArrayLike | Path | None = None,
+    mask: Any = None,
     smoothness: float | str | None = None,
     stderr: bool = False,
     tolerance: float = 1e-10,
@@ -398,19 +445,33 @@ def solve(
     ----------
     transform : Transform or ndarray of float, (n, 3)
         The directions with a degree; or only the directions.
-    values : array_like of float, (n,) or (n, c)
+    values : array_like of float, (n,) or (n, c), or (n_latitude, n_longitude) or (n_latitude, n_longitude, c), or image
+        A value for each direction. Values on a grid are read in C order, as `spectra.directions` and
+        `spectra.Grid.directions` have the points. Values with a mask or weight of 0 are never read, and may be NaN.
     max_degree : int, optional
         Required with directions; by default the transform's.
-    weights, mask, smoothness, stderr, tolerance, max_iterations, preconditioner, memory, threads, progress
+    weights, mask
+        As for `fit`; arrays may also have the shape of the values' grid.
+    smoothness, stderr, tolerance, max_iterations, preconditioner, memory, threads, progress
         As for `fit`.
 
     Returns
     -------
     coefficients : ndarray of float, (K,) or (K, c)
-        Of the shape of the values, as `Transform.adjoint` has it.
+        Of the shape of the values, as `Transform.adjoint` has it; (K,) for values (n_latitude, n_longitude).
     report : dict
         ``report["solver"]`` contains iterations, optimality and condition; with ``stderr``, ``report["standard_errors"]``
         the standard errors of the coefficients, an array of their shape, which `spectra.spectrum` takes as ``errors``.
+
+    Raises
+    ------
+    ValueError
+        If the number of values isn't that of the directions, or if a value that is read is NaN or infinite.
+
+    Warns
+    -----
+    NotDetermined, NotConverged
+        Doubts about the coefficients.
 
     Examples
     --------
@@ -429,6 +490,13 @@ def solve(
         degree = _arrays.whole("max_degree", max_degree)
     if degree == -1:
         raise ValueError("max_degree: expected a degree, which is required with directions; found None")
+    values = _arrays.real("values", _arrays.unwrapped("values", values), "(n,) or (n, c)")
+    shape = values.shape
+    if len(shape) in (2, 3) and shape[0] != len(directions) and shape[0] * shape[1] == len(directions):
+        # Of a grid: (n_latitude, n_longitude) and perhaps channels.
+        values = np.reshape(values, (-1, *shape[2:]))
+        weights = np.ravel(weights) if isinstance(weights, np.ndarray) and weights.shape == shape[:2] else weights
+        mask = np.ravel(mask) if isinstance(mask, np.ndarray) and mask.shape == shape[:2] else mask
     array = _arrays.channels("values", values)
     if len(array) != len(directions):
         raise ValueError(f"values: expected a row for each of {len(directions)} directions, found shape {np.shape(values)}")
@@ -445,6 +513,7 @@ def solve(
         memory=memory,
         threads=threads,
     )
+    _check_values("values", array, settings, scattered=True)
     # The transform is planned, but perhaps to another degree, or too coarsely.
     planned = isinstance(transform, Transform) and transform._inner.serves(degree)
     at = transform._inner if isinstance(transform, Transform) and planned else directions

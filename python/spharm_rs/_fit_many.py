@@ -141,10 +141,10 @@ def fit_many(
                 shown("fit", len(models), len(given))
         return models
     if on_error != "raise":
-        raise ValueError("on_error: expected 'raise' with a sphere, over which all surfaces are fitted together")
+        raise ValueError("on_error: expected 'raise', because all surfaces are fitted together over the sphere")
     changes_of(fix, largest_repair, wrap, cut_handles)
     if (name := named_change(fix, wrap, cut_handles)) is not None:
-        raise ValueError(f"{name}: expected no sphere, because it changes the surfaces")
+        raise ValueError(f"{name}: expected no sphere, because this option changes the surfaces")
     kinds = set()
     arrays: list[Floats] = []
     triangles = None
@@ -259,7 +259,7 @@ def fit_each(
 
 def _check_several(surfaces: Any) -> None:
     if isinstance(surfaces, (str, os.PathLike)) or not hasattr(surfaces, "__iter__"):
-        raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; fit fits one")
+        raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; use fit for it")
 
 
 def _processors() -> int:

@@ -37,7 +37,7 @@ class Landmarks:
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "points", points)
         if len(self.names) != len(points) or len(set(self.names)) != len(points):
-            found = f"{len(self.names)}, {len(set(self.names))} of them different"
+            found = f"{len(self.names)} names, {len(set(self.names))} of them different"
             raise ValueError(f"names: expected {len(points)} different names, found {found}")
         if self.frame not in (None, "LPS", "RAS"):
             raise ValueError(f"frame: expected LPS or RAS, found {self.frame!r}")
@@ -105,7 +105,9 @@ def matched(
         arrays = [_arrays.positions(f"landmarks[{index}]", item) for index, item in enumerate(found)]  # type: ignore[arg-type]
         for index, item in enumerate(arrays):
             if len(item) != len(arrays[0]):
-                raise ValueError(f"landmarks[{index}]: expected {len(arrays[0])} positions as landmarks[0] has, found {len(item)}")
+                raise ValueError(
+                    f"landmarks[{index}]: expected {len(arrays[0])} positions, as in landmarks[0], found {len(item)}"
+                )
             if not np.isfinite(item).all():
                 raise ValueError(f"landmarks[{index}]: expected finite positions, found NaN or infinity")
         return None, arrays

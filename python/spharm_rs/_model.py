@@ -15,6 +15,7 @@ from ._arrays import Floats
 from ._model_values import Values
 from ._parametrize import Parametrization, Seam
 from ._picture import Picture, picture
+from ._progress import Progress
 from ._spectra_degree import sums
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from ._warnings import warn
@@ -46,8 +47,8 @@ class Model(Values):
     Surface(642 vertices, 1280 faces)
 
     Models are values: sums, differences and multiples are of the coefficients, those of missing degrees being 0, over the
-    sphere of the first model. ``model[l]`` has the coefficients of a degree, (2 l + 1, c), ``model[l, m]`` those of an order,
-    (c,), and ``len(model)`` is the number of degrees, L + 1.
+    sphere of the first model. Multiples keep the standard errors, and so does `truncate`. ``model[l]`` has the coefficients
+    of a degree, (2 l + 1, c), ``model[l, m]`` those of an order, (c,), and ``len(model)`` is the number of degrees, L + 1.
 
     >>> half = (model + model.truncate(0)) / 2
     >>> half == 0.5 * model, half[1, 1].tolist()
@@ -57,7 +58,8 @@ class Model(Values):
     _inner: _core.Model
     #: Report of the fit: distances, iterations, warnings; empty if the model wasn't fitted in this process.
     report: FitReport
-    #: Standard error of each coefficient, (K, c), if requested, else None.
+    #: Standard error of each coefficient, (K, c), if requested, else None. Multiples and `truncate` keep them; sums of two
+    #: models, other operations and files don't.
     standard_errors: Floats | None
 
     def __init__(self, coefficients: ArrayLike, *, sphere: Any = None, surface: bool | None = None) -> None:
@@ -88,8 +90,8 @@ class Model(Values):
     def __reduce__(self) -> Any:
         return _unpickled, (self._inner.to_bytes(), self.report, self.standard_errors)
 
-    def _with(self, coefficients: Floats) -> Model:
-        return Model._of(self._inner.with_coefficients(np.ascontiguousarray(coefficients)))
+    def _with(self, coefficients: Floats, errors: Floats | None = None) -> Model:
+        return Model._of(self._inner.with_coefficients(np.ascontiguousarray(coefficients)), errors=errors)
 
     def _repr_html_(self) -> str:
         rows = {"degree": str(self.max_degree), "channels": "x, y, z" if self.is_surface else str(self.coefficients.shape[1])}
@@ -141,7 +143,8 @@ class Model(Values):
 
     @property
     def directions(self) -> Floats | None:
-        """Unit vectors at which the model was fitted, (n, 3)."""
+        """Unit vectors at which the model was fitted, (n, 3): for a surface, those to which the map took its vertices, in
+        the same order."""
         found = self._inner.sphere
         return None if found is None else found[0]
 
@@ -156,6 +159,11 @@ class Model(Values):
 
     def evaluate(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Evaluates the model at directions.
+
+        Directions are on the sphere to which the surface was mapped. The map determines which point of the surface belongs
+        to a direction; the point isn't in that direction as seen from the centre of the surface. `directions` has the
+        directions of the fitted vertices. For a mesh in space, ``compare(model, mesh, surface_distance=True).per_vertex`` has
+        the distance of each vertex from the surface (`spharm_rs.compare`).
 
         Parameters
         ----------
@@ -181,7 +189,10 @@ class Model(Values):
         return self._inner.evaluate(directions_at(at), self._degree(degree), threads=threads)
 
     def at(self, points: ArrayLike, *, degree: int | None = None, threads: int | None = None) -> Floats:
-        """Evaluates the model at directions, (n, 3), or at one direction, (3,): returns values, (n, c) or (c,)."""
+        """Evaluates the model at directions, (n, 3), or at one direction, (3,): returns values, (n, c) or (c,).
+
+        Directions are on the sphere of the map, not as seen from the centre of the surface; see `evaluate`.
+        """
         values = _arrays.real("points", points, "(3,) or (n, 3)")
         if values.ndim not in (1, 2) or values.shape[-1] != 3:
             raise ValueError(f"points: expected shape (3,) or (n, 3), found {values.shape}")
@@ -189,25 +200,34 @@ class Model(Values):
         return found[0] if values.ndim == 1 else found
 
     def normals(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
-        """Returns unit normals of the surface at directions, (n, 3), by default those of the fit; see `shape.geometry`."""
+        """Returns unit normals of the surface at directions, (n, 3), by default those of the fit; see `shape.geometry`.
+
+        Normals are of first derivatives, whose error falls more slowly with the degree than that of positions.
+        """
         from . import shape
 
         return shape.geometry(self, at, degree=degree, threads=threads).normals
 
     def curvature(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
-        """Returns the mean curvature of the surface at directions, (n,), by default those of the fit; see `shape.geometry`."""
+        """Returns the mean curvature of the surface at directions, (n,), by default those of the fit; see `shape.geometry`.
+
+        In the inverse of the surface's unit. The curvature is of second derivatives, so it needs a higher degree than
+        positions do: compare the curvatures of two degrees.
+        """
         from . import shape
 
         return shape.geometry(self, at, degree=degree, threads=threads).mean_curvature
 
     @property
     def area(self) -> float:
-        """Area of the surface, in the square of its unit; see `shape.measure`."""
+        """Area of the surface, in the square of its unit; see `shape.measure`. If handles were cut, that of the cut surface
+        with the lids over its cuts."""
         return self._measured.area
 
     @property
     def volume(self) -> float:
-        """Volume within the surface, in the cube of its unit, positive also if the surface is mirrored; see `shape.measure`."""
+        """Volume within the surface, in the cube of its unit, positive also if the surface is mirrored; see `shape.measure`.
+        If handles were cut, that of the cut surface with the lids over its cuts."""
         return self._measured.volume
 
     @property
@@ -226,18 +246,37 @@ class Model(Values):
         Parameters
         ----------
         values : array_like of float, (n,), optional
-            A value for each vertex of the sphere.
+            A value for each vertex of the sphere, such as those of ``model.curvature(5)``. Values at the directions of the
+            fit, such as those of ``model.curvature()``, need ``at=model.sphere``.
         at : int, Surface or what `as_surface` takes, or None
             The sphere, as for `surface`.
         degree : int, optional
         **settings
             As for `spharm_rs.picture`: ``limits``, ``label``, ``caption``, ``size``, ``view``.
+
+        Raises
+        ------
+        ValueError
+            If there isn't one value for each vertex of the sphere.
         """
-        return picture(self.surface(at, degree=degree), values, **settings)
+        return picture(self._coloured(values, at, degree), values, **settings)
 
     def plot(self, values: ArrayLike | None = None, *, at: Any = 5, degree: int | None = None, **settings: Any) -> Any:
         """Shows the surface on a sphere; see `Surface.plot` for the settings, and `picture` for the rest."""
-        return self.surface(at, degree=degree).plot(values, **settings)
+        return self._coloured(values, at, degree).plot(values, **settings)
+
+    def _coloured(self, values: ArrayLike | None, at: Any, degree: int | None) -> Surface:
+        """Returns the surface on a sphere, and refuses values of another number of vertices."""
+        mesh = self.surface(at, degree=degree)
+        if values is None:
+            return mesh
+        shape, expected = np.shape(values), (len(mesh.vertices),)
+        if shape != expected:
+            given = f"at={at}" if at is None or isinstance(at, (int, str)) else f"at, a {type(at).__name__}"
+            of_fit = self.sphere is not None and shape == (len(self.sphere.vertices),)
+            advice = "give at=model.sphere for values at the vertices of the fit" if of_fit else "give the values' sphere as at="
+            raise ValueError(f"values: expected shape {expected}, a value for each vertex of {given}; found {shape}; {advice}")
+        return mesh
 
     def surface(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Surface:
         """Evaluates the surface on a sphere.
@@ -260,8 +299,33 @@ class Model(Values):
         return Surface(*self._inner.surface(vertices, faces, self._degree(degree), threads=threads))
 
     def truncate(self, degree: int) -> Model:
-        """Returns a model that has only the degrees 0 to ``degree``."""
-        return Model._of(self._inner.truncate(_arrays.whole("degree", degree)))
+        """Returns a model that has only the degrees 0 to ``degree``, with the standard errors of their coefficients."""
+        inner = self._inner.truncate(_arrays.whole("degree", degree))
+        errors = self.standard_errors
+        return Model._of(inner, errors=None if errors is None else errors[: (inner.max_degree + 1) ** 2].copy())
+
+    def rotate(
+        self,
+        *,
+        parameters: Any = None,
+        object: Any = None,
+        scale: float = 1.0,
+        translation: ArrayLike = (0.0, 0.0, 0.0),
+        threads: int | None = None,
+        progress: Progress = None,
+    ) -> Model:
+        """Returns the model rotated in its parameters, or moved in space; see `shape.rotate` for the settings."""
+        from . import shape
+
+        return shape.rotate(
+            self,
+            parameters=parameters,
+            object=object,
+            scale=scale,
+            translation=translation,
+            threads=threads,
+            progress=progress,
+        )
 
     def spectrum(self) -> Floats:
         """Returns the power of each degree, (L + 1,): the sum of the squares of its coefficients, over all channels.
@@ -273,6 +337,9 @@ class Model(Values):
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
         """Writes the model as a NumPy archive, atomically; ``spharm reconstruct`` reads it, too.
+
+        The file has the coefficients, the provenance, and the sphere, which is usually the largest part. Standard errors and
+        the report aren't written; pickles have them. ``spharm shape compress`` makes much smaller files.
 
         Parameters
         ----------
@@ -317,17 +384,19 @@ class Model(Values):
         and channel."""
         return _model_tables.to_xarray(self.coefficients, self.is_surface)
 
-    def to(self, format: str) -> Any:
+    def to(self, format: str, **options: Any) -> Any:
         """Returns the coefficients in another package's convention; see `spharm_rs.convert`.
 
         Parameters
         ----------
         format : {"complex", "pyshtools", "healpy", "s2fft", "spharm_pdm", "spharm_mat", "ktch", "flowshape"}
+        **options
+            As for `spharm_rs.convert.to`, such as ``normalization`` and ``csphase`` for ``"pyshtools"``.
         """
-        return convert.to(format, self.coefficients)
+        return convert.to(format, self.coefficients, **options)
 
     @classmethod
-    def from_(cls, format: str, array: Any, *, sphere: Any = None) -> Model:
+    def from_(cls, format: str, array: Any, *, sphere: Any = None, **options: Any) -> Model:
         """Makes a model from another package's coefficients; see `spharm_rs.convert`.
 
         Parameters
@@ -338,22 +407,46 @@ class Model(Values):
         array : Any
         sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
             As for `Model`.
+        **options
+            As for `spharm_rs.convert.from_`, such as ``normalization`` and ``csphase`` for ``"pyshtools"``.
         """
         if format in ("frame", "xarray"):
+            if options:
+                raise ValueError(f"{', '.join(options)}: expected no options for the format {format}")
             coefficients, surface = _model_tables.of_table(array)
             return cls(coefficients, sphere=sphere, surface=surface)
-        return cls(convert.from_(format, array), sphere=sphere)
+        return cls(convert.from_(format, array, **options), sphere=sphere)
 
 
 def _unpickled(data: bytes, report: FitReport, errors: Floats | None) -> Model:
     return Model._of(_core.Model.from_bytes(data), report, errors)
 
 
-def core(what: str, model: Any) -> _core.Model:
-    """Returns the extension module's object for a model."""
+def core(what: str, model: Any, advice: str = "") -> _core.Model:
+    """Returns the extension module's object for a model; ``advice`` says what to do with a mesh instead."""
     if not isinstance(model, Model):
-        raise ValueError(f"{what}: expected a Model, found {model!r}")
+        found = type(model).__name__
+        raise ValueError(f"{what}: expected a Model, found {found}; spharm_rs.fit makes a Model of a surface{advice}")
     return model._inner
+
+
+def mapped_apart(first: Model, second: Model) -> bool:
+    """Returns whether two models were fitted over different maps that `parametrize` made, so that equal directions don't
+    correspond. Spheres given by the user may be registered, and models without directions have no map of their own."""
+    return first._inner.mapped_apart(second._inner)
+
+
+#: Largest distance between two maps, as unit vectors, whose vertices are taken for the same.
+_SAME_MAP = 1e-3
+
+
+def maps_turned(first: Model, second: Model) -> bool:
+    """Returns whether two models' directions are the same but for a rotation or reflection of the sphere."""
+    own, other = first.directions, second.directions
+    if own is None or other is None or own.shape != other.shape:
+        return False
+    left, _, right = np.linalg.svd(own.T @ other)
+    return bool(np.abs(own @ (left @ right) - other).max() < _SAME_MAP)
 
 
 def seam_of(sphere: Any) -> Seam:

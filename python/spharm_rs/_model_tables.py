@@ -67,7 +67,7 @@ def of_table(table: Any) -> tuple[Floats, bool]:
         raise ValueError(f"table, row {bad[0]}: expected an order from -l to l of degree l, found {found}")
     rows = degrees**2 + degrees + orders
     if len(np.unique(rows)) < len(rows):
-        raise ValueError("table: expected each degree and order once, found one twice")
+        raise ValueError("table: expected each degree and order once, found duplicates")
     coefficients = np.zeros(((int(degrees.max()) + 1) ** 2, values.shape[1]))
     coefficients[rows] = values
     return coefficients, [str(name) for name in names] == list("xyz")

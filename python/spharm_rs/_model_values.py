@@ -20,6 +20,8 @@ class Values:
     __array_ufunc__ = None
     __hash__ = None  # type: ignore[assignment]
 
+    standard_errors: Floats | None
+
     @property
     def coefficients(self) -> Floats:
         raise NotImplementedError
@@ -32,9 +34,13 @@ class Values:
     def is_surface(self) -> bool:
         raise NotImplementedError
 
-    def _with(self, coefficients: Floats) -> Self:
-        """Returns a model with other coefficients over the same sphere."""
+    def _with(self, coefficients: Floats, errors: Floats | None = None) -> Self:
+        """Returns a model with other coefficients, and their standard errors if known, over the same sphere."""
         raise NotImplementedError
+
+    def _times(self, factor: float) -> Self:
+        errors = self.standard_errors
+        return self._with(factor * self.coefficients, None if errors is None else abs(factor) * errors)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Any:
         return np.array(self.coefficients, dtype=dtype, copy=copy)
@@ -85,20 +91,20 @@ class Values:
 
     def __radd__(self, other: Any) -> Self:
         # sum() begins with 0.
-        return self._with(self.coefficients) if isinstance(other, int) and other == 0 else NotImplemented
+        return self._times(1.0) if isinstance(other, int) and other == 0 else NotImplemented
 
     def __sub__(self, other: Any) -> Self:
         return self._combined(other, -1.0)
 
     def __neg__(self) -> Self:
-        return self._with(-self.coefficients)
+        return self._times(-1.0)
 
     def __mul__(self, factor: Any) -> Self:
         if not isinstance(factor, numbers.Real):
             return NotImplemented
         if not np.isfinite(float(factor)):
             raise ValueError(f"factor: expected a finite number, found {factor}")
-        return self._with(float(factor) * self.coefficients)
+        return self._times(float(factor))
 
     __rmul__ = __mul__
 

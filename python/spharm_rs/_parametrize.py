@@ -242,7 +242,7 @@ def _image(channel: int | None, time: int | None, volume: Any = None) -> tuple[i
     found = []
     for what, number in (("channel", channel), ("time", time)):
         if number is not None and volume is not None and not isinstance(volume, (str, os.PathLike)):
-            raise ValueError(f"{what}: expected None for an array, found {number!r}; index the array")
+            raise ValueError(f"{what}: expected None if the volume is an array, found {number!r}; index the array instead")
         found.append(None if number is None else _arrays.whole(what, number, 1))
     return found[0], found[1]
 
@@ -251,7 +251,7 @@ def _volume_settings(
     threshold: float | None, probability: bool, label_surface: str, smooth_radius: float | None
 ) -> dict[str, Any]:
     if threshold is not None and probability:
-        raise ValueError("threshold: expected None with probability=True, whose threshold is 0.5")
+        raise ValueError("threshold: expected None with probability=True, which uses the threshold 0.5")
     if threshold is not None and not np.isfinite(threshold):
         raise ValueError(f"threshold: expected a number, found {threshold}")
     return {

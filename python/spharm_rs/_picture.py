@@ -6,7 +6,6 @@ import os
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
@@ -37,16 +36,25 @@ class Picture:
         Parameters
         ----------
         path : str or os.PathLike
+            Ends in ``.png``.
         overwrite : bool
             Replace an existing file.
+
+        Raises
+        ------
+        ValueError
+            If the name has another ending.
         """
-        with open(os.fspath(path), "wb" if overwrite else "xb") as file:
+        name = os.fspath(path)
+        if not name.lower().endswith(".png"):
+            raise ValueError(f"path: expected a name that ends in .png, found {name}")
+        with open(name, "wb" if overwrite else "xb") as file:
             file.write(self.png)
 
 
 def picture(
     surface: Any,
-    values: ArrayLike | None = None,
+    values: Any = None,
     *,
     limits: tuple[float, float] | None = None,
     label: str = "",
@@ -60,8 +68,8 @@ def picture(
     ----------
     surface : Surface or what `as_surface` takes
         Models are drawn by `Model.picture`.
-    values : array_like of float, (n,), optional
-        A value for each vertex; NaN is grey.
+    values : array_like of float, (n,), or image, optional
+        A value for each vertex, also as an image of nibabel or nilearn; NaN is grey.
     limits : pair of float, optional
         Values of the first and the last colour; by default the range of the values, symmetric if they have both signs.
         Colours are blue to red if the limits are symmetric.

@@ -8,7 +8,7 @@ import pathlib
 import tempfile
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Iterable, Sequence, overload
+from typing import Any, Iterable, Literal, Sequence, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -261,7 +261,7 @@ class Group:
         for index, (name, points) in enumerate(zip(self.names, self._landmarks[1])):
             off = self.carried(points, index, index).off_surface
             if far := int((off > self._own_places(index)[1]).sum()):
-                found.append(f"{name}: {far} of {len(points)} landmarks are far from its surface, by up to {off.max():.4g}")
+                found.append(f"{name}: {far} of {len(points)} landmarks are far from the surface, by up to {off.max():.4g}")
         return found
 
     def _placed(self) -> list[Landmarks] | list[Floats] | None:
@@ -334,20 +334,22 @@ class Group:
         places, off, reached = self._inner.carry(values, self.index(source), self.index(target))
         return Carried(places, off, reached)
 
-    def carry_values(self, surfaces: Sequence[Any], values: Sequence[ArrayLike | Path]) -> Floats:
+    def carry_values(self, surfaces: Sequence[Any], values: Sequence[Any]) -> Floats:
         """Carries values at the vertices of each member's own mesh, such as its thickness, to the group's directions.
 
         Parameters
         ----------
         surfaces : sequence of Surface or what `spharm_rs.as_surface` takes, N
             The members' own meshes, in the coordinates in which they were brought into correspondence.
-        values : sequence of array_like of float, (vertices,) or (vertices, c), or of paths, N
+        values : sequence of array_like of float, (vertices,) or (vertices, c), of images, or of paths, N
+            Images are nibabel's ``GiftiImage``, or nilearn's ``SurfaceImage`` of one hemisphere.
 
         Returns
         -------
         ndarray of float, (N, n) or (N, n, c)
             The value at the nearest point of the member's mesh to each of its places, linear within triangles; NaN where
-            the member has no counterpart (`reached`). `group_test` takes them as ``subjects``.
+            the member has no counterpart (`reached`). `group_test` takes them as ``subjects``, with
+            ``mask=~np.isnan(values).any(axis=0)``, or for c channels ``.any(axis=(0, 2))``.
 
         Examples
         --------
@@ -364,16 +366,19 @@ class Group:
                 raise ValueError(f"{what}: expected one for each of {len(self)} members, found {len(found)}")
         carried = [self._values_of(index, *pair) for index, pair in enumerate(zip(meshes, own))]
         if len({found.shape for found in carried}) > 1:
-            raise ValueError(f"values: expected equally many channels, found {[found.shape[1:] or (1,) for found in carried]}")
+            raise ValueError(
+                f"values: expected equal numbers of channels, found {[found.shape[1:] or (1,) for found in carried]}"
+            )
         return np.stack(carried)
 
-    def _values_of(self, index: int, surface: Any, values: ArrayLike | Path) -> Floats:
+    def _values_of(self, index: int, surface: Any, values: Any) -> Floats:
         """Returns the values of a member, (n,) or (n, c)."""
         mesh = as_surface(surface)
         if isinstance(values, (str, os.PathLike)):
             array = read_signal(values)
             flat = array.shape[1] == 1
         else:
+            values = _arrays.unwrapped(f"values[{index}]", values)
             array, flat = _arrays.channels(f"values[{index}]", values), np.ndim(values) == 1
         if len(array) != len(mesh.vertices):
             raise ValueError(f"values[{index}]: expected a row for each of {len(mesh.vertices)} vertices, found {len(array)}")
@@ -382,8 +387,8 @@ class Group:
         reached = self.reached[index]
         if reached.any() and np.median(off[reached]) > far:
             raise ValueError(
-                f"surfaces[{index}]: expected the mesh of member {self.names[index]} as it was brought into correspondence, "
-                f"found one at {np.median(off[reached]):.4g} from its places"
+                f"surfaces[{index}]: expected the mesh of member {self.names[index]} that was brought into correspondence, "
+                f"found a mesh at a distance of {np.median(off[reached]):.4g} from it"
             )
         found[~reached] = np.nan
         return found[:, 0] if flat else found
@@ -466,7 +471,7 @@ def _signals(given: Any, count: int, refine: bool) -> tuple[list[list[Floats]], 
         if len(of_members) != count:
             raise ValueError(f"{what}: expected one array for each of {count} surfaces, found {len(of_members)}")
         for member, own in enumerate(of_members):
-            own = np.asarray(own, dtype=float)
+            own = np.asarray(_arrays.unwrapped(f"{what}[{member}]", own), dtype=float)
             if own.ndim != 1:
                 raise ValueError(f"{what}[{member}]: expected one value per vertex, found an array of shape {own.shape}")
             values[member].append(own)
@@ -486,6 +491,7 @@ def correspond(
     signals: Sequence[tuple[Sequence[ArrayLike], float]] = (),
     rounds: int = 2,
     refine: bool = True,
+    pose: Literal["any", "near"] = "any",
     scale: bool = False,
     mirror: bool = False,
     mirrored: Sequence[bool] | None = None,
@@ -524,6 +530,10 @@ def correspond(
         Rounds of registration; from the second round on, the group's mean is the template.
     refine : bool
         Refine directions by the group's statistics.
+    pose : {"any", "near"}
+        Poses to consider. "any" tries every rotation of a surface; a surface that looks nearly the same after a half turn
+        may then be turned over. "near" only improves the surfaces' own poses; use it for surfaces in one coordinate
+        system, such as scans in template space.
     scale : bool
         Scale members to one size.
     mirror : bool
@@ -574,7 +584,7 @@ def correspond(
     if guide and marks is None:
         raise ValueError("guide: expected landmarks, found None")
     if guide and template is not None and template_member is None:
-        raise ValueError("template: expected the number or name of a member, because guide=True; found another surface")
+        raise ValueError("template: expected the number or name of a member with guide=True; found another surface")
     values, weights = _signals(signals, len(surfaces), refine)
     reflected = [] if mirrored is None else [bool(one) for one in mirrored]
     if mirrored is not None and len(reflected) != len(surfaces):
@@ -586,6 +596,7 @@ def correspond(
         "max_degree": _arrays.whole("max_degree", max_degree),
         "rounds": _arrays.whole("rounds", rounds),
         "refine": bool(refine),
+        "near": _arrays.choice("pose", pose, ("any", "near")) == "near",
         "scale": bool(scale),
         "mirror": bool(mirror),
         "mirrored": reflected,

@@ -1,4 +1,4 @@
-"""Converts blocks, variance groups and regions of tests for the extension module."""
+"""Converts values, blocks, variance groups, regions and masks of tests for the extension module, and back."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from . import _arrays
+from ._arrays import Floats
 from ._model import Model, sampling
 from ._surface import as_surface
 
@@ -21,7 +23,7 @@ def levels_of(what: str, cells: Any) -> tuple[list[str], list[str]]:
     found = cells.tolist()
     if cells.dtype.kind in "UO" and all(isinstance(cell, str) for cell in found):
         return found, sorted(set(found))
-    raise ValueError(f"{what}: expected a level for each subject, all names or all numbers; found {found!r}")
+    raise ValueError(f"{what}: expected a level for each subject, either all names or all numbers; found {found!r}")
 
 
 def column(what: str, values: Any, count: int) -> Any:
@@ -38,7 +40,6 @@ def _names(what: str, cells: Any, count: int) -> list[str] | None:
 
 def inference_of(
     count: int,
-    vertices: int,
     relabelled: bool,
     errors: str | None,
     blocks: Any,
@@ -47,6 +48,7 @@ def inference_of(
     tfce: bool,
     cluster: float | None,
     surface: tuple[Any, Any] | None,
+    kept: Any,
 ) -> dict[str, Any]:
     """Converts what relabellings and regions depend on for the extension module."""
     if errors not in (None, "exchangeable", "symmetric", "both"):
@@ -60,15 +62,65 @@ def inference_of(
     asked: dict[str, Any] = {
         "errors": errors, "blocks": _names("blocks", blocks, count), "whole_blocks": bool(whole_blocks),
         "variance_groups": _names("variance_groups", variance_groups, count), "tfce": bool(tfce),
-        "cluster": None if cluster is None else float(cluster), "surface": None,
+        "cluster": None if cluster is None else float(cluster), "surface": None, "kept": None,
     }  # fmt: skip
     if tfce or cluster is not None:
         if surface is None or surface[1] is None:
-            raise ValueError("tfce, cluster: expected the surface of the vertices, with triangles; give surface=")
-        if len(surface[0]) != vertices:
-            raise ValueError(f"surface: expected {vertices} vertices, as many as the values have; found {len(surface[0])}")
+            raise ValueError("tfce, cluster: expected a surface with triangles; give surface=")
         asked["surface"] = (np.ascontiguousarray(surface[0], float), np.ascontiguousarray(surface[1], np.uint32))
+        asked["kept"] = None if kept is None else kept.tolist()
     return asked
+
+
+def stacked(what: str, values: Any) -> Any:
+    """Returns the values of images with a row for each subject, and anything else unchanged."""
+    if _arrays.is_image(values):
+        maps = _arrays.unwrapped(what, values)
+        if maps.ndim != 2:
+            raise ValueError(f"{what}: expected an image for each subject, or one image of shape (V, n); found {maps.shape}")
+        return maps.T
+    if not isinstance(values, (list, tuple)) or not any(_arrays.is_image(one) for one in values):
+        return values
+    rows = [np.asarray(_arrays.unwrapped(f"{what}[{index}]", one)) for index, one in enumerate(values)]
+    rows = [row[:, 0] if row.ndim == 2 and row.shape[1] == 1 else row for row in rows]
+    for index, row in enumerate(rows):
+        if row.shape != rows[0].shape:
+            raise ValueError(f"{what}[{index}]: expected shape {rows[0].shape}, as in {what}[0]; found {row.shape}")
+    return np.stack(rows)
+
+
+def check_tested(what: str, values: Floats, kept: Any) -> None:
+    """Refuses values, (n, V) or (n, V, 3), that are NaN or infinite at tested vertices."""
+    if kept is not None and not kept.any():
+        raise ValueError("mask: expected at least one vertex to test, found none")
+    bad: Any = ~np.isfinite(values)
+    bad = bad.any(axis=2) if bad.ndim == 3 else bad
+    if kept is not None:
+        bad = bad & kept
+    if not bad.any():
+        return
+    row, vertex = (int(at) for at in np.unravel_index(int(bad.argmax()), bad.shape))
+    found = f"{'NaN' if np.isnan(values[row, vertex]).any() else 'infinity'} in row {row}, column {vertex}"
+    if kept is None:
+        raise ValueError(f"{what}: found {found} (counted from 0); vertices without values can be left out by mask=")
+    raise ValueError(f"{what}: found {found} (counted from 0), which is inside mask; leave out vertices without values")
+
+
+def scattered(found: dict[str, Any], kept: Any) -> dict[str, Any]:
+    """Returns a test's results at all vertices: NaN outside of the mask, (V,), and no cluster."""
+    at = np.flatnonzero(kept)
+
+    def spread(values: Any, left_out: Any) -> Any:
+        whole = np.full((len(kept), *values.shape[1:]), left_out, dtype=values.dtype)
+        whole[at] = values
+        return whole
+
+    arrays = {name: values for name, values in found.items() if isinstance(values, np.ndarray)}
+    spread_out = {name: spread(values, 0 if name == "cluster_of" else np.nan) for name, values in arrays.items()}
+    if "clusters" in found:
+        # Vertices of peaks have their own numbers.
+        spread_out["clusters"] = [(one[0], one[1], int(at[one[2]]), *one[3:]) for one in found["clusters"]]
+    return {**found, **spread_out}
 
 
 @dataclass(frozen=True)
@@ -95,10 +147,14 @@ class Cluster:
     p: float
 
 
-def tested_surface(surface: Any, sphere: Any, mean: Model | None, signal: str) -> tuple[Any, Any] | None:
-    """Returns vertices and triangles of the surface on which regions are measured, if it is known."""
+def tested_surface(
+    surface: Any, sphere: Any, mean: Model | None, signal: str, vertices: int
+) -> tuple[Any, Any] | None:
+    """Returns vertices and triangles of the surface on which regions are measured and maps are drawn, if it is known."""
     if surface is not None:
         found = as_surface(surface)
+        if len(found.vertices) != vertices:
+            raise ValueError(f"surface: expected {vertices} vertices, as many as the values have; found {len(found.vertices)}")
         return found.vertices, found.faces
     if mean is None:
         return None

@@ -7,8 +7,9 @@ import os
 import pathlib
 import tempfile
 from dataclasses import dataclass
-from typing import Any, Sequence
+from typing import Any, Iterable, Sequence, overload
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _arrays, _core
@@ -148,22 +149,62 @@ class Modes:
         found = self._inner.sample(_arrays.whole("count", count), seed=_arrays.whole("seed", seed))
         return [Model._of(model) for model in found]
 
-    def project(self, model: Model) -> tuple[Floats, float]:
-        """Finds the shape of the modes that is nearest to a model.
+    @overload
+    def project(self, model: Model) -> tuple[Floats, float]: ...
+    @overload
+    def project(self, model: Iterable[Model]) -> tuple[Floats, Floats]: ...
+    def project(self, model: Model | Iterable[Model]) -> tuple[Floats, float | Floats]:
+        """Finds the shapes of the modes that are nearest to models.
 
         Parameters
         ----------
-        model : Model
-            A model of the group's degree, aligned with the mean.
+        model : Model, or sequence of Model, n
+            Models of the group's degree, aligned with the mean.
 
         Returns
         -------
-        scores : ndarray of float, (m,)
+        scores : ndarray of float, (m,) or (n, m)
             Coordinates along the modes, in the surfaces' unit; divide them by ``sqrt(variances)`` for `shape`.
-        distance : float
-            Root mean square distance of the model from that shape.
+        distance : float or ndarray of float, (n,)
+            Root mean square distance of each model from its nearest shape, in the surfaces' unit.
+
+        Raises
+        ------
+        ValueError
+            If something isn't a model of a surface of the group's degree; the message of a sequence has its number.
         """
-        return self._inner.project(core("model", model))
+        degree = self.mean.max_degree
+        if isinstance(model, Model) or not hasattr(model, "__iter__"):
+            return self._projected("model", model, degree)
+        found = [self._projected(f"models[{number}]", one, degree) for number, one in enumerate(model)]
+        scores, distances = [one[0] for one in found], [one[1] for one in found]
+        return np.array(scores).reshape(len(found), len(self)), np.array(distances, dtype=float)
+
+    def _projected(self, what: str, model: Any, degree: int) -> tuple[Floats, float]:
+        """Projects a model, whose name begins errors."""
+        inner = core(what, model)
+        if not model.is_surface:
+            raise ValueError(f"{what}: expected a model of a surface, found {model!r}")
+        if model.max_degree != degree:
+            raise ValueError(f"{what}: expected degree {degree}, that of the group, found {model.max_degree}; see pca's degree=")
+        return self._inner.project(inner)
+
+    def transform(self, models: Iterable[Model]) -> Floats:
+        """Returns the scores of models along the modes, as scikit-learn's ``PCA.transform`` does; see `project`.
+
+        Parameters
+        ----------
+        models : sequence of Model, n
+            Models of the group's degree, aligned with the mean.
+
+        Returns
+        -------
+        ndarray of float, (n, m)
+            In the surfaces' unit; those of the group's members are `scores`.
+        """
+        if isinstance(models, Model) or not hasattr(models, "__iter__"):
+            raise ValueError(f"models: expected a sequence of Model, found {models!r}; project takes a single model")
+        return self.project(models)[0]
 
     def quality(
         self, *, samples: int = 2000, seed: int = 0, threads: int | None = None, progress: Progress = None
@@ -260,6 +301,8 @@ def pca(
     Modes(5 of 6 members)
     >>> scores, distance = found.project(group[0])
     >>> bool(np.allclose(scores, found.scores[0])) and distance < 1e-12
+    True
+    >>> bool(np.allclose(found.transform(group), found.scores))
     True
     """
     members = cores(models)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, core
+from ._model import Model, core, mapped_apart, maps_turned
 from ._progress import Progress, callback
 from ._warnings import warn
 
@@ -36,6 +36,12 @@ class Morph:
     warnings: tuple[str, ...] = ()
 
 
+_MAPPED_APART = (
+    "the models were mapped separately, so their parameters agree only approximately, and shapes between them may lack detail; "
+    "shape.correspond brings surfaces into correspondence"
+)
+
+
 def morph(
     start: Model,
     end: Model,
@@ -51,7 +57,8 @@ def morph(
     Parameters
     ----------
     start, end : Model
-        Models of surfaces, in any poses.
+        Models of surfaces, in any poses. Points at equal directions are paired, so models that were mapped separately give a
+        warning; `correspond` makes models that correspond.
     steps : int or array_like of float, (n,)
         Number of shapes, both ends included, at least 2; or the shapes' times.
     keep_pose : bool
@@ -84,13 +91,15 @@ def morph(
         times = _arrays.real("steps", steps, "(n,)")
         if times.ndim != 1:
             raise ValueError(f"steps: expected a whole number or times, (n,), found shape {times.shape}")
+    first, last = core("start", start), core("end", end)
+    noted = [_MAPPED_APART] if mapped_apart(start, end) and not maps_turned(start, end) else []
     found, ratio, warnings = _core.shape_morph(
-        core("start", start),
-        core("end", end),
+        first,
+        last,
         times.tolist(),
         keep_pose=bool(keep_pose),
         mirror=bool(mirror),
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
-    return Morph([Model._of(model) for model in found], times, ratio, warn(warnings))
+    return Morph([Model._of(model) for model in found], times, ratio, warn(noted + warnings))

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._arrays import Floats
 from ._landmarks import Landmarks
-from ._model import Model, core
+from ._model import Model, core, mapped_apart, maps_turned
 from ._progress import Progress, callback
-from ._surface import Surface
+from ._surface import Surface, as_surface
 from ._warnings import warn
 from .reports import FitReport
 
@@ -80,6 +80,9 @@ class SimilarityTransform:
     def apply(self, what: Landmarks, *, threads: int | None = None, progress: Progress = None) -> Landmarks: ...
     @overload
     def apply(self, what: ArrayLike, *, threads: int | None = None, progress: Progress = None) -> Floats: ...
+    # What `as_surface` takes; a pair (vertices, faces) looks like an array to type checkers.
+    @overload
+    def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Any: ...
     def apply(self, what: Any, *, threads: int | None = None, progress: Progress = None) -> Any:
         """Transforms a model at all its degrees; or moves a surface or points, such as landmarks, in space.
 
@@ -88,19 +91,30 @@ class SimilarityTransform:
 
         Parameters
         ----------
-        what : Model, Surface, Landmarks or array_like of float, (n, 3)
+        what : Model, Surface or what `as_surface` takes, Landmarks, or array_like of float, (n, 3)
             Points are in the surface's unit; one point may be (3,). Transformed landmarks have no scanner frame.
         threads : int, optional
             For models only; the same holds for `progress`.
         progress : bool or callable, optional
+
+        Returns
+        -------
+        Model, Surface, Landmarks or ndarray of float, (n, 3)
+            Of the kind given; a `Surface` for a mesh of any kind.
+
+        Raises
+        ------
+        ValueError
+            If points have another shape, or the object is of none of these kinds.
         """
-        if isinstance(what, Surface):
-            faces = what.faces[:, ::-1] if np.linalg.det(self.object) < 0 else what.faces
-            return Surface(self._moved(what.vertices), faces)
         if isinstance(what, Landmarks):
             return Landmarks(what.names, self._moved(what.points))
-        if not isinstance(what, Model):
+        if _is_points(what):
             return self._moved(what)
+        if not isinstance(what, Model):
+            mesh = as_surface(what)
+            faces = mesh.faces[:, ::-1] if np.linalg.det(self.object) < 0 else mesh.faces
+            return Surface(self._moved(mesh.vertices), faces)
         own = self if what.is_surface else replace(self, object=np.eye(3), scale=1.0, translation=np.zeros(3))
         asked = {
             "parameters": rotation("parameters", own.parameters),
@@ -143,6 +157,13 @@ class SimilarityTransform:
         return moved
 
 
+def _is_points(what: Any) -> bool:
+    """Returns whether an object is an array of points, and not a model or a mesh, such as a pair (vertices, faces)."""
+    if isinstance(what, (list, tuple)):
+        return not (len(what) == 2 and all(np.ndim(array) == 2 for array in what))
+    return hasattr(what, "__array__") and not isinstance(what, Model)
+
+
 def _rotated(model: Model, asked: dict[str, Any], threads: int | None, progress: Progress) -> Model:
     found = _core.shape_rotate(core("model", model), asked, threads=_arrays.threads(threads), progress=callback(progress))
     return Model._of(found)
@@ -162,6 +183,9 @@ def rotate(
 
     A rotation is given by 3 Euler angles alpha, beta, gamma **in degrees**, ``Rz(alpha) Ry(beta) Rz(gamma)``; a
     quaternion w, x, y, z; a matrix, (3, 3); or a ``scipy.spatial.transform.Rotation``.
+
+    pyshtools' ``SHCoeffs.rotate(alpha, beta, gamma)`` is ``parameters=[-gamma, -beta, -alpha]``; with its option
+    ``body=True`` it is ``parameters=[alpha, beta, gamma]``.
 
     Parameters
     ----------
@@ -261,6 +285,13 @@ def _settings(
     }
 
 
+_OF_MESHES = ", and shape.pose finds the pose of a mesh"
+_MAPPED_APART = (
+    "the models were mapped separately, so their parameters agree only approximately; pose='surfaces' finds the pose from the "
+    "surfaces"
+)
+
+
 def align(
     model: Model,
     target: Model,
@@ -287,8 +318,8 @@ def align(
     pose : {"joint", "surfaces"}
         Criterion for the pose in space. ``"joint"``: the distance at equal directions, minimised over both rotations
         together. ``"surfaces"``: the distance of nearest points of the surfaces; the rotation of the parameters is then
-        searched in that pose. For models that were mapped separately, the least distance at equal directions may be at
-        a wrong pose.
+        searched in that pose. For models that were mapped separately, the least distance at equal directions is at a
+        slightly or entirely wrong pose, of which a warning is given.
     scale : bool
         Also scale the model to the target's size.
     mirror : bool
@@ -314,16 +345,18 @@ def align(
     >>> found.rmsd_after < 1e-9 * found.rmsd_before
     True
     """
+    moving, still = core("model", model, _OF_MESHES), core("target", target, _OF_MESHES)
+    noted = [_MAPPED_APART] if pose == "joint" and mapped_apart(model, target) and not maps_turned(model, target) else []
     found, text = _core.shape_align(
-        core("model", model),
-        core("target", target),
+        moving,
+        still,
         _settings(method, pose, scale, mirror, degree, starts),
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
     report = json.loads(text)
     transform, ends = SimilarityTransform._of(report.pop("transform")), np.array(report.pop("ends"), dtype=float)
-    return Alignment(Model._of(found), transform, ends=ends, warnings=warn(report.pop("warnings")), **report)
+    return Alignment(Model._of(found), transform, ends=ends, warnings=warn(noted + report.pop("warnings")), **report)
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,7 +386,7 @@ class Procrustes:
 def cores(models: Any) -> list[_core.Model]:
     """Returns the extension module's objects for a sequence of models."""
     if isinstance(models, Model) or not hasattr(models, "__iter__"):
-        raise ValueError(f"models: expected a sequence of Model, found {models!r}")
+        raise ValueError(f"models: expected a sequence of Model, found {type(models).__name__}")
     return [core("models", model) for model in models]
 
 

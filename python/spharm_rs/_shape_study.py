@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, Mapping, Sequence, Union
+from typing import Any, Mapping, Sequence, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,11 +11,19 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model, sampling
-from ._picture import Picture
-from ._picture import picture as draw
 from ._progress import Progress, callback
-from ._shape_inference import Cluster, column, inference_of, levels_of, tested_surface
+from ._shape_inference import (
+    Cluster,
+    check_tested,
+    column,
+    inference_of,
+    levels_of,
+    scattered,
+    stacked,
+    tested_surface,
+)
 from ._shape_poses import cores
+from ._shape_result import TestResult
 from ._surface import Surface
 from ._warnings import warn
 
@@ -117,8 +125,8 @@ def _measured(
 
 
 _OWN_MAPS = (
-    "the signals were fitted over maps of several surfaces, in which equal directions aren't corresponding places; fit them "
-    "over a common sphere, or bring the surfaces into correspondence first (shape.correspond)"
+    "the signals were fitted over maps of several surfaces, and equal directions in these maps don't correspond; fit the "
+    "signals over a common sphere, or bring the surfaces into correspondence first (shape.correspond)"
 )
 
 
@@ -203,169 +211,8 @@ def _asked(
     return asked
 
 
-@dataclass(frozen=True, eq=False)
-class TestResult:
-    """Result of a test at each of V vertices.
-
-    Attributes
-    ----------
-    statistic : ndarray of float, (V,)
-        t, F or Hotelling's T-squared; 0 at vertices without variance.
-    p : ndarray of float, (V,)
-        Two-sided p value from the statistic's distribution, uncorrected.
-    q : ndarray of float, (V,)
-        False-discovery rate of Benjamini and Hochberg.
-    p_fwe, p_permutation : ndarray of float, (V,), or None
-        p values from relabellings: family-wise, by the largest statistic, and uncorrected. None without relabellings.
-    effect, margin, standard_error : ndarray of float, (V,) or (V, 3), or None
-        The contrast's estimate, half the width of its confidence interval, and its standard error, in the values' unit. None
-        if several contrasts are tested at once.
-    size : ndarray of float, (V,), or None
-        The estimate divided by the standard deviation of the errors: Cohen's d for two groups, Mahalanobis' distance
-        for positions; 0 at vertices without variance.
-    kind : {"t", "F", "T2"}
-    freedom : tuple of float
-        For t: the degrees of freedom, for Welch's t the smallest over all vertices. For F: degrees of freedom between
-        and within. For T-squared: number of components, and degrees of freedom of the errors.
-    meaning : str
-        The tested difference in words, such as ``"control - patient"``.
-    levels : dict
-        Number of subjects in each group.
-    columns : list of str
-        Names of the design's columns.
-    codes : dict
-        Covariates with three to six different whole numbers, and columns of an interaction with two to six, and these
-        numbers. They are treated as amounts, with one slope each; if they are codes of levels, such as sites, give names
-        instead.
-    resampling : str or None
-        Kind of relabelling: "permutations" of subjects, "sign flips", or both.
-    assumption : str or None
-        The assumption about the errors on which `p_fwe` and `p_permutation` rest.
-    relabellings : int
-        Number of relabellings used; 0 without relabellings.
-    exact : bool
-        Whether all possible relabellings were used.
-    smallest_p : float or None
-        The smallest p value that these relabellings can give.
-    tfce, p_tfce : ndarray of float, (V,), or None
-        Threshold-free cluster enhancement, with the sign of the statistic, and its family-wise p values.
-    clusters : list of Cluster, or None
-        Clusters by decreasing area.
-    cluster_of : ndarray of int, (V,), or None
-        Number of each vertex's cluster, from 1 for the first of ``clusters``; 0 for none.
-    cluster_threshold : float or None
-        Statistic from which vertices form clusters.
-    warnings : tuple of str
-    mean : Model or None
-        Mean of the models, if models were given.
-    surface : Surface or None
-        The surface on which `picture` draws: that which was given, else the mean at the vertices of the sphere, or the
-        sphere for signals; None if it isn't known.
-    """
-
-    statistic: Floats
-    p: Floats
-    q: Floats
-    p_fwe: Floats | None
-    p_permutation: Floats | None
-    effect: Floats | None
-    margin: Floats | None
-    standard_error: Floats | None
-    size: Floats | None
-    kind: str
-    freedom: tuple[float, ...]
-    meaning: str
-    levels: dict[str, int]
-    columns: list[str]
-    codes: dict[str, list[float]]
-    resampling: str | None
-    assumption: str | None
-    relabellings: int
-    exact: bool
-    smallest_p: float | None
-    tfce: Floats | None
-    p_tfce: Floats | None
-    clusters: list[Cluster] | None
-    cluster_of: np.ndarray[Any, np.dtype[np.int64]] | None
-    cluster_threshold: float | None
-    warnings: tuple[str, ...]
-    mean: Model | None
-    surface: Surface | None = field(repr=False)
-
-    # Tells pytest not to collect this class as a test.
-    __test__ = False
-
-    def __repr__(self) -> str:
-        least = self.p if self.p_fwe is None else self.p_fwe
-        name = "p" if self.p_fwe is None else "p_fwe"
-        return f"TestResult({self.kind}, {self.meaning}, {len(self.p)} vertices, least {name} {least.min():.3g})"
-
-    @property
-    def t(self) -> Floats:
-        """The statistic of a t test, (V,)."""
-        if self.kind != "t":
-            raise AttributeError(f"t: the statistic of this result is {self.kind}; read it as statistic")
-        return self.statistic
-
-    def to_nilearn(self, values: str = "statistic", *, hemisphere: str = "left") -> Any:
-        """Returns a map of the result on `surface` as nilearn's ``SurfaceImage``.
-
-        Parameters
-        ----------
-        values : str
-            Attribute with a number for each vertex, as for `picture`.
-        hemisphere : {"left", "right"}
-
-        Returns
-        -------
-        nilearn.surface.SurfaceImage
-        """
-        surface, found = self._map(values)
-        return surface.to_nilearn(found, hemisphere=hemisphere)
-
-    def _map(self, values: str) -> tuple[Surface, Floats]:
-        if self.surface is None:
-            raise ValueError("surface: expected the surface of the values, which group_test takes as surface=, found None")
-        found = getattr(self, values, None) if values in ("t", *self.__dataclass_fields__) else None
-        if not isinstance(found, np.ndarray) or found.shape != self.p.shape:
-            names = [name for name in self.__dataclass_fields__ if np.shape(getattr(self, name)) == self.p.shape]
-            raise ValueError(f"values: expected one of {', '.join(names)}; found {values!r}")
-        return self.surface, found
-
-    def picture(
-        self,
-        values: str = "statistic",
-        *,
-        level: float | None = None,
-        limits: tuple[float, float] | None = None,
-        size: int = 480,
-        view: Literal["left", "right", "front", "back", "top", "bottom", "corner"] = "corner",
-    ) -> Picture:
-        """Draws a map of the result on `surface`.
-
-        Parameters
-        ----------
-        values : str
-            Attribute with a number for each vertex, such as ``"effect"``, ``"statistic"``, ``"p_fwe"`` or ``"size"``.
-        level : float, optional
-            Leave vertices grey whose `p_fwe` is above this level.
-        limits, size, view
-            As for `spharm_rs.picture`.
-
-        Returns
-        -------
-        Picture
-        """
-        surface, found = self._map(values)
-        if level is not None:
-            if self.p_fwe is None:
-                raise ValueError("level: expected a result with p_fwe, found one without relabellings")
-            found = np.where(self.p_fwe <= level, found, np.nan)
-        return draw(surface, found, limits=limits, label=f"{values}, {self.meaning}", size=size, view=view)
-
-
 def group_test(
-    subjects: Sequence[Model] | ArrayLike,
+    subjects: Any,
     groups: Any = None,
     *,
     effect: ArrayLike | None = None,
@@ -376,10 +223,11 @@ def group_test(
     covariates: Any = None,
     interactions: str | Sequence[str] | None = None,
     levels: Sequence[Any] | None = None,
-    minus: Sequence[Model] | ArrayLike | None = None,
+    minus: Any = None,
     signal: str = "normal",
     sphere: Any = 5,
     degree: int | None = None,
+    mask: Any = None,
     welch: bool = False,
     blocks: Any = None,
     whole_blocks: bool = False,
@@ -405,8 +253,10 @@ def group_test(
 
     Parameters
     ----------
-    subjects : sequence of Model, or array_like of float, (n, V) or (n, V, 3)
-        Corresponding models, such as those of `procrustes`, which are first measured by `measure_group`; or values.
+    subjects : sequence of Model, or array_like of float, (n, V) or (n, V, 3), or images
+        Corresponding models, such as those of `procrustes`, which are first measured by `measure_group`; or values. Images are
+        nibabel's ``GiftiImage`` or nilearn's ``SurfaceImage`` of one hemisphere: a sequence with an image of V values for each
+        subject, or a single image of (V, n) values.
     groups : array_like, (n,), optional
         Group of each subject, a name or a number. Tests the difference of two groups, the first minus the second, or
         any difference between more than two groups.
@@ -432,7 +282,7 @@ def group_test(
         the columns of ``interaction``.
     levels : sequence, optional
         Order of the groups; sorted by default.
-    minus : sequence of Model, or array_like of float, of the shape of subjects, optional
+    minus : sequence of Model, array_like of float, of the shape of subjects, or images, optional
         A second measurement of each subject, which is subtracted from the first; the differences are tested.
     signal : {"normal", "position", "value"}
         Measurement of models, as in `measure_group`.
@@ -440,6 +290,11 @@ def group_test(
         Vertices at which models are measured.
     degree : int, optional
         Highest degree of models; by default the lowest degree among them.
+    mask : array_like of bool, (V,), path, or image, optional
+        Vertices to test; a file or an image as for `spharm_rs.fit`. Values outside are never read, and may be NaN. All results
+        are NaN there, and ``cluster_of`` is 0. What is outside doesn't count in family-wise p values, false-discovery rates,
+        TFCE and clusters. In these, vertices inside keep their areas and the edges between them. By default all vertices,
+        whose values must be finite.
     welch : bool
         Use Welch's test, for two groups of unequal variance without covariates.
     blocks : array_like, (n,), optional
@@ -461,7 +316,7 @@ def group_test(
         their areas.
     surface : Surface or what `spharm_rs.as_surface` takes, optional
         The surface at whose vertices values were measured, for ``tfce``, ``cluster`` and pictures. By default the mean of the
-        models; for a signal, the sphere.
+        models; for a signal, the sphere. It has V vertices.
     permutations : int
         Number of random relabellings, at most 100,000,000; 0 for none.
     seed : int
@@ -477,6 +332,11 @@ def group_test(
     Returns
     -------
     TestResult
+
+    Raises
+    ------
+    ValueError
+        If shapes don't match, if the design doesn't determine what is tested, or if a value that is tested is NaN or infinite.
 
     Examples
     --------
@@ -507,33 +367,42 @@ def group_test(
     >>> paired = sp.shape.group_test(visits, effect=time, covariates={"subject": names}, blocks=names)
     >>> paired.relabellings, bool((paired.p_fwe < 0.01).all())
     (1024, True)
+
+    A vertex without values:
+
+    >>> values[:, 0] = np.nan
+    >>> found = sp.shape.group_test(values, ["a"] * 5 + ["b"] * 5, mask=~np.isnan(values).any(axis=0))
+    >>> found
+    TestResult(t, a - b, 1 of 2 vertices, least p_fwe 0.00794)
     """
     average: Model | None = None
     noted: tuple[str, ...] = ()
     if _are_models(groups):
         raise ValueError("groups: expected a name for each subject, found models; give all subjects in one sequence")
     if _are_models(subjects):
-        measured = _measured(subjects, minus, sphere, signal, degree, threads, progress)  # type: ignore[arg-type]
+        measured = _measured(subjects, minus, sphere, signal, degree, threads, progress)
         values, average, noted = measured.values, measured.mean, measured.warnings
         if mean and minus is None and signal != "value":
             raise ValueError("mean: the mean of displacements from the mean is always zero; give minus, or signal='value'")
     else:
-        values = _arrays.real("subjects", subjects, "(n, V) or (n, V, 3)")  # type: ignore[arg-type]
+        values = _arrays.real("subjects", stacked("subjects", subjects), "(n, V) or (n, V, 3)")
         if values.ndim not in (2, 3):
             raise ValueError(f"subjects: expected models, or values of shape (n, V) or (n, V, 3), found {values.shape}")
         if minus is not None:
-            others = _arrays.real("minus", minus, "that of subjects")  # type: ignore[arg-type]
+            others = _arrays.real("minus", stacked("minus", minus), "that of subjects")
             if others.shape != values.shape:
                 raise ValueError(f"minus: expected shape {values.shape}, found {others.shape}")
             values = values - others
+    kept = _arrays.mask(mask, values.shape[1])
+    check_tested("subjects" if minus is None else "subjects, minus", values, kept)
     components = values.shape[2] if values.ndim == 3 else 1
     asked = _asked(len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, interactions, levels)
     asked["relative"] = average is not None and minus is None and signal != "value" and design is None
-    place = tested_surface(surface, sphere, average, signal)
+    place = tested_surface(surface, sphere, average, signal, values.shape[1])
+    values = values if kept is None else values[:, kept]
     inference = inference_of(
-        len(values), values.shape[1], bool(permutations), errors, blocks, whole_blocks, variance_groups, tfce, cluster,
-        place if tfce or cluster is not None else None,
-    )  # fmt: skip
+        len(values), bool(permutations), errors, blocks, whole_blocks, variance_groups, tfce, cluster, place, kept
+    )
     found = _core.shape_test(
         values.reshape(len(values), values.shape[1] * components),
         components,
@@ -548,6 +417,8 @@ def group_test(
         progress=callback(progress),
     )
     warnings = warn(found.pop("warnings"))
+    if kept is not None:
+        found = scattered(found, kept)
     by_component = {name: found.pop(name, None) for name in ("effect", "margin", "standard_error")}
     if values.ndim == 2:
         by_component = {name: None if array is None else array[:, 0] for name, array in by_component.items()}
@@ -572,6 +443,7 @@ def group_test(
         warnings=noted + warnings,
         mean=average,
         surface=None if place is None or place[1] is None else Surface(*place),
+        mask=kept,
         **found,
     )
 

@@ -41,7 +41,7 @@ def listed(X: Any) -> list[Input]:
         with named(index, item):
             found.append(_input(item))
     if not found:
-        raise ValueError("X: expected a surface or more, found none")
+        raise ValueError("X: expected at least one surface, found none")
     return found
 
 
@@ -93,7 +93,7 @@ def rows(X: ArrayLike, columns: int, of: str) -> Floats:
         raise ValueError(f"X: expected rows of {columns} {of}, (s, {columns}); found shape {values.shape}")
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
-        raise ValueError(f"X: expected finite numbers, found others in row {int(bad.argmax())}")
+        raise ValueError(f"X: expected finite numbers, found NaN or infinity in row {int(bad.argmax())}")
     return values
 
 

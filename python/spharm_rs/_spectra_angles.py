@@ -12,11 +12,11 @@ from ._arrays import Floats
 _ROUNDING = 1e-6
 
 
-def angles(what: str, values: ArrayLike, least: float, most: float, degrees: bool) -> Floats:
-    """Returns angles in radians, given in degrees or radians, within a range given in degrees."""
+def angles(what: str, values: ArrayLike, least: float, most: float, degrees: bool, *, axis: bool = False) -> Floats:
+    """Returns angles in radians, given in degrees or radians, within a range given in degrees; of an axis, only (n,)."""
     unit = "degrees" if degrees else "radians"
     array = _arrays.real(what, values, "(n,)")
-    if array.ndim != 1:
+    if axis and array.ndim != 1:
         raise ValueError(f"{what}: expected shape (n,), found {array.shape}")
     bad = ~np.isfinite(array)
     if bad.any():
@@ -26,7 +26,7 @@ def angles(what: str, values: ArrayLike, least: float, most: float, degrees: boo
     bad = (radians < low - _ROUNDING) | (radians > high + _ROUNDING)
     if bad.any():
         bounds = f"{least:g} to {most:g}" if degrees else f"{low:.4g} to {high:.4g}"
-        raise ValueError(f"{what}: expected {unit} from {bounds}, found a number outside in row {int(bad.argmax())}")
+        raise ValueError(f"{what}: expected {unit} from {bounds}, found a number outside this range in row {int(bad.argmax())}")
     return np.clip(radians, low, high)
 
 

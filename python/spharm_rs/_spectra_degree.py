@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays
 from ._arrays import Floats
-from .convert import NORMALIZATIONS, degree_of, norms_over_4pi
+from ._model_values import Values
+from ._pyshtools import SHCoeffs
+from .convert import NORMALIZATIONS, degree_of, from_pyshtools, norms_over_4pi
 
 Degrees = NDArray[np.intp]
 
@@ -36,6 +38,11 @@ class AsArray:
         if copy is False and array is not values:
             raise ValueError(f"copy: expected True or None for a conversion to {np.dtype(dtype)}, found False")
         return array.copy() if copy else array
+
+
+def described(values: Floats) -> str:
+    """Returns the number of channels of values by degree for a result's representation; nothing for (n,)."""
+    return "" if values.ndim == 1 else f", {values.shape[1]} channel{'s'[: values.shape[1] != 1]}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +74,9 @@ class Spectrum(AsArray):
     unit: str
     convention: str
 
+    def __repr__(self) -> str:
+        return f"Spectrum(degrees 0 to {len(self.degree) - 1}{described(self.power)}, {self.unit}, {self.convention})"
+
 
 @dataclass(frozen=True, eq=False)
 class Admittance(AsArray):
@@ -86,6 +96,9 @@ class Admittance(AsArray):
     error: Floats
 
     _values: ClassVar[str] = "admittance"
+
+    def __repr__(self) -> str:
+        return f"Admittance(degrees 0 to {len(self.degree) - 1}{described(self.admittance)})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +120,9 @@ class Correlation(AsArray):
 
     _values: ClassVar[str] = "correlation"
 
+    def __repr__(self) -> str:
+        return f"Correlation(degrees 0 to {len(self.degree) - 1}{described(self.correlation)})"
+
 
 def finite(what: str, array: Floats) -> Floats:
     bad = ~np.isfinite(array)
@@ -114,6 +130,13 @@ def finite(what: str, array: Floats) -> Floats:
         row = int(bad.reshape(len(array), -1).any(axis=1).argmax())
         raise ValueError(f"{what}: expected finite numbers, found NaN or infinity in row {row}")
     return array
+
+
+def _of(values: ArrayLike | SHCoeffs) -> ArrayLike:
+    """Returns coefficients as an array; of a model, or of an object of pyshtools as orthonormal ones, (K,)."""
+    if isinstance(values, Values):
+        return values.coefficients
+    return from_pyshtools(values)[:, 0] if isinstance(values, SHCoeffs) else values
 
 
 def _coefficients(what: str, values: ArrayLike) -> tuple[Floats, int]:
@@ -137,7 +160,7 @@ def _pair(a: ArrayLike, b: ArrayLike) -> tuple[Floats, Floats, tuple[int, ...]]:
     """Returns the coefficients of two fields to the lower of their degrees, and the shape of a result by degree."""
     (first, degree), (second, other) = _coefficients("a", a), _coefficients("b", b)
     if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:
-        raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as a has; found {second.shape[1]}")
+        raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as in a; found {second.shape[1]}")
     degree = min(degree, other)
     rows = (degree + 1) ** 2
     flat = np.ndim(a) == np.ndim(b) == 1
@@ -155,7 +178,7 @@ def _errors(what: str, errors: ArrayLike, given: ArrayLike, rows: int) -> Floats
     if np.shape(errors) != np.shape(given):
         raise ValueError(f"{what}: expected the coefficients' shape {np.shape(given)}, found {np.shape(errors)}")
     if (array < 0).any():
-        raise ValueError(f"{what}: expected standard errors from 0, found a negative number")
+        raise ValueError(f"{what}: expected standard errors of at least 0, found a negative number")
     return array[:rows]
 
 
@@ -174,17 +197,25 @@ def _scale(degree: int, unit: str, convention: str, base: float) -> Floats:
     return np.asarray(scale)[:, np.newaxis]
 
 
+def _own_normalization(normalization: str, *given: object) -> None:
+    """Refuses a normalisation for an object that has its own."""
+    if normalization not in ("orthonormal", "ortho") and any(isinstance(values, SHCoeffs) for values in given):
+        raise ValueError(
+            f"normalization: expected none with an SHCoeffs of pyshtools, which has its own; found {normalization!r}"
+        )
+
+
 def _scaled_norms(degree: int, normalization: str, convention: str) -> Floats:
     _arrays.choice("normalization", normalization, NORMALIZATIONS)
     if convention != "l2norm":
         return norms_over_4pi(degree, normalization)
     if normalization == "unnorm":
-        raise ValueError("convention: expected power or energy for coefficients of unnorm, found 'l2norm'")
+        raise ValueError("convention: expected power or energy with normalization 'unnorm', found 'l2norm'")
     return norms_over_4pi(degree, "4pi")
 
 
 def spectrum(
-    coefficients: ArrayLike,
+    coefficients: ArrayLike | SHCoeffs,
     *,
     normalization: str = "orthonormal",
     unit: str = "per_l",
@@ -197,8 +228,9 @@ def spectrum(
 
     Parameters
     ----------
-    coefficients : array_like of float, (K,) or (K, c)
-        Row ``l**2 + l + m``.
+    coefficients : array_like of float, (K,) or (K, c), Model, or SHCoeffs
+        Row ``l**2 + l + m``. An ``SHCoeffs`` of pyshtools is first converted from its own normalisation and phase to this
+        package's, as by `convert.from_pyshtools`.
     normalization : {"orthonormal", "4pi", "schmidt", "unnorm"}
         That of the coefficients; this package's are orthonormal (pyshtools' name ``"ortho"`` is accepted). ``"unnorm"``
         to degree 150.
@@ -211,7 +243,8 @@ def spectrum(
         Mean square over the sphere; integral of the square, which is 4 pi times the mean; or sum of the squared
         coefficients whatever their normalisation.
     errors : array_like of float, (K,) or (K, c), optional
-        Standard errors of the coefficients, assumed independent and Gaussian.
+        Standard errors of the coefficients, assumed independent and Gaussian; by default a model's `Model.standard_errors`,
+        if it has them.
     f_sky : float
         Fraction of the sphere that was observed, for ``sample_error``.
 
@@ -240,6 +273,10 @@ def spectrum(
     >>> spectra.spectrum(coefficients, convention="energy").power
     array([0., 0., 9.])
     """
+    _own_normalization(normalization, coefficients)
+    if errors is None and isinstance(coefficients, Values):
+        errors = coefficients.standard_errors
+    coefficients = _of(coefficients)
     array, degree = _coefficients("coefficients", coefficients)
     scale = _scale(degree, unit, convention, base)
     norms = _scaled_norms(degree, normalization, convention)
@@ -258,8 +295,8 @@ def spectrum(
 
 
 def cross_spectrum(
-    a: ArrayLike,
-    b: ArrayLike,
+    a: ArrayLike | SHCoeffs,
+    b: ArrayLike | SHCoeffs,
     *,
     normalization: str = "orthonormal",
     unit: str = "per_l",
@@ -272,8 +309,8 @@ def cross_spectrum(
 
     Parameters
     ----------
-    a, b : array_like of float, (K,) or (K, c)
-        Coefficients of the fields. One of them may have one channel, which is paired with each of the other's.
+    a, b : array_like of float, (K,) or (K, c), Model, or SHCoeffs
+        Coefficients of the fields, as for `spectrum`. One of them may have one channel, which is paired with each of the other's.
     normalization, unit, base, convention, f_sky
         As for `spectrum`.
     errors : (array_like, array_like), optional
@@ -284,6 +321,8 @@ def cross_spectrum(
     Spectrum
         Its ``sample_error`` is ``sqrt((S_ab**2 + S_aa S_bb) / ((2 l + 1) f_sky))``.
     """
+    _own_normalization(normalization, a, b)
+    a, b = _of(a), _of(b)
     first, second, shape = _pair(a, b)
     degree = shape[0] - 1
     scale = _scale(degree, unit, convention, base)
@@ -295,7 +334,7 @@ def cross_spectrum(
     noise = noise_error = None
     if errors is not None:
         if not isinstance(errors, (tuple, list)) or len(errors) != 2:
-            raise ValueError(f"errors: expected the errors of a and of b, found {type(errors).__name__}")
+            raise ValueError(f"errors: expected a pair, the errors of a and of b, found {type(errors).__name__}")
         s = (_errors("errors[0]", errors[0], a, len(first)) * norms) ** 2
         t = (_errors("errors[1]", errors[1], b, len(first)) * norms) ** 2
         # The variance of a product of estimates is a**2 t + b**2 s + s t.
@@ -313,14 +352,14 @@ def cross_spectrum(
     )
 
 
-def admittance(a: ArrayLike, b: ArrayLike) -> Admittance:
+def admittance(a: ArrayLike | SHCoeffs, b: ArrayLike | SHCoeffs) -> Admittance:
     """Returns the admittance of a field a, such as gravity, to a field b, such as topography.
 
     If ``a_lm = Z_l b_lm + n_lm`` with noise n independent of b, the admittance estimates Z.
 
     Parameters
     ----------
-    a, b : array_like of float, (K,) or (K, c)
+    a, b : array_like of float, (K,) or (K, c), Model, or SHCoeffs
         Coefficients of one normalisation, as for `cross_spectrum`.
 
     Returns
@@ -329,7 +368,7 @@ def admittance(a: ArrayLike, b: ArrayLike) -> Admittance:
         ``S_ab / S_bb`` to the lower of both degrees, with standard error
         ``sqrt(S_aa / S_bb (1 - correlation**2) / (2 l))``, as pyshtools' ``SHAdmitCorr``.
     """
-    first, second, shape = _pair(a, b)
+    first, second, shape = _pair(_of(a), _of(b))
     degree = shape[0] - 1
     aa, bb, ab = _products(first, second)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -347,12 +386,12 @@ def central(count: int) -> Floats:
     return np.concatenate([[1.0], np.cumprod((2.0 * k - 1) / (2.0 * k))])
 
 
-def correlation(a: ArrayLike, b: ArrayLike) -> Correlation:
+def correlation(a: ArrayLike | SHCoeffs, b: ArrayLike | SHCoeffs) -> Correlation:
     """Returns the correlation of two fields by degree.
 
     Parameters
     ----------
-    a, b : array_like of float, (K,) or (K, c)
+    a, b : array_like of float, (K,) or (K, c), Model, or SHCoeffs
         Coefficients of one normalisation, as for `cross_spectrum`.
 
     Returns
@@ -362,7 +401,7 @@ def correlation(a: ArrayLike, b: ArrayLike) -> Correlation:
         Student's t with 2 l degrees of freedom (Pauer, Fleming and Cadek 2006, eq. A7), as pyshtools'
         ``SHConfidence``.
     """
-    first, second, shape = _pair(a, b)
+    first, second, shape = _pair(_of(a), _of(b))
     degree = shape[0] - 1
     aa, bb, ab = _products(first, second)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -26,11 +26,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays
 from ._arrays import Floats
-from ._spectra_degree import AsArray, Degrees, central, finite, sums
+from ._spectra_degree import AsArray, Degrees, central, described, finite, sums
 from ._transform import Transform
+from ._warnings import warn
 
 #: The condition number of the binned coupling matrix above which its solution has no digits left.
 _MOST_CONDITION = 1e12
+
+#: The relative excess of a sum of weights over 4 pi that rounding or an approximation of areas explains.
+_EXCESS = 0.01
+
+#: Directions are uneven if the means over them of a degree's 4 pi-normalised harmonics, 1 to 4, have a norm above this.
+_UNEVEN = 0.1
+
+#: The norms times n**0.5 up to which n directions may be independent and of uniform density, with a probability of more than
+#: about 1e-5: of a degree, and of the zonal harmonics of degrees 2 and 4, which are 0.7 on grids of latitudes and longitudes.
+_BY_CHANCE = 6.0, 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +67,9 @@ class PseudoSpectrum(AsArray):
     noise: Floats
     window: Floats
     f_sky: float
+
+    def __repr__(self) -> str:
+        return f"PseudoSpectrum(degrees 0 to {len(self.degree) - 1}{described(self.power)}, f_sky {self.f_sky:.4g})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +101,15 @@ class BandPowers(AsArray):
     covariance: Floats
     windows: Floats
 
+    def __repr__(self) -> str:
+        bins = "1 bin" if len(self.first) == 1 else f"{len(self.first)} bins"
+        return f"BandPowers({bins}, degrees {self.first[0]} to {self.last[-1]}{described(self.power)})"
+
 
 def coupling_matrix(window: ArrayLike, max_degree: int) -> Floats:
     """Returns the matrix from the spectrum of an isotropic field to the expected spectrum of the field times a mask.
+
+    Both spectra are means over the orders of a degree, ``unit="per_lm"`` of `spectrum`.
 
     Parameters
     ----------
@@ -107,6 +127,10 @@ def coupling_matrix(window: ArrayLike, max_degree: int) -> Floats:
 
     Notes
     -----
+    For sums over the orders, ``unit="per_l"``, the matrix is the transpose, since ``M[l, k] (2 l + 1) / (2 k + 1)`` is
+    ``M[k, l]``. The transpose is pyshtools' ``SHMTCouplingMatrix(L, power)[: L + 1]``, where ``power``, (n, 1), is the window
+    by degree, ``(2 l + 1) W_l / (4 pi)``.
+
     With ``p(n) = (2 n)! / (4**n n!**2)`` and ``2 g = l + k + j``, the square of the Wigner 3j symbol is
     ``p(g - l) p(g - k) p(g - j) / ((2 g + 1) p(g))`` for even ``l + k + j`` and 0 otherwise. p follows from a
     recurrence of positive terms; the relative error of the squares grows as the degree times epsilon. Time grows as
@@ -170,7 +194,7 @@ def _noise(noise: Any, values: Floats, weights: Floats) -> Floats:
         raise ValueError(f"noise: expected a number or shape {weights.shape}, found {deviations.shape}")
     deviations = np.where(weights != 0, deviations, 0)
     if not (np.isfinite(deviations) & (deviations >= 0)).all():
-        raise ValueError("noise: expected finite standard deviations from 0, found others")
+        raise ValueError("noise: expected finite standard deviations of at least 0, found other values")
     return np.full(values.shape[1], ((weights * deviations) ** 2).sum() / (4 * np.pi))
 
 
@@ -184,6 +208,23 @@ def _powers(transform: Transform, values: Floats) -> Floats:
     """Returns the mean squared coefficient of each degree of weighted samples, (degree + 1, c)."""
     found = transform.adjoint(values)
     return _products(found, found)
+
+
+def _warn_if_uneven(at: Floats) -> None:
+    """Warns if the default weights, which are equal, aren't areas of the directions."""
+    equal = np.full((len(at), 1), 1 / len(at))
+    square = 4 * np.pi * Transform(at, 4, accuracy=1e-6, channels=1).adjoint(equal) ** 2
+    norm = float(np.sqrt(sums(square)[1:].max()))
+    zonal = float(np.sqrt(square[6, 0] + square[20, 0]))
+    worst, (by_degree, by_latitude) = max(norm, zonal), _BY_CHANCE
+    if worst > _UNEVEN and max(norm / by_degree, zonal / by_latitude) > len(at) ** -0.5:
+        warn(
+            [
+                f"directions: expected directions spread evenly over the sphere, found an unevenness of {worst:.2g} (0 is even), "
+                "so that the equal default weights are wrong and powers can be much too large or small; give the areas of the "
+                "samples as weights=, such as weights=grid.weights of a spectra.Grid"
+            ]
+        )
 
 
 def _samples(
@@ -219,7 +260,11 @@ def pseudo_spectrum(
     mask : array_like of bool or float, (n,), optional
         Observed directions; or numbers from 0 to 1, such as an apodised mask. By default all.
     weights : array_like of float, (n,), optional
-        Areas on the unit sphere or weights of a quadrature; by default ``4 pi / n``.
+        Areas on the unit sphere or weights of a quadrature, such as `Grid.weights`. Their sum is 4 pi for directions over the
+        whole sphere, and less if the directions cover a part of it. By default ``4 pi / n``, which is right only for
+        directions that are spread evenly over the sphere: not for grids of latitudes and longitudes, and not if directions
+        without a value are left out instead of masked. For n even directions over a fraction f of the sphere, give
+        ``4 pi f / n`` for each.
     noise : float, array_like of float, (n,), or "auto"
         Standard deviation of the samples' noise, independent of each other and of the field. ``"auto"`` needs no
         estimate: it leaves out the pairs of a sample with itself, in the field and in the window. For scattered
@@ -228,10 +273,46 @@ def pseudo_spectrum(
     Returns
     -------
     PseudoSpectrum
+
+    Raises
+    ------
+    ValueError
+        If the sum of the weights is more than 4 pi, by more than 1 %.
+
+    Warns
+    -----
+    SpharmWarning
+        If the directions aren't spread evenly, without weights.
+
+    Notes
+    -----
+    If samples cover the sphere and have little noise, `spharm_rs.solve` and `spectrum` return the power of this field
+    itself; here, power of other degrees leaks in from every gap and from the scatter of the directions.
+
+    Examples
+    --------
+    A field of degree 8 on a grid of latitudes and longitudes:
+
+    >>> import numpy as np
+    >>> from spharm_rs import spectra
+    >>> coefficients = np.random.default_rng(0).normal(size=81)
+    >>> grid = spectra.grid(coefficients)
+    >>> found = spectra.pseudo_spectrum(grid.directions, grid.values.ravel(), 8, weights=grid.weights)
+    >>> exact = spectra.spectrum(coefficients, unit="per_lm", convention="energy")
+    >>> bool(np.allclose(found.power, exact.power)), found
+    (True, PseudoSpectrum(degrees 0 to 8, f_sky 1))
     """
     degree = _arrays.whole("max_degree", max_degree)
     at, array, areas, kept = _samples(directions, values, weights, mask)
-    power, added, window = _pseudo(Transform(at, 2 * degree, channels=1), array, areas * kept, noise)
+    if (total := float(areas.sum())) > 4 * np.pi * (1 + _EXCESS):
+        raise ValueError(
+            "weights: expected areas on the unit sphere or weights of a quadrature, with a sum of at most 4 pi = 12.57, "
+            f"found a sum of {total:.4g}"
+        )
+    double = Transform(at, 2 * degree, channels=1)
+    if weights is None:
+        _warn_if_uneven(at)
+    power, added, window = _pseudo(double, array, areas * kept, noise)
     flat = np.ndim(values) == 1
     f_sky = (areas * kept**2).sum() ** 2 / (4 * np.pi * (areas * kept**4).sum())
     return PseudoSpectrum(
@@ -263,10 +344,10 @@ def _edges(bins: Any, degree: int) -> NDArray[np.intp]:
         return np.concatenate([[0], np.arange(1, degree + 1, width), [degree + 1]]).astype(np.intp)
     edges = np.asarray(bins)
     if edges.ndim != 1 or edges.dtype.kind not in "iu" or len(edges) < 2:
-        raise ValueError(f"bins: expected a width, or 2 or more degrees, found {edges.dtype} of shape {edges.shape}")
+        raise ValueError(f"bins: expected a width, or at least 2 degrees, found {edges.dtype} of shape {edges.shape}")
     edges = edges.astype(np.intp)
     if edges[0] < 0 or edges[-1] > degree + 1 or (np.diff(edges) < 1).any():
-        raise ValueError(f"bins: expected increasing degrees from 0 to {degree + 1}, found others")
+        raise ValueError(f"bins: expected increasing degrees from 0 to {degree + 1}, found other values")
     return edges
 
 
@@ -286,7 +367,7 @@ def decoupled_spectrum(
     Parameters
     ----------
     directions, values, max_degree, mask, weights, noise
-        As for `pseudo_spectrum`.
+        As for `pseudo_spectrum`; but a factor of all weights cancels, so that their sum can be any.
     bins : int or array_like of int, (b + 1,)
         Width of the bins, from degree 1; degree 0 is a bin of its own. Or the first degree of each bin, and the degree
         after the last. Narrow bins are strongly correlated if they are narrower than 180 degrees over the mask's width
@@ -302,10 +383,20 @@ def decoupled_spectrum(
     Raises
     ------
     ValueError
-        If the mask doesn't determine the bins.
+        If the mask doesn't determine the bins. The message has the narrowest width of bins that it does determine.
+
+    Warns
+    -----
+    SpharmWarning
+        If the directions aren't spread evenly, without weights.
 
     Notes
     -----
+    Which function to use: for samples over the sphere with little noise, also scattered ones, `spharm_rs.solve` and
+    `spectrum` return the power of this field without a statistical error. This function is for gaps wider than about
+    180 / L degrees, over which single coefficients aren't determined; and for noise of an unknown size, by
+    ``noise="auto"``. It estimates the spectrum of the process, with cosmic variance.
+
     Assumptions: the field is isotropic; mask, directions and noise are independent of it; and it has no power outside
     the bins. If it has power above L, choose L larger than needed, and leave out the last bins: leakage decreases with
     the distance in degrees as the mask's spectrum does. For scattered directions that tends to a constant, unless
@@ -332,6 +423,8 @@ def decoupled_spectrum(
     edges, expected = _edges(bins, degree), _shape(shape, degree)
     at, array, areas, kept = _samples(directions, values, weights, mask)
     double = Transform(at, 2 * degree, channels=1)
+    if weights is None:
+        _warn_if_uneven(at)
     pseudo, added, window = _pseudo(double, array, areas * kept, noise)
     return _decoupled(double, (areas, kept), window, (edges, expected), (pseudo, pseudo, pseudo), added, np.ndim(values) == 1)
 
@@ -392,8 +485,10 @@ def decoupled_cross_spectrum(
     at, first, areas, kept = _samples(directions, a, weights, mask, "a")
     _, second, _, _ = _samples(directions, b, weights, mask, "b")
     if 1 not in (first.shape[1], second.shape[1]) and first.shape[1] != second.shape[1]:
-        raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as a has; found {second.shape[1]}")
+        raise ValueError(f"b: expected 1 channel or {first.shape[1]}, as in a; found {second.shape[1]}")
     double, w = Transform(at, 2 * degree, channels=1), areas * kept
+    if weights is None:
+        _warn_if_uneven(at)
     window = _window(double, w, noise)
     added = (w[:, np.newaxis] ** 2 * first * second).sum(axis=0) / (4 * np.pi) if noise == "auto" else np.zeros(1)
     single = _single(double, max(first.shape[1], second.shape[1]))
@@ -409,8 +504,28 @@ def _shape(shape: ArrayLike | None, degree: int) -> Floats:
         return np.ones(degree + 1)
     expected = finite("shape", np.atleast_1d(_arrays.real("shape", shape, f"({degree + 1},)")))
     if expected.shape != (degree + 1,) or (expected <= 0).any():
-        raise ValueError(f"shape: expected {degree + 1} numbers above 0, found shape {expected.shape} or others")
+        raise ValueError(f"shape: expected {degree + 1} numbers above 0, found shape {expected.shape} or other numbers")
     return expected
+
+
+def _binned(coupling: Floats, edges: NDArray[np.intp], expected: Floats) -> tuple[Floats, Floats, Floats]:
+    """Returns each degree's share of the coefficients of a bin, the shares over the expected spectrum, both (b, L + 1), and the
+    coupling matrix of the bins, (b, b)."""
+    degrees = np.arange(len(expected))
+    inside = (degrees >= edges[:-1, np.newaxis]) & (degrees < edges[1:, np.newaxis])
+    share = np.where(inside, 2.0 * degrees + 1, 0)
+    share /= share.sum(axis=1, keepdims=True)
+    average = share / expected
+    return share, average, average @ coupling @ (inside * expected).T
+
+
+def _narrowest(coupling: Floats, expected: Floats) -> int | None:
+    """Returns the least width of the bins that a mask determines."""
+    degree = len(expected) - 1
+    for width in range(1, degree + 1):
+        if np.linalg.cond(_binned(coupling, _edges(width, degree), expected)[2]) < _MOST_CONDITION:
+            return width
+    return None
 
 
 def _decoupled(
@@ -427,15 +542,14 @@ def _decoupled(
     degree = len(expected) - 1
     coupling = coupling_matrix(window, degree)
     degrees = np.arange(degree + 1)
-    inside = (degrees >= edges[:-1, np.newaxis]) & (degrees < edges[1:, np.newaxis])
-    share = np.where(inside, 2.0 * degrees + 1, 0)
-    share /= share.sum(axis=1, keepdims=True)
-    average = share / expected
-    binned = average @ coupling @ (inside * expected).T
+    share, average, binned = _binned(coupling, edges, expected)
     condition = np.linalg.cond(binned)
     if not condition < _MOST_CONDITION:
+        width = _narrowest(coupling, expected)
+        wider = "no width of bins does" if width is None else f"the narrowest width that it determines is bins={width}"
         raise ValueError(
-            f"bins: expected bins that the mask determines, found a condition number of {condition:.0e}; widen them"
+            f"bins: expected bins that the mask determines, found a condition number of {condition:.0e}; {wider}. Errors are "
+            "small for bins of about 180 degrees over the mask's width in degrees"
         )
     # From the pseudo-spectrum to the mean power of each bin.
     solve = (share @ expected)[:, np.newaxis] * np.linalg.solve(binned, average)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass
 from typing import Any, Union
 
@@ -38,6 +39,9 @@ class Surface:
     faces: Triangles
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+        if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] > 3:
+            found = f"{faces.shape}, polygons of {faces.shape[1]} corners"
+            raise ValueError(f"faces: expected triangles, (f, 3), found {found}; triangulate the mesh first")
         object.__setattr__(self, "vertices", _arrays.positions("vertices", vertices))
         object.__setattr__(self, "faces", _arrays.triangles("faces", faces))
 
@@ -141,8 +145,8 @@ def as_surface(mesh: Any) -> Surface:
     mesh : object
         A path; a pair (vertices, faces); a `Surface`; a mesh of trimesh (``.vertices``, ``.faces``; also a ``Scene``, whose
         meshes are joined), nilearn (``.coordinates``, ``.faces``; also a ``SurfaceImage`` or ``PolyMesh`` of one
-        hemisphere), pyvista (``.points``, ``.regular_faces``), meshio (``.points``, ``.cells_dict["triangle"]``); or a
-        GIfTI image of nibabel.
+        hemisphere), pyvista (``PolyData``, whose polygons are triangulated; or ``UnstructuredGrid``, of whose volumes the outer
+        surface is taken), meshio (``.points``, ``.cells_dict["triangle"]``); or a GIfTI image of nibabel.
 
     Returns
     -------
@@ -168,7 +172,8 @@ def as_surface(mesh: Any) -> Surface:
         return read_surface(mesh)
     if isinstance(mesh, (tuple, list)):
         if any(isinstance(one, (Surface, str, os.PathLike)) or hasattr(one, "faces") for one in mesh):
-            raise ValueError(f"surface: expected one mesh, found {len(mesh)} in a {type(mesh).__name__}; fit_many fits several")
+            found = f"{len(mesh)} meshes in a {type(mesh).__name__}"
+            raise ValueError(f"surface: expected one mesh, found {found}; use fit_many for several")
         if len(mesh) == 2:
             return Surface(*mesh)
     if hasattr(mesh, "agg_data"):
@@ -176,6 +181,8 @@ def as_surface(mesh: Any) -> Surface:
         if not all(isinstance(array, np.ndarray) for array in arrays):
             raise ValueError("surface: expected a GIfTI image with exactly one point set and one array of triangles")
         return Surface(*arrays)
+    if hasattr(mesh, "cells_dict") and hasattr(mesh, "extract_surface"):
+        return _of_grid(mesh)
     if hasattr(mesh, "cells_dict"):
         if "triangle" not in mesh.cells_dict:
             raise ValueError(f"surface: this mesh has no triangles, only {sorted(mesh.cells_dict)}")
@@ -186,6 +193,9 @@ def as_surface(mesh: Any) -> Surface:
         if len(joined.faces) == 0:
             raise ValueError("surface: expected a scene with triangles, found none")
         return joined
+    # pyvista.PolyData raises an error for `regular_faces` if the numbers of corners differ.
+    if not getattr(mesh, "is_all_triangles", True) and hasattr(mesh, "triangulate"):
+        mesh = mesh.triangulate()
     if hasattr(mesh, "points") and hasattr(mesh, "regular_faces"):
         return Surface(mesh.points, mesh.regular_faces)
     # A nilearn image has a mesh of one or two parts.
@@ -203,9 +213,25 @@ def as_surface(mesh: Any) -> Surface:
     if isinstance(inner, Surface):
         return inner
     if callable(inner):
-        raise ValueError(f"surface: expected a mesh, found {type(mesh).__name__}; model.surface() or model.surface(5) is one")
+        raise ValueError(f"surface: expected a mesh, found {type(mesh).__name__}; call model.surface() or model.surface(5)")
     kinds = "a path, (vertices, faces), or a mesh of trimesh, nilearn, pyvista, meshio or nibabel"
     raise ValueError(f"surface: expected {kinds}, found {type(mesh).__name__}")
+
+
+#: VTK's number of the cell type triangle.
+_VTK_TRIANGLE = 5
+
+
+def _of_grid(mesh: Any) -> Surface:
+    """Converts a ``pyvista.UnstructuredGrid``: triangles with their vertices in order, other cells by their outer surface."""
+    cells = mesh.cells_dict
+    if list(cells) == [_VTK_TRIANGLE]:
+        return Surface(mesh.points, cells[_VTK_TRIANGLE])
+    with warnings.catch_warnings():
+        # PyVista warns that its default algorithm will change, and earlier versions have no choice of it.
+        warnings.simplefilter("ignore")
+        surface = mesh.extract_surface()
+    return as_surface(surface)
 
 
 def named_icosphere(sphere: Any) -> Any:
@@ -263,7 +289,7 @@ def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: 
 
 
 def read_signal(path: Path) -> Floats:
-    """Reads values on vertices: GIfTI, FreeSurfer's curv, MGH/MGZ maps, CSV, TSV.
+    """Reads values on vertices: GIfTI, FreeSurfer's curv, MGH/MGZ maps, CSV, TSV. Missing values are NaN, as in the file.
 
     Parameters
     ----------
@@ -274,7 +300,7 @@ def read_signal(path: Path) -> Floats:
     ndarray of float, (n, c)
         A row for each vertex, a column for each channel.
     """
-    return _core.read_values(os.fspath(path))
+    return _core.read_values(os.fspath(path), gaps=True)
 
 
 def write_signal(path: Path, values: ArrayLike, *, overwrite: bool = False, double: bool = False) -> None:
@@ -284,6 +310,7 @@ def write_signal(path: Path, values: ArrayLike, *, overwrite: bool = False, doub
     ----------
     path : str or os.PathLike
     values : array_like of float, (n,) or (n, c)
+        NaN marks vertices without a value; infinities are refused.
     overwrite : bool
         Replace an existing file.
     double : bool

@@ -9,8 +9,8 @@ format          array
 ==============  =====================================================================================================
 ``complex``     complex (K, c), row ``l**2 + l + m``: orthonormal, with the Condon-Shortley phase, as SciPy's
                 ``sph_harm_y``
-``pyshtools``   real (c, 2, L + 1, L + 1): ``SHCoeffs.from_array(.., normalization="ortho", csphase=1)`` of each channel;
-                other normalisations by `to_pyshtools` and `from_pyshtools`
+``pyshtools``   real (c, 2, L + 1, L + 1): ``SHCoeffs.from_array(.., normalization="ortho", csphase=1)`` of each channel.
+                pyshtools' own default is ``"4pi"``: give ``normalization="4pi"`` for it. An ``SHCoeffs`` has its own
 ``healpy``      complex (c, (L + 1) (L + 2) / 2): ``alm`` of healpy and ducc0, m by m
 ``s2fft``       complex (c, L + 1, 2 L + 1): ``flm`` of s2fft, orders from -L
 ``spharm_mat``  complex (K, c): ``fvec`` of SPHARM-MAT, which is ``complex``
@@ -27,20 +27,25 @@ Examples
 (3, 2, 2, 2)
 >>> np.allclose(sp.Model.from_("pyshtools", model.to("pyshtools")).coefficients, model.coefficients)
 True
+>>> of_4pi = sp.convert.to("pyshtools", model.coefficients, normalization="4pi")
+>>> np.allclose(sp.convert.from_("pyshtools", of_4pi, normalization="4pi"), model.coefficients)
+True
 """
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 from pathlib import Path
-from typing import Any, Callable, Union
+from typing import Any, Callable, Sequence, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _arrays
 from ._arrays import Floats
+from ._pyshtools import SHCoeffs, real_coefficients
 
 Complex = NDArray[np.complex128]
 
@@ -144,10 +149,16 @@ def to_pyshtools(coefficients: ArrayLike, *, normalization: str = "ortho", cspha
     ----------
     coefficients : array_like of float, (K, c)
     normalization : {"ortho", "orthonormal", "4pi", "schmidt", "unnorm"}
-        That of the result; the first two are the same. pyshtools' own default is ``"4pi"``. The largest degree for
-        ``"unnorm"`` is 150.
+        That of the result; the first two are the same. pyshtools' own default is ``"4pi"``: of the result for another
+        normalisation, ``SHCoeffs.from_array`` needs ``normalization=`` too. The largest degree for ``"unnorm"`` is 150.
     csphase : {1, -1}
         -1 for coefficients of harmonics with the Condon-Shortley phase.
+
+    Returns
+    -------
+    ndarray of float, (c, 2, L + 1, L + 1)
+        Index ``[k, 0, l, m]`` for cosines and ``[k, 1, l, m]`` for sines. Standard errors are converted as coefficients are;
+        with ``csphase=-1``, those of odd orders become negative: take ``abs`` of the result.
 
     Examples
     --------
@@ -165,15 +176,61 @@ def to_pyshtools(coefficients: ArrayLike, *, normalization: str = "ortho", cspha
     return found
 
 
-def from_pyshtools(array: ArrayLike, *, normalization: str = "ortho", csphase: int = 1) -> Floats:
-    """Converts pyshtools' coefficients, (2, L + 1, L + 1) or (c, 2, L + 1, L + 1), to canonical ones.
+def from_pyshtools(
+    array: ArrayLike | SHCoeffs | Sequence[SHCoeffs], *, normalization: str | None = None, csphase: int | None = None
+) -> Floats:
+    """Converts pyshtools' coefficients to canonical ones, (K, c).
 
     Parameters
     ----------
-    array : array_like of float
-    normalization, csphase
-        Those of the array, as for `to_pyshtools`; ``SHCoeffs`` has them as attributes.
+    array : SHCoeffs, sequence of SHCoeffs, or array_like of float, (2, L + 1, L + 1) or (c, 2, L + 1, L + 1)
+        Objects of pyshtools, of which each is a channel; or their arrays ``coeffs``. Objects may also be of the kind
+        "complex", if they describe a real function.
+    normalization : {"ortho", "orthonormal", "4pi", "schmidt", "unnorm"}, optional
+        That of the array, by default ``"ortho"``. pyshtools' own default is ``"4pi"``, which an array doesn't tell. Objects
+        have a normalisation of their own.
+    csphase : {1, -1}, optional
+        Phase of the array, by default 1, as for `to_pyshtools`. Objects have a phase of their own.
+
+    Returns
+    -------
+    ndarray of float, (K, c)
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong; if an option is given for an object; or if complex coefficients describe a function that
+        isn't real, or are unnormalised.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from spharm_rs import convert
+    >>> array = np.zeros((2, 3, 3))
+    >>> array[0, 0, 0] = 1
+    >>> convert.from_pyshtools(array, normalization="4pi")[0] ** 2 / (4 * np.pi)
+    array([1.])
     """
+    if isinstance(array, SHCoeffs):
+        for name, value in (("normalization", normalization), ("csphase", csphase)):
+            if value is not None:
+                raise ValueError(f"{name}: expected none with an SHCoeffs, which has its own; found {value!r}")
+        return _from_pyshtools(real_coefficients(array), array.normalization, array.csphase)
+    if isinstance(array, (list, tuple)) and array and all(isinstance(one, SHCoeffs) for one in array):
+        channels = [from_pyshtools(one, normalization=normalization, csphase=csphase) for one in array]
+        if len({len(channel) for channel in channels}) > 1:
+            degrees = ", ".join(str(degree_of("pyshtools", len(channel))) for channel in channels)
+            raise ValueError(f"pyshtools: expected coefficients of one degree, found degrees {degrees}")
+        return np.hstack(channels)
+    if isinstance(array, np.ndarray) and np.iscomplexobj(array):
+        raise ValueError(
+            "pyshtools: expected real coefficients, found complex ones; give the SHCoeffs itself, or its convert(kind='real')"
+        )
+    phase = 1 if csphase is None else csphase
+    return _from_pyshtools(array, "ortho" if normalization is None else normalization, phase)
+
+
+def _from_pyshtools(array: Any, normalization: str, csphase: int) -> Floats:
     found = _arrays.real("pyshtools", array, "(c, 2, L + 1, L + 1)")
     found = found[np.newaxis] if found.ndim == 3 else found
     if found.ndim != 4 or found.shape[1] != 2 or found.shape[2] != found.shape[3] or found.shape[2] == 0:
@@ -362,7 +419,7 @@ def from_flowshape(array: ArrayLike) -> Floats:
 
 
 #: For each format, the functions that convert from and to canonical coefficients.
-FORMATS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Floats]]] = {
+FORMATS: dict[str, tuple[Callable[..., Any], Callable[..., Floats]]] = {
     "complex": (to_complex, from_complex),
     "pyshtools": (to_pyshtools, from_pyshtools),
     "healpy": (to_healpy, from_healpy),
@@ -374,17 +431,67 @@ FORMATS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Floats]]] = {
 }
 
 
-def _format(name: str) -> tuple[Callable[[Any], Any], Callable[[Any], Floats]]:
+def _format(name: str) -> tuple[Callable[..., Any], Callable[..., Floats]]:
     if name not in FORMATS:
         raise ValueError(f"format: expected one of {', '.join(FORMATS)}; found {name!r}")
     return FORMATS[name]
 
 
-def to(format: str, coefficients: ArrayLike) -> Any:
-    """Converts canonical coefficients, (K, c), to another package's format."""
-    return _format(format)[0](coefficients)
+def _options(format: str, function: Callable[..., Any], options: dict[str, Any]) -> dict[str, Any]:
+    """Returns the options of a conversion, all of which its function has."""
+    kinds = inspect.signature(function).parameters.items()
+    known = [name for name, parameter in kinds if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
+    for name in options:
+        if name not in known:
+            expected = f"the options {' and '.join(known)}" if known else "no options"
+            raise ValueError(f"{name}: expected {expected} for the format {format!r}, found {name}={options[name]!r}")
+    return options
 
 
-def from_(format: str, array: Any) -> Floats:
-    """Converts another package's coefficients to canonical ones, (K, c)."""
-    return _format(format)[1](array)
+def to(format: str, coefficients: ArrayLike, **options: Any) -> Any:
+    """Converts canonical coefficients to another package's format.
+
+    Parameters
+    ----------
+    format : str
+        A format of the table above.
+    coefficients : array_like of float, (K, c)
+    **options
+        Those of the format's function: ``normalization`` and ``csphase`` of `to_pyshtools`; other formats have none.
+
+    Returns
+    -------
+    ndarray
+        As in the table above.
+
+    Raises
+    ------
+    ValueError
+        If the format or an option is unknown, or the format can't hold the coefficients.
+    """
+    function = _format(format)[0]
+    return function(coefficients, **_options(format, function, options))
+
+
+def from_(format: str, array: Any, **options: Any) -> Floats:
+    """Converts another package's coefficients to canonical ones.
+
+    Parameters
+    ----------
+    format : str
+        A format of the table above.
+    array : array_like, or for pyshtools an SHCoeffs
+    **options
+        Those of the format's function: ``normalization`` and ``csphase`` of `from_pyshtools`; other formats have none.
+
+    Returns
+    -------
+    ndarray of float, (K, c)
+
+    Raises
+    ------
+    ValueError
+        If the format or an option is unknown, or the array isn't of the format.
+    """
+    function = _format(format)[1]
+    return function(array, **_options(format, function, options))

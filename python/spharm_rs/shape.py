@@ -38,7 +38,8 @@ from ._shape_morph import Morph, morph
 from ._shape_poses import Alignment, Procrustes, SimilarityTransform, align, mean, procrustes, rotate
 from ._shape_quality import Curve, GroupQuality, LandmarkErrors, quality
 from ._shape_register import Pose, Registration, pose, register
-from ._shape_study import Field, TestResult, group_test, measure_group
+from ._shape_result import TestResult
+from ._shape_study import Field, group_test, measure_group
 from ._surface import Surface
 from ._warnings import warn
 

@@ -7,8 +7,8 @@ on a part of the sphere.
 ===========================  ======================================================================================
 in                           is
 ===========================  ======================================================================================
-pyshtools ``spectrum``       `spectrum`, of coefficients converted by ``convert.from_pyshtools``
-pyshtools ``expand``         `grid`
+pyshtools ``spectrum``       `spectrum`, of an ``SHCoeffs``, or of coefficients converted by ``convert.from_pyshtools``
+pyshtools ``expand``         `grid` of coefficients, and `Grid.expand` of a grid's values
 pyshtools ``SHAdmitCorr``    `admittance` and `correlation`
 healpy ``alm2cl``            ``spectrum(.., unit="per_lm", convention="energy")``, the C_l of cosmology
 healpy ``anafast``, masked   `pseudo_spectrum`
@@ -90,12 +90,12 @@ def directions(
 
     Parameters
     ----------
-    latitude : array_like of float, (n,), optional
-        Geocentric, from -90 (south pole) to 90 degrees. Geodetic latitudes, as of maps of the Earth, differ from
+    latitude : float or array_like of float, optional
+        Of any shape that broadcasts with that of the longitudes. Geocentric, from -90 (south pole) to 90 degrees. Geodetic latitudes, as of maps of the Earth, differ from
         geocentric ones by up to 0.19 degrees.
-    longitude : array_like of float, (n,)
+    longitude : float or array_like of float
         East, from -360 to 360 degrees.
-    colatitude : array_like of float, (n,), optional
+    colatitude : float or array_like of float, optional
         In place of latitudes: from 0 (north pole) to 180 degrees.
     degrees : bool
         Whether angles are in degrees, or else in radians.
@@ -103,13 +103,28 @@ def directions(
     Returns
     -------
     ndarray of float, (n, 3)
+        A row for each of the n elements of the broadcast shape, in C order, which is the order of ``values.ravel()``.
+
+    Raises
+    ------
+    ValueError
+        If an angle is NaN or outside its range, or if the shapes don't broadcast.
 
     Examples
     --------
+    >>> import numpy as np
     >>> from spharm_rs import spectra
     >>> spectra.directions(colatitude=[0.0, 180.0], longitude=[0.0, 0.0]).round(12)
     array([[ 0.,  0.,  1.],
            [ 0.,  0., -1.]])
+    >>> spectra.directions(48.1, 11.6).shape
+    (1, 3)
+
+    The points of a grid of 3 latitudes and 4 longitudes, latitude by latitude:
+
+    >>> north, east = np.meshgrid([45.0, 0.0, -45.0], [0.0, 90.0, 180.0, 270.0], indexing="ij")
+    >>> spectra.directions(north, east).shape
+    (12, 3)
     """
     if longitude is None:
         raise ValueError("longitude: expected an array of shape (n,), found None")
@@ -123,8 +138,14 @@ def directions(
         what, angle = "colatitude", angles("colatitude", colatitude, 0, 180, degrees)
         z, across = np.cos(angle), np.sin(angle)
     phi = angles("longitude", longitude, -360, 360, degrees)
-    if len(phi) != len(z):
-        raise ValueError(f"longitude: expected shape ({len(z)},), as of {what}; found ({len(phi)},)")
+    try:
+        shape = np.broadcast_shapes(z.shape, phi.shape)
+    except ValueError:
+        raise ValueError(
+            f"longitude: expected shape {z.shape}, as {what} has, or one that broadcasts with it; found {phi.shape}; "
+            "for all points of a grid, give the arrays of np.meshgrid"
+        ) from None
+    z, across, phi = (np.broadcast_to(array, shape).ravel() for array in (z, across, phi))
     return unit_vectors(z, across, phi)
 
 

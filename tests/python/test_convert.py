@@ -60,6 +60,71 @@ def test_wrong_normalisations_are_refused(wrong: dict[str, Any]) -> None:
         convert.to_pyshtools(coefficients(2), **wrong)
 
 
+class Coefficients:
+    """As pyshtools' ``SHCoeffs``, of the real or the complex kind."""
+
+    def __init__(self, coeffs: np.ndarray, normalization: str, csphase: int, kind: str = "real") -> None:
+        self.coeffs, self.normalization, self.csphase, self.kind = coeffs, normalization, csphase, kind
+
+
+def of_a_complex_kind(a: np.ndarray) -> Coefficients:
+    """Returns the orthonormal coefficients of complex harmonics with the Condon-Shortley phase, as SciPy's."""
+    c, degree = convert.to_complex(a)[:, 0], round(len(a) ** 0.5) - 1
+    degrees, orders = convert.degrees_and_orders(degree)
+    array = np.zeros((2, degree + 1, degree + 1), complex)
+    array[(orders < 0).astype(int), degrees, abs(orders)] = c
+    return Coefficients(array, "ortho", -1, "complex")
+
+
+@pytest.mark.parametrize("normalization", ["ortho", "4pi", "schmidt", "unnorm"])
+@pytest.mark.parametrize("csphase", [1, -1])
+def test_objects_of_pyshtools_have_their_own_normalisation(normalization: str, csphase: int) -> None:
+    a = coefficients(6)
+    given = convert.to_pyshtools(a, normalization=normalization, csphase=csphase)
+    channels = [Coefficients(array, normalization, csphase) for array in given]
+    assert np.allclose(convert.from_pyshtools(channels[0]), a[:, :1], rtol=1e-14)
+    assert np.allclose(sp.Model.from_("pyshtools", channels).coefficients, a, rtol=1e-14)
+    options: dict[str, Any] = {"normalization": normalization, "csphase": csphase}
+    assert np.array_equal(convert.from_("pyshtools", given, **options), convert.from_pyshtools(channels))
+    assert np.array_equal(convert.to("pyshtools", a, **options), given)
+
+
+def test_complex_objects_of_pyshtools_are_those_of_real_functions() -> None:
+    a = coefficients(6)[:, :1]
+    given = of_a_complex_kind(a)
+    assert np.allclose(convert.from_pyshtools(given), a, rtol=1e-13)
+    # pyshtools 4.14.1: SHCoeffs.from_array(array).convert(kind="complex").coeffs[:, 1, 1] of C_11 = 1 and S_11 = 2.
+    array = np.zeros((2, 2, 2), complex)
+    array[:, 1, 1] = [0.7071067811865475 - 1.414213562373095j, -0.7071067811865475 - 1.414213562373095j]
+    known = np.zeros((2, 2, 2))
+    known[:, 1, 1] = 1, 2
+    found = convert.from_pyshtools(Coefficients(array, "4pi", 1, "complex"))
+    assert np.allclose(found, convert.from_pyshtools(known, normalization="4pi"), rtol=1e-14)
+    given.coeffs[1, 3, 2] *= 1.01
+    with pytest.raises(ValueError, match="pyshtools: expected complex coefficients of a real function"):
+        convert.from_pyshtools(given)
+    given.normalization = "unnorm"
+    with pytest.raises(ValueError, match="normalization other than 'unnorm'"):
+        convert.from_pyshtools(given)
+    with pytest.raises(ValueError, match="pyshtools: expected real coefficients, found complex ones"):
+        convert.from_pyshtools(given.coeffs)
+
+
+@pytest.mark.parametrize(
+    "call, text",
+    [
+        (lambda a: convert.to("pyshtools", a, norm="4pi"), "norm: expected the options normalization and csphase"),
+        (lambda a: convert.to("ktch", a, csphase=1), "csphase: expected no options for the format 'ktch', found csphase=1"),
+        (lambda a: convert.from_("ktch", a.T, csphase=1), "csphase: expected no options for the format 'ktch'"),
+        (lambda a: convert.from_pyshtools(of_a_complex_kind(a), csphase=1), "csphase: expected none with an SHCoeffs"),
+        (lambda a: convert.from_pyshtools([of_a_complex_kind(a), of_a_complex_kind(a[:4])]), "one degree, found degrees 2, 1"),
+    ],
+)
+def test_options_that_a_format_does_not_have_are_refused(call: Any, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        call(coefficients(2))
+
+
 def test_complex_coefficients_are_scipys() -> None:
     a, unit = coefficients(8), DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, np.newaxis]
     theta, phi = np.arccos(unit[:, 2]), np.arctan2(unit[:, 1], unit[:, 0])

@@ -220,7 +220,7 @@ def test_surfaces_without_a_common_sphere_are_fitted_one_by_one(tmp_path: Path) 
         sp.fit_many([surfaces[0], open_], max_degree=5)
     with pytest.raises(ValueError, match="on_error: expected 'raise' or 'collect', found 'skip'"):
         sp.fit_each(surfaces, on_error="skip")  # type: ignore[call-overload]
-    with pytest.raises(ValueError, match="on_error: expected 'raise' with a sphere"):
+    with pytest.raises(ValueError, match="on_error: expected 'raise', because all surfaces are fitted together"):
         sp.fit_many(surfaces, sp.icosphere(3), 5, on_error="collect")
     # The fits that are still running end with the iterator.
     stopped = sp.fit_each(iter(surfaces * 9), 5, threads=2)
@@ -373,7 +373,7 @@ def test_a_file_of_values_is_a_signal_over_a_sphere(study: Study, tmp_path: Path
     for name in ("height.csv", "height.shape.gii"):
         model = sp.fit(tmp_path / name, sphere, 6)
         assert not model.is_surface and np.allclose(model.coefficients, sp.fit(height, sphere, 6).coefficients, atol=1e-9)
-    with pytest.raises(sp.MeshError, match="height.csv: a signal is fitted over its sphere; give it as sphere="):
+    with pytest.raises(sp.MeshError, match="height.csv: a signal needs a sphere; give the sphere as sphere="):
         sp.fit(tmp_path / "height.csv", max_degree=6)
     (tmp_path / "none.ply").write_text("ply\nnone\n")
     with pytest.raises(sp.MeshError, match="none.ply: .*PLY"):

@@ -51,7 +51,7 @@ def test_each_kind_of_defect_is_counted() -> None:
 
 def test_a_large_repair_is_refused_unless_it_is_allowed() -> None:
     half = without_cap(0.1)
-    with pytest.raises(sp.MeshError, match=r"1 hole filled \(.*; largest_repair=0.(\d\d) allows it") as refused:
+    with pytest.raises(sp.MeshError, match=r"1 hole filled \(.*; largest_repair=0.(\d\d) allows this repair") as refused:
         sp.repair(half)
     share = float(str(refused.value).split("largest_repair=")[1].split()[0])
     with pytest.raises(sp.MeshError):
@@ -136,7 +136,7 @@ def test_a_wrap_is_the_closed_surface_around_all_parts(tmp_path: Path) -> None:
     # The walls inside are two caps, with 0.215 of the area; less than a voxel of them is near the outside.
     assert 0.18 < report["hidden_area"] < 0.215
     assert report["handles"] == report["cavities"] == report["pieces"] == 0
-    with pytest.warns(sp.SpharmWarning, match="wrapped at 32 voxels"):
+    with pytest.warns(sp.SpharmWarning, match="wrapped with 32 voxels"):
         model = sp.fit(parts, max_degree=8, wrap=32)
     assert model.provenance["repair"]["wrap"]["voxels"] == 32
     with pytest.warns(sp.SpharmWarning):
@@ -165,7 +165,7 @@ def test_settings_that_have_no_effect_are_refused(open_ball: sp.Surface) -> None
     ball = sp.icosphere(2)
     given: Any
     for given in ({"mask": np.ones(2562, bool)}, {"weights": np.ones(2562)}):
-        with pytest.raises(ValueError, match=f"{next(iter(given))}: expected none with fix=True"):
+        with pytest.raises(ValueError, match=f"{next(iter(given))}: expected no array with fix=True"):
             sp.fit(open_ball, max_degree=4, fix=True, **given)
     with pytest.raises(ValueError, match="largest_repair: expected None without fix=True"):
         sp.fit_many([ball], ball, 4, largest_repair=0.5)

@@ -172,10 +172,24 @@ def test_modes_are_numpys_singular_vectors(group: list[sp.Model], tmp_path: Path
     modes.save(path, overwrite=True)
     with pytest.raises(FileNotFoundError):
         sp.shape.Modes.load(tmp_path / "none.shape-model.npz")
+    several, distances = modes.project(group[:3])
+    assert several.shape == (3, len(modes)) and distances.shape == (3,)
+    for model, scores, distance in zip(group, several, distances):
+        alone = modes.project(model)
+        assert np.array_equal(alone[0], scores) and alone[1] == distance
+    assert np.array_equal(modes.transform(iter(group[:3])), several) and modes.transform([]).shape == (0, len(modes))
+    with pytest.raises(ValueError, match=r"models\[1\]: expected a Model, found"):
+        modes.project([group[0], "m.npz"])  # type: ignore[list-item]
+    with pytest.raises(ValueError, match=r"models\[1\]: expected degree 5, that of the group, found 1"):
+        modes.transform([group[0], group[0].truncate(1)])
+    with pytest.raises(ValueError, match="model: expected a model of a surface, found"):
+        modes.project(sp.Model(group[0].coefficients, surface=False))
+    with pytest.raises(ValueError, match="models: expected a sequence of Model, .*project takes a single model"):
+        modes.transform(group[0])  # type: ignore[arg-type]
     group[0].save(tmp_path / "model.npz")
     with pytest.raises(ValueError, match="modes"):
         sp.shape.Modes.load(tmp_path / "model.npz")
-    with pytest.raises(ValueError, match="without truncate"):
+    with pytest.raises(ValueError, match="not truncated"):
         modes.truncate(2).quality()
     for wrong in ([0] * 8, [float("nan")], [[1, 2]]):
         with pytest.raises(ValueError):

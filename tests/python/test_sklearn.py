@@ -252,7 +252,7 @@ def test_what_is_no_sequence_of_surfaces_is_refused(rough: ShapeFeatures) -> Non
         (BALL, "expected a sequence of surfaces, found Surface"),
         ("a.ply", "expected a sequence of surfaces, found str"),
         (None, "expected a sequence of surfaces, found NoneType"),
-        ([], "expected a surface or more, found none"),
+        ([], "expected at least one surface, found none"),
         (np.zeros((4, 6)), r"an array of float64 of shape \(4, 6\)"),
         (np.array([["a.ply", "b.ply"]]), r"\(n, 1\); found shape \(1, 2\)"),
     ):
@@ -270,7 +270,7 @@ def test_other_columns_and_parameters_are_refused(rough: ShapeFeatures) -> None:
             shape = ", ".join(map(str, wrong.shape))
             with pytest.raises(ValueError, match=rf"expected rows of {columns} {of}, .*found shape \({shape}\)"):
                 call.inverse_transform(wrong)
-        with pytest.raises(ValueError, match="expected finite numbers, found others in row 1"):
+        with pytest.raises(ValueError, match="expected finite numbers, found NaN or infinity in row 1"):
             call.inverse_transform([[0.0] * columns, [np.inf] * columns])
     with pytest.raises(ValueError, match=r"found shape \(3,\)"):
         rough.inverse_transform(np.zeros(3))

@@ -58,6 +58,15 @@ def test_directions_of_latitudes_colatitudes_and_longitudes() -> None:
     assert np.allclose(pole, [[0, 0, 1], [0, 0, -1]], atol=1e-15)
 
 
+def test_directions_of_numbers_and_arrays_that_broadcast() -> None:
+    assert np.array_equal(spectra.directions(48.1, 11.6), spectra.directions([48.1], [11.6]))
+    latitude, longitude = np.array([80.0, 0.0, -35.0]), np.array([-20.0, 0.0])
+    expected = spectra.directions(np.repeat(latitude, 2), np.tile(longitude, 3))
+    assert np.array_equal(spectra.directions(*np.meshgrid(latitude, longitude, indexing="ij")), expected)
+    assert np.array_equal(spectra.directions(latitude[:, None], longitude), expected)
+    assert np.array_equal(spectra.directions(latitude, 20.0), spectra.directions(latitude, np.full(3, 20.0)))
+
+
 def test_directions_of_columns_of_pandas() -> None:
     pandas = pytest.importorskip("pandas", reason="pandas isn't installed")
     table = pandas.DataFrame({"lat": [10.0, -20.0], "lon": [30, 40]})
@@ -83,8 +92,8 @@ def test_latitudes_and_longitudes_of_directions(degrees: bool) -> None:
         ({"latitude": [0.0], "longitude": [361.0]}, "longitude: expected degrees from -360 to 360"),
         ({"latitude": [0.0, np.nan], "longitude": [0, 0]}, "latitude: expected finite degrees, .* in row 1"),
         ({"latitude": [0.0], "longitude": [np.inf]}, "longitude: expected finite degrees"),
-        ({"latitude": [0.0, 1.0], "longitude": [0.0]}, r"longitude: expected shape \(2,\), as of latitude; found \(1,\)"),
-        ({"latitude": [[0.0]], "longitude": [0.0]}, r"latitude: expected shape \(n,\), found \(1, 1\)"),
+        ({"latitude": [0.0, 1.0], "longitude": [0.0] * 3}, r"longitude: expected shape \(2,\), as latitude has.*; found \(3,\)"),
+        ({"latitude": [[0.0, 1.0]], "longitude": [0.0, np.nan]}, "longitude: expected finite degrees, .* in row 1"),
         ({"latitude": ["5N"], "longitude": [0.0]}, "latitude: expected real numbers"),
         ({"longitude": [0.0]}, "latitude, colatitude: expected one of them, found none"),
         ({"latitude": [0.0], "colatitude": [0.0], "longitude": [0.0]}, "found both"),
@@ -153,6 +162,47 @@ def test_spectra_are_those_of_pyshtools() -> None:
     }
     for unit, expected in units.items():
         assert np.allclose(spectra.spectrum(A, unit=unit, base=2).power, expected, rtol=1e-13)
+
+
+class Coefficients:
+    """As pyshtools' ``SHCoeffs``."""
+
+    kind = "real"
+
+    def __init__(self, coeffs: np.ndarray, normalization: str, csphase: int) -> None:
+        self.coeffs, self.normalization, self.csphase = coeffs, normalization, csphase
+
+
+def test_spectra_of_pyshtools_objects_are_those_of_their_coefficients() -> None:
+    theirs = [
+        Coefficients(sp.convert.to_pyshtools(a, normalization=norm, csphase=csphase)[0], norm, csphase)
+        for a, norm, csphase in ((A, "4pi", -1), (B, "schmidt", 1))
+    ]
+    assert np.allclose(spectra.spectrum(theirs[0]).power, spectra.spectrum(A).power, rtol=1e-13)
+    for compute in (spectra.cross_spectrum, spectra.admittance, spectra.correlation):
+        assert np.allclose(compute(*theirs), compute(A, B), rtol=1e-12, equal_nan=True)
+    with pytest.raises(ValueError, match="normalization: expected none with an SHCoeffs"):
+        spectra.spectrum(theirs[0], normalization="4pi")
+    with pytest.raises(ValueError, match="normalization: expected none with an SHCoeffs"):
+        spectra.cross_spectrum(A, theirs[0], normalization="4pi")
+
+
+def test_the_errors_of_a_model_are_the_default() -> None:
+    at = sp.icosphere(3).vertices
+    values = at[:, 2] ** 2 + 0.1 * np.random.default_rng(3).normal(size=len(at))
+    model = sp.fit(values, at, 3, stderr=True)
+    found, expected = spectra.spectrum(model), spectra.spectrum(model.coefficients, errors=model.standard_errors)
+    assert found.noise_error is not None and expected.noise_error is not None and found.noise_error.shape == (4, 1)
+    assert np.array_equal(found.noise_error, expected.noise_error) and np.array_equal(found.power, expected.power)
+    assert spectra.spectrum(sp.fit(values, at, 3)).noise_error is None
+
+
+def test_results_are_shown_in_a_line() -> None:
+    assert repr(spectra.spectrum(A)) == "Spectrum(degrees 0 to 4, per_l, power)"
+    pairs = np.stack([A, B], axis=1)
+    assert repr(spectra.cross_spectrum(pairs, B, unit="per_lm")) == "Spectrum(degrees 0 to 4, 2 channels, per_lm, power)"
+    assert repr(spectra.admittance(A, B)) == "Admittance(degrees 0 to 4)"
+    assert repr(spectra.correlation(pairs[:, :1], B)) == "Correlation(degrees 0 to 4, 1 channel)"
 
 
 def test_cross_spectra_admittance_and_correlation_are_those_of_pyshtools() -> None:
@@ -265,7 +315,7 @@ def test_noise_errors_are_the_scatter_of_noisy_coefficients(signal: float) -> No
         ({"f_sky": 0.0}, "f_sky: expected a fraction"),
         ({"f_sky": 1.5}, "f_sky: expected a fraction"),
         ({"errors": np.zeros(9)}, r"errors: expected the coefficients' shape \(4,\), found \(9,\)"),
-        ({"errors": -np.ones(4)}, "errors: expected standard errors from 0"),
+        ({"errors": -np.ones(4)}, "errors: expected standard errors of at least 0"),
         ({"errors": np.full(4, np.inf)}, "errors: expected finite numbers"),
     ],
 )
@@ -276,11 +326,11 @@ def test_wrong_settings_of_spectra_are_refused(given: dict[str, Any], text: str)
 
 def test_wrong_pairs_are_refused() -> None:
     for compute in (spectra.cross_spectrum, spectra.admittance, spectra.correlation):
-        with pytest.raises(ValueError, match="b: expected 1 channel or 2, as a has; found 3"):
+        with pytest.raises(ValueError, match="b: expected 1 channel or 2, as in a; found 3"):
             compute(np.ones((4, 2)), np.ones((4, 3)))
         with pytest.raises(ValueError, match="b: expected finite numbers"):
             compute(np.ones(4), np.full(4, np.nan))
-    with pytest.raises(ValueError, match="errors: expected the errors of a and of b, found ndarray"):
+    with pytest.raises(ValueError, match="errors: expected a pair, the errors of a and of b, found ndarray"):
         spectra.cross_spectrum(A, B, errors=np.ones(25))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"errors\[1\]: expected the coefficients' shape"):
         spectra.cross_spectrum(A, B, errors=(np.ones(25), np.ones(4)))
@@ -320,3 +370,101 @@ def test_wrong_grids_are_refused(wrong: dict[str, Any]) -> None:
         spectra.grid(A, **wrong)
     with pytest.raises(ValueError, match="^coefficients: expected finite numbers"):
         spectra.grid(np.array([np.nan]))
+    with pytest.raises(ValueError, match="^kind: expected one of DH2, DH, GLQ; found 'HEALPix'"):
+        spectra.grid(A, kind="HEALPix")
+
+
+# The axes of pyshtools 4.14.1: expand(grid=kind, extend=extend) to degree 4, of which the latitudes of GLQ are rounded.
+GRIDS = [
+    ("DH2", np.arange(90, -90, -18), np.arange(0, 360, 18)),
+    ("DH", np.arange(90, -90, -18), np.arange(0, 360, 36)),
+    ("GLQ", np.array([64.98266022, 32.57949883, 0, -32.57949883, -64.98266022]), np.arange(0, 360, 40)),
+]
+
+
+@pytest.mark.parametrize("kind, latitude, longitude", GRIDS, ids=lambda value: value if isinstance(value, str) else "")
+@pytest.mark.parametrize("extended", [False, True])
+def test_grids_of_pyshtools_give_the_coefficients(
+    kind: str, latitude: np.ndarray, longitude: np.ndarray, extended: bool
+) -> None:
+    found = spectra.grid(np.stack([A, B, A - B], axis=1), kind=kind)
+    assert np.allclose(found.latitude, latitude, atol=1e-8) and np.allclose(found.longitude, longitude, atol=1e-12)
+    if extended:
+        # pyshtools repeats longitude 0 at 360, and adds the south pole to DH.
+        latitude = found.latitude if kind == "GLQ" else np.append(latitude, -90)
+        found = spectra.grid(np.stack([A, B, A - B], axis=1), latitude, np.append(longitude, 360))
+    assert found.directions.shape == (found.values.size // 3, 3) and np.isclose(found.weights.sum(), 4 * np.pi, rtol=1e-14)
+    model = found.expand()
+    assert model.max_degree == 4 and not model.is_surface
+    assert abs(model.coefficients - np.stack([A, B, A - B], axis=1)).max() < 1e-12
+    assert np.allclose(found.expand(2).coefficients[:, 0], A[:9], atol=1e-12)
+    # A grid from the south, and from the west of Greenwich.
+    turned = spectra.Grid(found.latitude[::-1], found.longitude - 180, found.values[::-1, :, 0])
+    assert np.allclose(turned.expand().spectrum(), (A**2) @ (degrees(25)[:, None] == np.arange(5)), rtol=1e-12)
+
+
+def test_grids_are_made_of_arrays() -> None:
+    latitude, longitude = [89.5 - i for i in range(180)], np.arange(0.5, 360)
+    values = spectra.grid(A, latitude, longitude).values
+    mine = spectra.Grid(latitude, longitude, values)
+    assert mine.channel == [] and abs(mine.expand(4).coefficients[:, 0] - A).max() < 1e-12
+    assert mine.expand().max_degree == 89
+    # Away from the poles, where the quadrature's weights oscillate, they are areas.
+    areas = np.cos(np.radians(latitude))[:, None] * np.radians(1) ** 2
+    assert np.allclose(mine.weights.reshape(180, 360)[10:-10], areas[10:-10], rtol=1e-2)
+    several = spectra.Grid(np.array([10.0, 0.0]), np.array([5.0]), np.ones((2, 1, 3)))
+    assert several.channel == ["0", "1", "2"]
+    surface = sp.Model(np.eye(4)[:, 1:])
+    again = spectra.grid(surface, kind="GLQ").expand()
+    assert again.is_surface and abs(again.coefficients - surface.coefficients).max() < 1e-12
+
+
+def test_weights_of_other_grids_are_areas() -> None:
+    # Uneven latitudes over the sphere, and even ones of a part of it.
+    uneven = spectra.Grid(np.array([80.0, 50.0, 10.0, -60.0]), np.arange(0, 360, 10.0), np.zeros((4, 36)))
+    edges = np.sin(np.radians([90, 65, 30, -25, -90]))
+    assert np.allclose(uneven.weights.reshape(4, 36), (edges[:-1] - edges[1:])[:, None] * np.radians(10), rtol=1e-12)
+    part = spectra.Grid(np.arange(10, 41, 2.0), np.arange(-20, 21, 4.0), np.zeros((16, 11)))
+    area = (np.sin(np.radians(41)) - np.sin(np.radians(9))) * np.radians(44)
+    assert np.isclose(part.weights.sum(), area, rtol=1e-12)
+    for grid in (uneven, part):
+        with pytest.raises(ValueError, match="^latitude, longitude: expected a grid with an exact quadrature.*spharm_rs.solve"):
+            grid.expand()
+
+
+def test_grids_that_do_not_determine_coefficients_are_refused() -> None:
+    found = spectra.grid(A)
+    with pytest.raises(ValueError, match="max_degree: expected at most 4, .* found 5. spharm_rs.solve"):
+        found.expand(5)
+    gaps = np.where(np.arange(20) == 7, np.nan, found.values)
+    with pytest.raises(ValueError, match="values: expected finite numbers, .* in row 0, column 7.*mask="):
+        spectra.Grid(found.latitude, found.longitude, gaps).expand()
+    with pytest.raises(ValueError, match=r"values: expected a row for each of 10 latitudes and a column for each of 20"):
+        spectra.Grid(found.latitude, found.longitude, found.values.T)
+    with pytest.raises(ValueError, match="channel: expected 0 names"):
+        spectra.Grid(found.latitude, found.longitude, found.values, ["height"])
+    with pytest.raises(ValueError, match="latitude: expected degrees from -90 to 90"):
+        spectra.Grid(found.latitude + 1, found.longitude, found.values)
+
+
+def test_solve_reads_values_on_a_grid() -> None:
+    found = spectra.grid(np.stack([A, B], axis=1))
+    at, rows = found.directions, found.values.reshape(-1, 2)
+    flat, _ = sp.solve(at, rows[:, 0], 4)
+    assert flat.shape == (25,) and np.array_equal(sp.solve(at, found.values[..., 0], 4)[0], flat)
+    assert np.array_equal(sp.solve(sp.Transform(at, 4), found.values)[0], sp.solve(sp.Transform(at, 4), rows)[0])
+    seen = np.broadcast_to(found.latitude[:, None] < 60, (10, 20)).copy()
+    part = np.where(seen, found.values[..., 0], np.nan)
+    expected, _ = sp.solve(at, rows[:, 0], 2, mask=seen.ravel())
+    assert np.array_equal(sp.solve(at, part, 2, mask=seen)[0], expected)
+    assert np.array_equal(sp.solve(at, part, 2, weights=seen.astype(float))[0], expected)
+
+
+def test_solve_names_the_row_of_a_missing_value() -> None:
+    at = sp.icosphere(2).vertices
+    values = np.where(np.arange(len(at)) == 5, np.nan, at[:, 2])
+    with pytest.raises(ValueError, match="^values: expected finite numbers, found NaN in row 5 .*mask=.*drop these rows"):
+        sp.solve(at, values, 3)
+    with pytest.raises(ValueError, match="found NaN in row 5"):
+        sp.solve(at, np.stack([at[:, 0], values], axis=1), 3, mask=np.arange(len(at)) > 2)
+    assert np.isfinite(sp.solve(at, values, 3, mask=np.isfinite(values))[0]).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ def test_the_coupling_matrix_is_that_of_pyshtools() -> None:
     ]
     counts = 2.0 * np.arange(5) + 1
     found = spectra.coupling_matrix(4 * np.pi * 0.5 ** np.arange(5) / counts, 4)
-    assert np.allclose(found * counts[:, None] / counts, theirs, rtol=1e-13)
+    assert np.allclose(found * counts[:, None] / counts, theirs, rtol=1e-13) and np.allclose(found.T, theirs, rtol=1e-13)
 
 
 @pytest.mark.parametrize("self_pairs", [True, False])
@@ -70,6 +71,7 @@ def test_the_coupling_matrix_gives_the_expected_spectrum_of_scattered_samples(se
     at = rng.normal(size=(150, 3))
     at /= np.linalg.norm(at, axis=1, keepdims=True)
     weights = rng.uniform(-0.2, 1, 150)
+    weights *= 4 * np.pi / weights.sum()
     spectrum, L = 1 / (1.0 + np.arange(9)) ** 2, 8
     # By the addition theorem, the expectation is the sum of w_i w_j C(u_i . u_j) P_l(u_i . u_j) / (4 pi) over pairs.
     cosines = np.clip(at @ at.T, -1, 1)
@@ -147,6 +149,70 @@ def test_the_scale_of_weights_cancels_and_an_expected_shape_is_recovered() -> No
     assert not np.allclose(first.windows @ spectrum, means, rtol=0.02)
 
 
+@pytest.mark.parametrize("kind", ["DH2", "DH", "GLQ"])
+def test_the_weights_of_a_grid_give_the_spectrum_of_its_field(kind: str) -> None:
+    coefficients = np.random.default_rng(13).normal(size=(DEGREE + 1) ** 2)
+    found = spectra.grid(coefficients, kind=kind)
+    exact = spectra.spectrum(coefficients, unit="per_lm", convention="energy").power
+    samples = found.directions, found.values.ravel(), DEGREE
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        weighted = spectra.pseudo_spectrum(*samples, weights=found.weights)
+    assert np.allclose(weighted.power, exact, rtol=1e-9) and np.isclose(weighted.f_sky, 1, rtol=1e-12)
+    for estimate in (
+        lambda: spectra.pseudo_spectrum(*samples),
+        lambda: spectra.decoupled_spectrum(*samples, bins=4),
+        lambda: spectra.decoupled_cross_spectrum(samples[0], samples[1], *samples[1:], bins=4),
+    ):
+        with pytest.warns(sp.SpharmWarning, match="^directions: expected directions spread evenly.*weights=grid.weights"):
+            estimate()
+
+
+@pytest.mark.parametrize("count", [100, 300, 3000])
+def test_even_and_scattered_directions_do_not_warn(count: int) -> None:
+    rng = np.random.default_rng(count)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(50):
+            spectra.pseudo_spectrum(rng.normal(size=(count, 3)), np.ones(count), 1)
+        for level in range(5):
+            vertices = sp.icosphere(level).vertices
+            spectra.pseudo_spectrum(vertices, np.ones(len(vertices)), 1)
+
+
+def test_weights_above_the_area_of_the_sphere_are_refused() -> None:
+    at = sp.icosphere(2).vertices
+    with pytest.raises(ValueError, match="^weights: expected areas .* a sum of at most 4 pi = 12.57, found a sum of 162"):
+        spectra.pseudo_spectrum(at, np.ones(len(at)), 3, weights=np.ones(len(at)))
+    # Samples of a half of the sphere, whose areas add up to its area.
+    half = at[:, 2] > 0
+    areas = np.full(len(at), 4 * np.pi / len(at))
+    found = spectra.pseudo_spectrum(at[half], np.ones(half.sum()), 3, weights=areas[half])
+    masked = spectra.pseudo_spectrum(at, np.ones(len(at)), 3, mask=half)
+    assert np.allclose(found.power, masked.power, rtol=1e-9) and np.isclose(found.f_sky, masked.f_sky) and found.f_sky < 0.51
+
+
+def test_a_narrow_mask_gets_the_width_of_bins_that_it_determines() -> None:
+    found = spectra.grid(np.random.default_rng(14).normal(size=(DEGREE + 1) ** 2))
+    samples = found.directions, found.values.ravel(), DEGREE
+    cap: dict[str, Any] = {"mask": found.directions[:, 2] > 0.9, "weights": found.weights}
+    with pytest.raises(ValueError, match=r"narrowest width that it determines is bins=\d+. .*180 degrees") as error:
+        spectra.decoupled_spectrum(*samples, **cap)
+    width = int(str(error.value).split("bins=")[1].split(".")[0])
+    assert width > 1 and len(spectra.decoupled_spectrum(*samples, **cap, bins=width).power) > 1
+    with pytest.raises(ValueError, match=f"bins={width}"):
+        spectra.decoupled_spectrum(*samples, **cap, bins=width - 1)
+    with pytest.raises(ValueError, match="no width of bins does"):
+        spectra.decoupled_spectrum(sp.icosphere(1).vertices, np.ones(42), 3, mask=np.arange(42) < 1)
+
+
+def test_results_are_shown_in_a_line() -> None:
+    at = sp.icosphere(2).vertices
+    assert repr(spectra.pseudo_spectrum(at, np.ones(162), 5)) == "PseudoSpectrum(degrees 0 to 5, f_sky 1)"
+    bands = spectra.decoupled_spectrum(at, np.ones((162, 2)), 5, bins=3)
+    assert repr(bands) == "BandPowers(3 bins, degrees 0 to 5, 2 channels)"
+
+
 def test_full_sky_errors_are_cosmic_variance() -> None:
     at, weights = grid(2 * DEGREE)
     coefficients = np.random.default_rng(10).normal(size=(DEGREE + 1) ** 2)
@@ -204,7 +270,7 @@ def test_full_sky_cross_spectra_are_those_of_the_coefficients() -> None:
     [
         ({"b": np.ones(5)}, "b: expected a row for each of 42 directions"),
         ({"b": np.full(42, np.nan)}, "b: expected finite numbers"),
-        ({"a": np.ones((42, 2)), "b": np.ones((42, 3))}, "b: expected 1 channel or 2, as a has; found 3"),
+        ({"a": np.ones((42, 2)), "b": np.ones((42, 3))}, "b: expected 1 channel or 2, as in a; found 3"),
         ({"noise": 0.1}, "noise: expected 0 or 'auto', found 0.1"),
         ({"noise": "white"}, "noise: expected 0 or 'auto', found 'white'"),
     ],
@@ -227,11 +293,11 @@ def test_wrong_pairs_are_refused(given: dict[str, Any], text: str) -> None:
         ({"weights": np.ones(5)}, r"weights: expected shape \(42,\)"),
         ({"weights": np.full(42, np.inf)}, "weights: expected finite numbers"),
         ({"noise": "white"}, "noise: expected standard deviations or 'auto', found 'white'"),
-        ({"noise": -1.0}, "noise: expected finite standard deviations from 0"),
+        ({"noise": -1.0}, "noise: expected finite standard deviations of at least 0"),
         ({"noise": np.ones(5)}, r"noise: expected a number or shape \(42,\), found \(5,\)"),
         ({"bins": 0}, "bins: expected at least 1"),
         ({"bins": [0, 2, 9]}, "bins: expected increasing degrees from 0 to 4"),
-        ({"bins": [0.0, 2.0]}, "bins: expected a width, or 2 or more degrees, found float64"),
+        ({"bins": [0.0, 2.0]}, "bins: expected a width, or at least 2 degrees, found float64"),
         ({"shape": np.zeros(4)}, "shape: expected 4 numbers above 0"),
         ({"mask": np.arange(42) < 2}, "bins: expected bins that the mask determines"),
     ],

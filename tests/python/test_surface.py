@@ -49,6 +49,53 @@ def test_meshes_of_other_packages_are_taken(holder: str) -> None:
     assert np.allclose(found.vertices, ball.vertices, atol=1e-6) and np.array_equal(found.faces, ball.faces)
 
 
+class OfPyVista:
+    """Behaves as PyVista's meshes of several kinds of cells do."""
+
+    def __init__(self, surface: sp.Surface, *, cells: dict[int, Any] | None = None) -> None:
+        self.points, self._surface, self.is_all_triangles = surface.vertices, surface, False
+        if cells is not None:
+            self.cells_dict = cells
+
+    @property
+    def regular_faces(self) -> Any:
+        raise ValueError("Mesh does not have regular faces")
+
+    def triangulate(self) -> Any:
+        return SimpleNamespace(points=self.points, regular_faces=self._surface.faces, is_all_triangles=True)
+
+    def extract_surface(self) -> Any:
+        warnings.warn("the default will change", UserWarning, stacklevel=2)
+        return OfPyVista(self._surface)
+
+
+def test_polygons_and_grids_of_pyvista_are_triangulated() -> None:
+    ball = sp.icosphere(2)
+    quads = np.zeros((3, 4), int)
+    cells: list[dict[int, Any] | None] = [None, {5: ball.faces}, {10: quads}, {5: ball.faces[:9], 9: quads}]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for each in cells:
+            found = sp.as_surface(OfPyVista(ball, cells=each))
+            assert np.array_equal(found.vertices, ball.vertices) and np.array_equal(found.faces, ball.faces)
+    message = r"faces: expected triangles, \(f, 3\), found \(6, 4\), polygons of 4 corners; triangulate the mesh first"
+    with pytest.raises(ValueError, match=message):
+        sp.as_surface((np.zeros((8, 3)), np.zeros((6, 4), int)))
+
+
+def test_pyvista_itself() -> None:
+    pyvista = pytest.importorskip("pyvista")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cube, box = sp.as_surface(pyvista.Cube()), pyvista.ImageData(dimensions=(3, 3, 3)).cast_to_unstructured_grid()
+        assert len(cube.faces) == 12 and cube.volume == pytest.approx(1)
+        assert sp.as_surface(box).volume == pytest.approx(8) and len(sp.as_surface(pyvista.Cylinder()).faces) == 396
+        sphere = pyvista.Sphere()
+        for mesh in (sphere, sphere.cast_to_unstructured_grid()):
+            assert np.array_equal(sp.as_surface(mesh).vertices, sphere.points)
+            assert np.array_equal(sp.as_surface(mesh).faces, sphere.regular_faces)
+
+
 def test_an_image_of_nilearn_holds_the_values() -> None:
     ball = sp.icosphere(2)
     image = ball.to_nilearn(ball.vertices[:, 2], hemisphere="right")
@@ -56,7 +103,7 @@ def test_an_image_of_nilearn_holds_the_values() -> None:
     assert np.array_equal(image.data.parts["right"], ball.vertices[:, 2])
     assert np.array_equal(ball.to_nilearn(ball.vertices).data.parts["left"], ball.vertices)
     both = SurfaceImage({"left": ball.to_nilearn(), "right": ball.to_nilearn()}, {"left": np.ones(162), "right": np.ones(162)})
-    with pytest.raises(ValueError, match="found Model; model.surface"):
+    with pytest.raises(ValueError, match="found Model; call model.surface"):
         sp.as_surface(sp.Model(np.eye(4)[:, 1:]))
     assert sp.as_surface(sp.repair(ball)) is not None and len(sp.as_surface(sp.parametrize(ball)).faces) == 320
     with pytest.raises(ValueError, match="expected one hemisphere, found left and right"):

@@ -33,6 +33,49 @@ def test_sums_and_multiples_are_of_the_evaluated_surfaces() -> None:
     assert directions is not None and len(directions) == 642 and (sp.Model(b.coefficients) + a).directions is None
 
 
+def test_multiples_and_truncations_keep_the_standard_errors() -> None:
+    surface, sphere = sp.example_surface(3)
+    fitted = sp.fit(surface.vertices[:, 2], sphere, 5, stderr=True)
+    errors = fitted.standard_errors
+    assert errors is not None
+    expected: list[tuple[sp.Model, Any]] = [
+        (2 * fitted, 2 * errors),
+        (fitted / -4, errors / 4),
+        (-fitted, errors),
+        (0 + fitted, errors),
+        (fitted.truncate(3), errors[:16]),
+        (fitted.truncate(3) * 0.5, errors[:16] / 2),
+    ]
+    for found, by_hand in expected:
+        assert found.standard_errors is not None and found.standard_errors is not errors
+        np.testing.assert_array_equal(found.standard_errors, by_hand)
+    assert (fitted + fitted).standard_errors is None and (2 * sp.Model(fitted.coefficients)).standard_errors is None
+    assert sp.Model(fitted.coefficients).truncate(2).standard_errors is None
+
+
+def test_a_rotated_model_is_that_of_shape() -> None:
+    given = model()
+    settings: dict[str, Any] = {"parameters": [10, 20, 30], "object": [40, 50, 60], "scale": 2.0, "translation": [1, 2, 3]}
+    assert given.rotate(**settings) == sp.shape.rotate(given, **settings) and given.rotate() is not given
+    # Rz(alpha) Ry(beta) Rz(gamma), by which pyshtools rotates with body=True; by default, it rotates by the inverse.
+    cosine, sine = np.cos(np.radians([10, 20, 30])), np.sin(np.radians([10, 20, 30]))
+    z0, z2 = (np.array([[cosine[k], -sine[k], 0], [sine[k], cosine[k], 0], [0, 0, 1]]) for k in (0, 2))
+    y = np.array([[cosine[1], 0, sine[1]], [0, 1, 0], [-sine[1], 0, cosine[1]]])
+    u, r = np.random.default_rng(1).normal(size=(9, 3)), z0 @ y @ z2
+    np.testing.assert_allclose(given.rotate(parameters=[10, 20, 30]).evaluate(u @ r.T), given.evaluate(u), atol=1e-11)
+    np.testing.assert_allclose(given.rotate(parameters=[-30, -20, -10]).evaluate(u @ r), given.evaluate(u), atol=1e-11)
+
+
+def test_other_conventions_take_their_options() -> None:
+    given = model(3)
+    options: dict[str, Any] = {"normalization": "4pi", "csphase": -1}
+    array = given.to("pyshtools", **options)
+    np.testing.assert_array_equal(array, sp.convert.to_pyshtools(given.coefficients, **options))
+    np.testing.assert_allclose(sp.Model.from_("pyshtools", array, **options).coefficients, given.coefficients, atol=1e-14)
+    with pytest.raises(ValueError, match="csphase: expected no options for the format frame"):
+        sp.Model.from_("frame", given.to_frame(), csphase=1)
+
+
 def test_tables_have_degrees_orders_and_channels() -> None:
     for given in (model(3), model(2, channels=2), sp.Model(model(2).coefficients, surface=False)):
         frame, array = given.to_frame(), given.to_xarray()
@@ -151,6 +194,27 @@ def test_pictures_show_the_surface_and_its_values() -> None:
             sp.picture(surface, **arguments)
 
 
+def test_values_at_other_vertices_are_refused_with_the_sphere_to_give() -> None:
+    surface, sphere = sp.example_surface(3)
+    fitted = sp.fit(surface, sphere, 6)
+    at_fit = fitted.curvature()
+    for draw in (fitted.picture, fitted.plot):
+        with pytest.raises(ValueError, match=r"vertex of at=5; found \(642,\); give at=model.sphere for values"):
+            draw(at_fit)
+    with pytest.raises(ValueError, match=r"vertex of at, a Surface; found \(162,\); give the values' sphere as at="):
+        fitted.picture(fitted.curvature(2), at=sphere)
+    assert fitted.picture(at_fit, at=fitted.sphere, size=64).png == fitted.picture(at_fit, at=None, size=64).png
+
+
+def test_a_picture_is_saved_as_png_only(tmp_path: Path) -> None:
+    picture = sp.icosphere(2).picture(size=64)
+    for name in ("a.jpg", "a", "png", "a.png.svg"):
+        with pytest.raises(ValueError, match=f"path: expected a name that ends in .png, found .*{name}$"):
+            picture.save(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+    picture.save(tmp_path / "a.PNG")
+
+
 def test_a_picture_is_not_overwritten_unasked(tmp_path: Path) -> None:
     picture = sp.icosphere(2).picture(size=64)
     picture.save(tmp_path / "a.png")
@@ -216,11 +280,146 @@ def test_directions_are_given_as_numbers_of_subdivisions_and_as_spheres() -> Non
 def test_one_surface_and_several_are_told_apart() -> None:
     surface, sphere = sp.example_surface(3)
     for several in ([surface, surface], ["a.ply", "b.ply"], (surface, surface, surface)):
-        with pytest.raises(ValueError, match=f"expected one mesh, found {len(several)} in a .*fit_many fits several"):
+        with pytest.raises(ValueError, match=f"expected one mesh, found {len(several)} meshes in a .*use fit_many for several"):
             sp.fit(several, max_degree=4)
     one: Any
     for one in (surface, "a.ply", 3):
-        with pytest.raises(ValueError, match="expected several surfaces or signals, found one .*fit fits one"):
+        with pytest.raises(ValueError, match="expected several surfaces or signals, found one .*use fit for it"):
             sp.fit_many(one, sphere, 4)
         with pytest.raises(ValueError, match="expected several surfaces or signals"):
             sp.fit_each(one, 4)
+
+
+def gifti(*arrays: Any, intent: str = "NIFTI_INTENT_SHAPE", mesh: Any = None) -> Any:
+    """Returns nibabel's image of arrays of values, and of a mesh."""
+    found = [nibabel.gifti.GiftiDataArray(np.asarray(one), intent=intent) for one in arrays]
+    return nibabel.GiftiImage(darrays=[*found, *([] if mesh is None else mesh.to_nibabel().darrays)])
+
+
+def images(values: Any) -> dict[str, Any]:
+    """Returns images of nibabel and nilearn that hold values at the vertices of an icosphere."""
+    image = sp.icosphere(3).to_nilearn(values)
+    columns = values[:, None] if values.ndim == 1 else values
+    return {"GiftiImage": gifti(*columns.T), "SurfaceImage": image, "PolyData": image.data}
+
+
+def test_values_are_taken_from_images(tmp_path: Path) -> None:
+    sphere = sp.icosphere(3)
+    one = sphere.vertices[:, 0].astype(np.float32)
+    several = (sphere.vertices**2).astype(np.float32)
+    for values in (one, several):
+        for name, image in images(values).items():
+            path = tmp_path / f"{name}{values.ndim}.csv"
+            sp.write_signal(path, image)
+            np.testing.assert_array_equal(sp.read_signal(path), values.reshape(642, -1))
+            coefficients, _ = sp.solve(sphere.vertices, image, 4)
+            assert np.array_equal(coefficients, sp.solve(sphere.vertices, values, 4)[0])
+    for name, image in images(one).items():
+        assert sp.picture(sphere, image, size=80).png == sp.picture(sphere, one, size=80).png
+        if name != "SurfaceImage":
+            assert sp.fit(image, sphere, 4) == sp.fit(one, sphere, 4)
+    # Three values of an image aren't positions.
+    assert not sp.fit(images(several)["PolyData"], sphere, 4).is_surface and sp.fit(several, sphere, 4).is_surface
+    # The mesh of an image has no values.
+    mesh = sphere.to_nibabel()
+    assert sp.fit(mesh, sphere, 4).is_surface
+    both = type(sphere.to_nilearn(one))({"left": sphere.to_nilearn(), "right": sphere.to_nilearn()}, {"left": one, "right": one})
+    refused: list[tuple[Any, str]] = [
+        (mesh, "values: expected a GIfTI image with values on vertices, found a mesh"),
+        (gifti(), "found an empty image"),
+        (gifti(one, one[1:]), "values: expected a GIfTI image with arrays of equal lengths, found 641, 642"),
+        (gifti(np.arange(642, dtype=np.int32), intent="NIFTI_INTENT_NODE_INDEX"), "found a GIfTI image with values of numbered"),
+        (both, "values: expected one hemisphere, found left and right; give one, such as image.data.parts"),
+    ]
+    for image, text in refused:
+        with pytest.raises(ValueError, match=text):
+            sp.write_signal(tmp_path / "refused.csv", image)
+    assert np.array_equal(sp.solve(sphere.vertices, gifti(one, mesh=sphere), 4)[0], sp.solve(sphere.vertices, one, 4)[0])
+
+
+def test_masks_are_taken_from_images(tmp_path: Path) -> None:
+    sphere = sp.icosphere(3)
+    kept = sphere.vertices[:, 2] < 0.5
+    values = np.where(kept, sphere.vertices[:, 0], np.nan)
+    right = sp.fit(values, sphere, 3, mask=kept)
+    labels = gifti(np.where(kept, 2, 1).astype(np.int32), intent="NIFTI_INTENT_LABEL")
+    for key, name in ((0, "???"), (1, "Medial_wall"), (2, "cortex")):
+        label = nibabel.gifti.GiftiLabel(key)
+        label.label = name
+        labels.labeltable.labels.append(label)
+    labels.to_filename(tmp_path / "lh.label.gii")
+    column = sphere.to_nilearn(kept.astype(float)[:, None])
+    for mask in (*images(kept.astype(np.float32)).values(), column, labels, tmp_path / "lh.label.gii"):
+        assert sp.fit(values, sphere, 3, mask=mask) == right
+    sp.write_signal(tmp_path / "mask.shape.gii", kept)
+    assert sp.read_signal(tmp_path / "mask.shape.gii")[:, 0].tolist() == kept.astype(float).tolist()
+    assert sp.fit(values, sphere, 3, mask=tmp_path / "mask.shape.gii") == right
+    with pytest.raises(ValueError, match=r"mask: expected shape \(642,\), found \(162,\)"):
+        sp.fit(values, sphere, 3, mask=sp.icosphere(2).to_nilearn(np.ones(162)))
+
+
+def test_subjects_of_a_test_are_taken_from_images() -> None:
+    values = np.random.default_rng(1).normal(size=(8, 642)).astype(np.float32)
+    groups, sphere = ["a", "b"] * 4, sp.icosphere(3)
+    right = sp.shape.group_test(values, groups, permutations=20)
+    several: list[Any] = [
+        [gifti(row) for row in values],
+        tuple(sphere.to_nilearn(row) for row in values),
+        [sphere.to_nilearn(row[:, None]) for row in values],
+        [values[0], *(sphere.to_nilearn(row).data for row in values[1:])],
+        sphere.to_nilearn(values.T),
+        gifti(*values),
+    ]
+    for subjects in several:
+        found = sp.shape.group_test(subjects, groups, permutations=20)
+        assert found.statistic.tobytes() == right.statistic.tobytes()
+        change = sp.shape.group_test(2 * values, groups, minus=subjects, permutations=20)
+        assert np.allclose(change.statistic, right.statistic)
+    refused: list[tuple[Any, str]] = [
+        ([gifti(values[0]), gifti(values[1][1:])], r"subjects\[1\]: expected shape \(642,\), as in .*; found \(641,\)"),
+        (gifti(values[0]), r"subjects: expected an image for each subject, or one image of shape \(V, n\); found \(642,\)"),
+    ]
+    for subjects, text in refused:
+        with pytest.raises(ValueError, match=text):
+            sp.shape.group_test(subjects, groups)
+
+
+def test_a_mesh_and_values_of_one_image_are_told_apart() -> None:
+    surface, sphere = sp.example_surface(3)
+    height = surface.vertices[:, 2]
+    image = surface.to_nilearn(height)
+    with pytest.raises(ValueError, match="found a SurfaceImage, which has both; give image.mesh to fit the shape, or image.data"):
+        sp.fit(image, sphere, 4)
+    assert sp.fit(image.mesh, sphere, 4) == sp.fit(surface, sphere, 4)
+    assert sp.fit(image.data, sphere, 4) == sp.fit(height, sphere, 4)
+    # Without a sphere, only a mesh can be fitted; comparisons only read meshes.
+    assert sp.fit(image, max_degree=4) == sp.fit(surface, max_degree=4)
+    assert sp.compare(image, surface).rms == 0
+
+
+def test_missing_values_inside_a_mask_are_named(tmp_path: Path) -> None:
+    surface, sphere = sp.example_surface(3)
+    kept = np.arange(642) >= 9
+    values = np.where(np.arange(642) < 12, np.nan, surface.vertices[:, 0])
+    inside = r"NaN at vertex 9 \(counted from 0\), which is inside mask; .* mask=mask & ~np.isnan\(values\)$"
+    without = r"NaN at vertex 0 \(counted from 0\); leave out vertices without values by mask=, such as mask=~np.isnan\(values\)$"
+    positions = np.where((np.arange(642) < 12)[:, None], np.inf, surface.vertices)
+    path = tmp_path / "values.csv"
+    path.write_text("x\n" + "".join(f"{value!r}\n" for value in values.tolist()))
+    refused: list[tuple[Any, Any, str]] = [
+        (values, kept, f"values: expected finite numbers, found {inside}"),
+        (values, None, f"values: expected finite numbers, found {without}"),
+        (path, kept, f"values.csv: expected finite numbers, found {inside}"),
+        (path, None, f"values.csv: expected finite numbers, found {without}"),
+        (positions, kept, r"surface: .*infinity at vertex 9 .*inside mask; .*mask=mask & np.isfinite\(values\).all\(axis=1\)$"),
+        (np.where(np.isinf(positions), np.nan, positions), None, r"~np.isnan\(values\).any\(axis=1\)$"),
+    ]
+    for given, mask, text in refused:
+        with pytest.raises(sp.MeshError, match=text):
+            sp.fit(given, sphere, 4, mask=mask)
+    for mask, text in ((kept, "NaN in row 9 .*inside mask; .* mask=mask & ~np.isnan"), (None, "NaN in row 0 .*mask=~np.isnan")):
+        with pytest.raises(sp.MeshError, match=text):
+            sp.solve(sphere.vertices, values, 4, mask=mask)
+    # The advice helps.
+    assert np.isfinite(sp.fit(values, sphere, 4, mask=kept & ~np.isnan(values)).coefficients).all()
+    assert sp.fit(positions, sphere, 4, mask=np.isfinite(positions).all(axis=1)).is_surface
