@@ -16,8 +16,8 @@ const TABLES: &str = "Tables: .npy and .npz (columns of plain arrays are numbere
                       .npy or text from standard input.";
 
 /// Formats that are also read with --sphere or --icosphere, for `--help`.
-const OVER_A_SPHERE: &str = "With --sphere or --icosphere also values on vertices: GIfTI (.func.gii, .shape.gii), FreeSurfer curv files \
-                             and maps (.mgh, .mgz); their columns are numbered from 0.";
+const OVER_A_SPHERE: &str = "With --sphere or --icosphere, files of values at vertices are also accepted: GIfTI (.func.gii, .shape.gii), \
+                             FreeSurfer curv files, and .mgh and .mgz maps. Each map in such a file is a column, numbered from 0.";
 
 /// Compute the moments of samples for fits, in bounded memory and in parts that can be added
 ///

@@ -268,7 +268,7 @@ mod tests {
     fn nothing_is_foreseen_before_some_seconds_and_some_work() {
         let text = |done, total, seconds| Forecast::of(done, total, Duration::from_secs(seconds)).to_string();
         assert_eq!(text(1, 2, 4), "", "too early");
-        assert_eq!(text(4, 100, 60), "", "too little of the work");
+        assert_eq!(text(4, 100, 60), "", "too little is done to estimate the time left");
         assert_eq!(text(0, 2, 60), "");
         assert_eq!(text(2, 2, 60), "");
         assert_eq!(text(5, 0, 60), "", "the total isn't known");

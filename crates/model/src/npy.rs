@@ -67,7 +67,7 @@ impl Array {
     /// Reads an array whose values take at most `most` bytes.
     pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
         let header = Header::read(input).map_err(|error| error.to_string())?;
-        let count = header.bytes().ok_or("the shape doesn't match the length: more values than any file can hold")?;
+        let count = header.bytes().ok_or("the array's shape implies more values than any file can hold")?;
         if count > most {
             return Err(format!(
                 "the shape doesn't match the length: {count} bytes of values, at most {most} possible"

@@ -33,12 +33,12 @@ pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
         add("Basis", Some(set.dtype.clone()));
     }
     if let Some(distances) = &made.distances {
-        add("msd, box of volume 1", distances.msd.map(number));
-        add("xsd, box of volume 1", distances.xsd.map(number));
+        add("Mean squared distance, bounding box of volume 1", distances.msd.map(number));
+        add("Largest squared distance, bounding box of volume 1", distances.xsd.map(number));
         add("Rms error", Some(number(distances.rms())));
         add("Largest error", Some(number(distances.max())));
     }
-    add("Box, cube root of volume", made.scale.map(number));
+    add("Cube root of the bounding box's volume", made.scale.map(number));
     for (key, value) in &made.other {
         add(key, plain(value));
     }

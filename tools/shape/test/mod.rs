@@ -74,7 +74,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     }
     if cli.surface.is_some() && cli.signal != What::Value {
         return Err(Usage::conflict(
-            "--surface needs --signal value; results for surfaces are shown on the surfaces' own mean",
+            "--surface can be given only with `--signal value`; results of surfaces are drawn on the mean of the tested surfaces",
         )
         .into());
     }

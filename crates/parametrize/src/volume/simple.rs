@@ -119,7 +119,7 @@ mod tests {
         assert!(!is_simple(ALL), "a cavity");
         assert!(is_simple(bits(&[[1, 0, 0]])), "an end");
         assert!(!is_simple(bits(&[[1, 0, 0], [-1, 0, 0]])), "a bridge");
-        assert!(!is_simple(bits(&[[1, 1, 0]])), "joined over an edge only: not connected inside");
+        assert!(!is_simple(bits(&[[1, 1, 0]])), "voxels that share only an edge aren't connected");
         assert!(is_simple(bits(&[[1, 0, 0], [1, 1, 0], [0, 1, 0]])), "the corner of a square");
         assert!(!is_simple(bits(&[[1, 0, 0], [0, 1, 0]])), "the bend of a chain");
         let flat: Vec<[i32; 3]> = (0..9).map(|i| [i % 3 - 1, i / 3 - 1, -1]).collect();

@@ -239,7 +239,7 @@ fn of_cells(names: [&str; 2], of: [&[String]; 2], levels: &[Vec<String>; 2]) -> 
         }
         if cells.iter().any(|(other, _)| *other == cell) {
             let (name, found) =
-                ("the name of a pair of levels", format!("{cell}, which is also the name of another pair"));
+                ("the name of a pair of levels", format!("{cell}, which is also the name of another pair of levels"));
             return Err(ShapeError::Setting { name, found, expected: "rename levels that contain colons" });
         }
         cells.push((cell, members));

@@ -1,5 +1,6 @@
 //! Constants that determine the steps of a fit, each with its origin. A constant without a figure was chosen without a
-//! recorded measurement. The model of costs is in `cost`; figures are in docs/performance.md.
+//! recorded measurement. The model of costs is in `cost`; figures are in docs/performance.md. The table of steps in
+//! docs/methods.md repeats some of the constants.
 
 /// Minimum number of iterations before switching to a factor that must first be computed. Samplings that need more
 /// iterations than this need many more: an icosphere takes 9, a sphere map by `cald` 60 (figure of

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use spharm_monitor::Monitor;
 use spharm_register::{Guide, RegisterParams, Registered, Subject, Template, register};
-use spharm_surface::geometry::{Vec3, dot, sub};
+use spharm_surface::geometry::{Vec3, cross, dot, sub};
 use spharm_surface::matrix3::angle_between;
 use spharm_surface::pose::{DISTINCT, PoseParams, PoseSurface, improved};
 use spharm_surface::{Mesh, Place, Similarity};
@@ -86,7 +86,14 @@ impl GuideLandmarks {
         if own.len() < TURN || flat(own) || flat(theirs) {
             return Verdict::Undetermined;
         }
-        let by_landmarks = motion(own, theirs, None, params.scale, params.mirror);
+        // Landmarks in a plane don't tell a body from its mirror image; the surfaces' pose then decides.
+        let by_landmarks = if in_a_plane(own) || in_a_plane(theirs) {
+            let before = if found.mirrors() { Similarity::reflection() } else { Similarity::default() };
+            let own: Vec<Vec3> = own.iter().map(|point| before.apply(*point)).collect();
+            before.then(&motion(&own, theirs, None, params.scale, false))
+        } else {
+            motion(own, theirs, None, params.scale, params.mirror)
+        };
         let (similarity, distance) = improved(moving, fixed, &by_landmarks, params);
         let other = similarity.mirrors() != found.mirrors()
             || angle_between(&similarity.orthogonal, &found.orthogonal) > DISTINCT;
@@ -116,7 +123,21 @@ fn flat(points: &[Vec3]) -> bool {
         let own = sub(*point, middle);
         square(own) - dot(own, far).powi(2) / square(far).max(f64::MIN_POSITIVE)
     };
-    points.iter().map(off).fold(0.0, f64::max) < 0.01 * square(far)
+    points.iter().map(off).fold(0.0, f64::max) <= 0.01 * square(far)
+}
+
+/// Returns whether points are so close to a plane that they don't determine a reflection.
+fn in_a_plane(points: &[Vec3]) -> bool {
+    let share = 1.0 / points.len() as f64;
+    let middle: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
+    let from_middle: Vec<Vec3> = points.iter().map(|point| sub(*point, middle)).collect();
+    let pairs =
+        || from_middle.iter().enumerate().flat_map(|(i, a)| from_middle[..i].iter().map(move |b| cross(*a, *b)));
+    let normal =
+        pairs().fold([0.0; 3], |best, normal| if dot(normal, normal) > dot(best, best) { normal } else { best });
+    let off = from_middle.iter().map(|point| dot(*point, normal).powi(2)).fold(0.0, f64::max);
+    let size = from_middle.iter().map(|point| dot(*point, *point)).fold(0.0, f64::max);
+    off <= 0.01 * size * dot(normal, normal)
 }
 
 /// Landmarks of all members, with the landmarks' positions on the group's template.

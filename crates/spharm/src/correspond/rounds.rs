@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_register::{Registered, Subject, Template, register};
 use spharm_surface::geometry::Vec3;
-use spharm_surface::pose::{GroupPoseWarning, GroupPoses, PoseSurface, group_poses, pose};
+use spharm_surface::pose::{DOUBTFUL, GroupPoseWarning, GroupPoses, PoseSurface, group_poses, pose};
 use spharm_surface::{Mesh, Similarity, Sphere};
 
 use super::fits::Fitted;
@@ -136,16 +136,24 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     let quiet = OnlyCancel(monitor);
     let found = surfaces.par_iter().map(|moving| pose(moving, &fixed, &params.pose, &quiet));
     let mut found = found.collect::<Result<Vec<_>, _>>()?;
+    let mut doubtful: Vec<bool> = found.iter().map(|pose| pose.second < DOUBTFUL * pose.distance).collect();
     if let Some(landmarks) = &landmarks
         && let Some(theirs) = &landmarks.template
     {
-        for ((moving, own), pose) in surfaces.iter().zip(&landmarks.members).zip(&mut found) {
-            let verdict = landmarks.judge((moving, own), (&fixed, theirs), &pose.similarity, &params.pose);
-            if let Verdict::Other(similarity, distance) = verdict {
-                (pose.similarity, pose.distance) = (similarity, distance);
+        let members = surfaces.iter().zip(&landmarks.members).zip(found.iter_mut().zip(&mut doubtful));
+        for ((moving, own), (pose, doubtful)) in members {
+            match landmarks.judge((moving, own), (&fixed, theirs), &pose.similarity, &params.pose) {
+                Verdict::Undetermined => continue,
+                Verdict::Confirmed => {}
+                Verdict::Other(similarity, distance) => (pose.similarity, pose.distance) = (similarity, distance),
             }
+            *doubtful = false;
         }
     }
+    let in_doubt = found.iter().enumerate().zip(doubtful).filter(|(_, doubtful)| *doubtful);
+    warnings.extend(in_doubt.map(|((member, pose), _)| {
+        CorrespondWarning::Pose(GroupPoseWarning::Doubtful { member, distance: pose.distance, second: pose.second })
+    }));
     Ok(Posed {
         similarities: found.iter().map(|pose| pose.similarity).collect(),
         distances: found.iter().map(|pose| pose.distance).collect(),
@@ -186,7 +194,8 @@ fn turn_by_landmarks(
             }
             Verdict::Other(similarity, distance) => {
                 (found.similarities[index], found.distances[index]) = (similarity.then(&to_group), distance);
-                found.warnings.retain(|warning| warning.member() != index);
+                let other = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Far { .. });
+                found.warnings.retain(|warning| warning.member() != index || other(warning));
             }
         }
     }

@@ -130,7 +130,7 @@ impl Signals {
             let mean = sum(&|value| value);
             let deviation = sum(&|value| (value - mean).powi(2)).sqrt();
             if deviation <= 1e-12 * mean.abs() {
-                let (expected, found) = ("values that vary over the surfaces", format!("{mean} everywhere"));
+                let (expected, found) = ("values that differ from vertex to vertex", format!("{mean} everywhere"));
                 return Err(Error::Setting { what: "each signal", expected, found });
             }
             for row in values.iter_mut().flat_map(|values| values.chunks_exact_mut(channels)) {

@@ -10,16 +10,15 @@
 //! decrease, with nearest points in place of corresponding points. Distances are weighted such that a part that only
 //! some members have doesn't rotate these members. The group keeps the position of the typical member.
 
-use std::fmt;
-
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::surface::{Density, PoseSurface, View};
-use super::{Pose, PoseParams, icp, pose, whole};
+use super::warning::GroupPoseWarning;
+use super::{DISTINCT, Pose, PoseParams, PoseSearch, icp, pose, whole};
 use crate::geometry::{dot, scale, sub};
 use crate::kabsch::kabsch;
-use crate::matrix3::{product, times, transposed};
+use crate::matrix3::{angle_between, product, times, transposed};
 use crate::similarity::Similarity;
 
 /// Largest number of other members that a member moves towards at once. They are evenly spaced in the list.
@@ -56,78 +55,6 @@ pub struct GroupPoses {
     pub distances: Vec<f64>,
     /// Warnings about members whose poses should be checked.
     pub warnings: Vec<GroupPoseWarning>,
-}
-
-/// First words of messages about doubtful poses.
-pub const IN_DOUBT: &str = "the pose is doubtful";
-
-/// A reason to doubt the pose of a member.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub enum GroupPoseWarning {
-    /// Another pose of the member is nearly as good.
-    Doubtful {
-        /// Index of the member, counted from 0.
-        member: usize,
-        /// The member's distance from the others in the chosen pose.
-        distance: f64,
-        /// The member's distance from the others in the second pose.
-        second: f64,
-    },
-    /// The member is much farther from the others than is usual in the group. It may be of another kind or in another
-    /// unit.
-    Far {
-        /// Index of the member, counted from 0.
-        member: usize,
-        /// The member's distance from the others.
-        distance: f64,
-        /// Median over all members of the distance from the others.
-        median: f64,
-    },
-    /// The member's mirror image is nearer to the others, and mirror images weren't allowed.
-    Mirrored {
-        /// Index of the member, counted from 0.
-        member: usize,
-        /// The member's distance from the others.
-        distance: f64,
-        /// The distance of the member's mirror image from the others.
-        mirrored: f64,
-    },
-}
-
-impl GroupPoseWarning {
-    /// Returns the index of the member, counted from 0.
-    #[must_use]
-    pub fn member(&self) -> usize {
-        match self {
-            Self::Doubtful { member, .. } | Self::Far { member, .. } | Self::Mirrored { member, .. } => *member,
-        }
-    }
-
-    /// Returns the warning's message without the member's index.
-    #[must_use]
-    pub fn of_member(&self) -> String {
-        match self {
-            Self::Doubtful { distance, second, .. } => format!(
-                "{IN_DOUBT}: another pose fits the other surfaces nearly equally well, with a distance of {second:.4} \
-                 in place of {distance:.4}, so the surface may be the wrong way round"
-            ),
-            Self::Far { distance, median, .. } => format!(
-                "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \
-                 the surface may be of another kind or in another unit"
-            ),
-            Self::Mirrored { distance, mirrored, .. } => format!(
-                "the mirror image fits the other surfaces better, with a distance of {mirrored:.4} in place of \
-                 {distance:.4}: the surface may be from the other side, or the file may be mirrored"
-            ),
-        }
-    }
-}
-
-impl fmt::Display for GroupPoseWarning {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "member {}: {}", self.member(), self.of_member())
-    }
 }
 
 /// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of the
@@ -187,6 +114,9 @@ pub fn group_poses(
     let median = median(distances.clone());
     let far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
     let mut others = doubts;
+    if params.search == PoseSearch::Near {
+        others.extend(group.elsewhere(template, &poses)?);
+    }
     if !params.mirror {
         others.extend(group.mirrored(&motions, template, &distances)?);
     }
@@ -226,6 +156,23 @@ impl Group<'_> {
         };
         let found: Vec<Result<Pose, Interrupted>> = (0..self.surfaces.len()).into_par_iter().map(one).collect();
         found.into_iter().collect()
+    }
+
+    /// Returns a warning for each member that fits the member `template` much better in another pose than in the one
+    /// found near the given pose.
+    fn elsewhere(&self, template: usize, poses: &[Pose]) -> Result<Vec<GroupPoseWarning>, Interrupted> {
+        let params = PoseParams { search: PoseSearch::Any, ..*self.params };
+        let one = |(member, near): (usize, &Pose)| -> Result<Option<GroupPoseWarning>, Interrupted> {
+            if member == template {
+                return Ok(None);
+            }
+            let best = pose(&self.surfaces[member], &self.surfaces[template], &params, self.monitor)?;
+            let warning = GroupPoseWarning::Elsewhere { member, distance: near.distance, best: best.distance };
+            let turned = angle_between(&best.similarity.orthogonal, &near.similarity.orthogonal) > DISTINCT;
+            Ok((turned && CLOSE * best.distance < near.distance).then_some(warning))
+        };
+        let found: Vec<Result<Option<GroupPoseWarning>, Interrupted>> = poses.par_iter().enumerate().map(one).collect();
+        Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 
     /// Returns the member with the least distance from the others in the given poses.

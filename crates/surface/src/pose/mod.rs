@@ -19,7 +19,7 @@
 //! [`Pose::second`].
 //!
 //! If the surfaces are already the right way round, such as scans in one coordinate system, [`PoseSearch::Near`] only
-//! improves the given poses. Nothing can then be turned over by mistake.
+//! improves the given poses. A body that looks nearly the same after a half turn then stays as it is.
 //!
 //! The result is bitwise the same for any number of threads.
 
@@ -29,15 +29,17 @@ mod group;
 mod icp;
 mod level;
 mod surface;
+mod warning;
 
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
-pub use self::group::{DOUBTFUL, GroupPoseWarning, GroupPoses, IN_DOUBT, OF_ANOTHER_KIND, OTHERS, group_poses};
+pub use self::group::{DOUBTFUL, GroupPoses, OF_ANOTHER_KIND, OTHERS, group_poses};
 use self::surface::Density;
 pub use self::surface::PoseSurface;
+pub use self::warning::{GroupPoseWarning, IN_DOUBT};
 use crate::geometry::{scale, sub};
 use crate::kabsch::kabsch;
 use crate::matrix3::{Matrix3, angle_between, product, times, transposed};
@@ -50,7 +52,8 @@ pub enum PoseSearch {
     /// All rotations: the surfaces may have any poses.
     #[default]
     Any,
-    /// The given poses, also with one centre moved onto the other: the surfaces are already the right way round.
+    /// The given poses, also with one centre moved onto the other: the surfaces are already the right way round. If
+    /// mirror images are allowed, also the mirror image (x to -x).
     Near,
 }
 
@@ -82,7 +85,7 @@ pub struct Pose {
     /// in the fixed surface's unit.
     pub distance: f64,
     /// The distance after the best motion whose rotation differs from `similarity` by more than [`DISTINCT`]. Infinite
-    /// if all starts led to the same optimum.
+    /// if all starts led to the same optimum, or if only poses near the given one were searched.
     pub second: f64,
     /// The motion with the distance `second`, if there is one.
     pub other: Option<Similarity>,
@@ -202,7 +205,11 @@ fn near(
     };
     let found: Vec<Result<(Similarity, f64), Interrupted>> = starts.par_iter().map(one).collect();
     let found = found.into_iter().collect::<Result<Vec<_>, _>>()?;
-    let best = found.iter().skip(1).fold(found[0], |best, end| if end.1 < best.1 { *end } else { best });
+    // A body that nearly equals its mirror image isn't mirrored.
+    let better = |best: &(Similarity, f64), end: &(Similarity, f64)| {
+        if end.0.mirrors() { EQUAL * end.1 < best.1 } else { end.1 < best.1 }
+    };
+    let best = found.iter().skip(1).fold(found[0], |best, end| if better(&best, end) { *end } else { best });
     let similarity = Similarity { orthogonal: kabsch(&best.0.orthogonal, true), ..best.0 };
     Ok(Pose { similarity, distance: best.1, second: f64::INFINITY, other: None })
 }

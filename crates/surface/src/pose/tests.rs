@@ -4,7 +4,7 @@ use super::*;
 use crate::Mesh;
 use crate::generate::{SplitMix64, icosphere};
 use crate::geometry::{Vec3, dot};
-use crate::matrix3::{of_quaternion, times};
+use crate::matrix3::{IDENTITY, of_quaternion, times};
 
 /// Returns an ellipsoid with bumps that no rotation or reflection maps to itself.
 fn lump(level: u32) -> Mesh {
@@ -126,6 +126,26 @@ fn a_search_near_the_given_pose_turns_nothing_over() {
     let params = PoseParams { mirror: true, scale: true, ..params };
     let found = pose(&PoseSurface::new(&moved.apply_mesh(&other)).unwrap(), &fixed, &params, &Silent).unwrap();
     assert!(found.similarity.mirrors() && error(&other, &moved, &found.similarity) < 0.1, "{found:?}");
+}
+
+/// A member that is given in another pose can't be matched near it, and is named.
+#[test]
+fn a_search_near_the_given_poses_names_a_member_that_is_turned() {
+    let members: Vec<PoseSurface> = (0..5)
+        .map(|n| {
+            let moved = Similarity {
+                orthogonal: if n == 3 { [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]] } else { IDENTITY },
+                translation: [f64::from(n), 0.0, 0.0],
+                scale: 1.0 + 0.01 * f64::from(n),
+            };
+            PoseSurface::new(&moved.apply_mesh(&lump(4))).unwrap()
+        })
+        .collect();
+    let params = PoseParams { search: PoseSearch::Near, ..PoseParams::default() };
+    let found = group_poses(&members, &params, &Silent).unwrap();
+    let elsewhere = |of: &&GroupPoseWarning| matches!(of, GroupPoseWarning::Elsewhere { .. });
+    let named: Vec<usize> = found.warnings.iter().filter(elsewhere).map(GroupPoseWarning::member).collect();
+    assert!(named == [3] || found.warnings.iter().any(|of| matches!(of, GroupPoseWarning::Far { member: 3, .. })));
 }
 
 #[test]

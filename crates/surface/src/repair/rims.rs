@@ -130,21 +130,24 @@ fn has_no_area([a, b, c]: [Vec3; 3]) -> bool {
     0.5 * dot(normal, normal).sqrt() <= LEAST_AREA * longest
 }
 
-/// Fills a rim of four edges with two triangles. Uses the shorter diagonal, unless it is `taken` by an edge of the mesh
-/// or a triangle would have no area.
+/// Fills a rim of four edges with two triangles. Uses the shorter diagonal, unless it is `taken` by an edge of the
+/// mesh, a triangle would have no area, or the triangles would face each other.
 fn quad(vertices: &[Vec3], [a, b, c, d]: [u32; 4], taken: impl Fn(u32, u32) -> bool) -> Vec<[u32; 3]> {
     let length = |p: u32, q: u32| {
         let along = sub(vertices[p as usize], vertices[q as usize]);
         dot(along, along)
     };
     let [by_ac, by_bd] = [[[a, b, c], [a, c, d]], [[b, c, d], [b, d, a]]];
-    let flat = |faces: &[[u32; 3]; 2]| faces.iter().any(|face| has_no_area(face.map(|v| vertices[v as usize])));
+    let is_bad = |faces: &[[u32; 3]; 2]| {
+        let [first, second] = faces.map(|face| face.map(|v| vertices[v as usize]));
+        has_no_area(first) || has_no_area(second) || dot(face_normal(first), face_normal(second)) < 0.0
+    };
     let use_bd = if taken(a, c) {
         true
-    } else if taken(b, d) || flat(&by_bd) {
+    } else if taken(b, d) || is_bad(&by_bd) {
         false
     } else {
-        length(b, d) < length(a, c) || flat(&by_ac)
+        length(b, d) < length(a, c) || is_bad(&by_ac)
     };
     (if use_bd { by_bd } else { by_ac }).to_vec()
 }

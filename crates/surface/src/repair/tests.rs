@@ -314,3 +314,17 @@ fn a_closed_surface_that_is_inside_out_is_turned() {
     assert_eq!((found.turned, found.holes, found.filled), (316, 1, 1));
     assert_eq!(turned.faces[..319], ball.faces[..319]);
 }
+
+/// The shorter diagonal of a rim with the shape of a dart lies outside of the rim, where the triangles would overlap.
+#[test]
+fn a_rim_with_the_shape_of_a_dart_is_filled_inside() {
+    let vertices = vec![[0.0, 0.0, 0.0], [3.0, 0.4, 0.0], [1.0, 0.0, 0.0], [3.0, -0.4, 0.0], [1.0, 0.0, 3.0]];
+    let open = Mesh::new(vertices, vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]);
+    let (mended, found) = repair(&open);
+    assert_eq!((found.holes, found.filled), (1, 2));
+    assert!(Topology::of(&mended).is_sphere());
+    let normals = mended.faces[4..].iter().map(|face| face_normal(face.map(|v| mended.vertices[v as usize]))[2]);
+    let normals: Vec<f64> = normals.collect();
+    assert!(normals.iter().all(|z| *z > 0.0) || normals.iter().all(|z| *z < 0.0), "{normals:?}");
+    assert!((normals.iter().sum::<f64>().abs() - 0.8).abs() < 1e-12, "{normals:?}");
+}

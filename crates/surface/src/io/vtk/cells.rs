@@ -111,7 +111,10 @@ impl Values<'_> {
         for _ in 0..count {
             let n = self.integer(Scalar::I32)?;
             let n = usize::try_from(n).ok().filter(|&n| n < left).ok_or_else(|| {
-                Flaw::new("cells that fill the cell list", format!("a cell of {n} corners past the list's end"))
+                Flaw::new(
+                    "cells that end where the cell list ends",
+                    format!("a cell of {n} corners past the list's end"),
+                )
             })?;
             left -= n + 1;
             corners.clear();
@@ -121,7 +124,7 @@ impl Values<'_> {
             cell(&corners)?;
         }
         if left > 0 {
-            return Err(Flaw::new("cells that fill the cell list", format!("{left} unused numbers")));
+            return Err(Flaw::new("cells that end where the cell list ends", format!("{left} unused numbers")));
         }
         Ok(())
     }

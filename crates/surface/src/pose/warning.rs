@@ -1,0 +1,91 @@
+//! Reasons to doubt the poses of a group's members.
+
+use std::fmt;
+
+/// First words of messages about doubtful poses.
+pub const IN_DOUBT: &str = "the pose is doubtful";
+
+/// A reason to doubt the pose of a member.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum GroupPoseWarning {
+    /// Another pose of the member is nearly as good.
+    Doubtful {
+        /// Index of the member, counted from 0.
+        member: usize,
+        /// The member's distance from the others in the chosen pose.
+        distance: f64,
+        /// The member's distance from the others in the second pose.
+        second: f64,
+    },
+    /// The member is much farther from the others than is usual in the group. It may be of another kind or in another
+    /// unit.
+    Far {
+        /// Index of the member, counted from 0.
+        member: usize,
+        /// The member's distance from the others.
+        distance: f64,
+        /// Median over all members of the distance from the others.
+        median: f64,
+    },
+    /// Only poses near the given one were considered, but another pose of the member is much better.
+    Elsewhere {
+        /// Index of the member, counted from 0.
+        member: usize,
+        /// The member's distance from the typical member in the pose near the given one.
+        distance: f64,
+        /// The distance in the best pose.
+        best: f64,
+    },
+    /// The member's mirror image is nearer to the others, and mirror images weren't allowed.
+    Mirrored {
+        /// Index of the member, counted from 0.
+        member: usize,
+        /// The member's distance from the others.
+        distance: f64,
+        /// The distance of the member's mirror image from the others.
+        mirrored: f64,
+    },
+}
+
+impl GroupPoseWarning {
+    /// Returns the index of the member, counted from 0.
+    #[must_use]
+    pub fn member(&self) -> usize {
+        match self {
+            Self::Doubtful { member, .. }
+            | Self::Far { member, .. }
+            | Self::Elsewhere { member, .. }
+            | Self::Mirrored { member, .. } => *member,
+        }
+    }
+
+    /// Returns the warning's message without the member's index.
+    #[must_use]
+    pub fn of_member(&self) -> String {
+        match self {
+            Self::Doubtful { distance, second, .. } => format!(
+                "{IN_DOUBT}: another pose fits the other surfaces nearly equally well, with a distance of {second:.4} \
+                 in place of {distance:.4}, so the surface may be the wrong way round"
+            ),
+            Self::Far { distance, median, .. } => format!(
+                "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \
+                 the surface may be of another kind or in another unit"
+            ),
+            Self::Elsewhere { distance, best, .. } => format!(
+                "near the given pose, the distance from the typical surface is {distance:.4}, but {best:.4} in another \
+                 pose: the surface may be in another coordinate system, or turned"
+            ),
+            Self::Mirrored { distance, mirrored, .. } => format!(
+                "the mirror image fits the other surfaces better, with a distance of {mirrored:.4} in place of \
+                 {distance:.4}: the surface may be from the other side, or the file may be mirrored"
+            ),
+        }
+    }
+}
+
+impl fmt::Display for GroupPoseWarning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "member {}: {}", self.member(), self.of_member())
+    }
+}
