@@ -65,8 +65,11 @@ def unwrapped(what: str, values: Any) -> Any:
 
 
 def real(what: str, values: ArrayLike, shape: str, *, flags: bool = False) -> Floats:
-    """Returns real numbers as aligned float64, without a copy if they are already; with ``flags``, true is 1."""
+    """Returns real numbers as aligned float64, without a copy if they are already; with ``flags``, true is 1.
+    Masked numbers are NaN."""
     values = unwrapped(what, values)
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiu":
+        values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         array = np.asarray(values)
     except ValueError as error:

@@ -133,6 +133,7 @@ def compare(
     >>> other.corresponding, other.rms < other.percentile95 < other.max
     (False, True)
     """
+    surface_distance = None if surface_distance is None else bool(surface_distance)
     apart = isinstance(surface, Model) and isinstance(other, Model) and mapped_apart(surface, other)
     if apart and surface_distance is False:
         warn([_APART])

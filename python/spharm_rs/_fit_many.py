@@ -220,7 +220,8 @@ def fit_each(
     """Maps and fits surfaces, and yields each model when it is ready, in the order of the surfaces.
 
     Several surfaces are fitted at a time, each by one thread. Surfaces are taken from the iterable as they are needed, so
-    that a generator may read them from files.
+    that a generator may read them from files. Each surface has a map of its own, so equal directions of two models are
+    different places; for means, modes and tests, use `shape.correspond`.
 
     Parameters
     ----------

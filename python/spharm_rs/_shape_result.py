@@ -175,7 +175,8 @@ class TestResult:
         if not isinstance(found, np.ndarray) or found.shape != self.p.shape or values == "mask":
             names = [name for name in _MAPS if np.shape(getattr(self, name)) == self.p.shape]
             raise ValueError(f"values: expected one of {', '.join(names)}; found {values!r}")
-        return self.surface, found
+        # Numbers of clusters are 0 outside of the mask, where there is no value to draw.
+        return self.surface, found if self.mask is None else np.where(self.mask, found, np.nan)
 
     def picture(
         self,
@@ -218,7 +219,7 @@ class TestResult:
 
         Each map with a value for each vertex is ``NAME.shape.gii``, such as ``p_fwe.shape.gii``, with 32 bits; effect, margin
         and standard error of positions have three channels. ``surface.surf.gii`` is `surface`, if it is known. ``test.json``,
-        written last, has the other attributes but `mean`, and the names of the files. With ``overwrite``, files of an earlier
+        written last, has the other attributes but `mean` and `mask`, and the names of the files. With ``overwrite``, files of an earlier
         result that this one doesn't have are removed.
 
         Parameters

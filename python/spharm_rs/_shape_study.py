@@ -12,6 +12,7 @@ from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model, sampling
 from ._progress import Progress, callback
+from ._shape_correspond import Group
 from ._shape_inference import (
     Cluster,
     check_tested,
@@ -225,7 +226,7 @@ def group_test(
     levels: Sequence[Any] | None = None,
     minus: Any = None,
     signal: str = "normal",
-    sphere: Any = 5,
+    sphere: Any = None,
     degree: int | None = None,
     mask: Any = None,
     welch: bool = False,
@@ -253,8 +254,9 @@ def group_test(
 
     Parameters
     ----------
-    subjects : sequence of Model, or array_like of float, (n, V) or (n, V, 3), or images
-        Corresponding models, such as those of `procrustes`, which are first measured by `measure_group`; or values. Images are
+    subjects : Group, sequence of Model, array_like of float, (n, V) or (n, V, 3), or images
+        A group of `correspond`, at its directions that have counterparts on members; corresponding models, such as those of
+        `procrustes`, which are first measured by `measure_group`; or values. Images are
         nibabel's ``GiftiImage`` or nilearn's ``SurfaceImage`` of one hemisphere: a sequence with an image of V values for each
         subject, or a single image of (V, n) values.
     groups : array_like, (n,), optional
@@ -286,8 +288,9 @@ def group_test(
         A second measurement of each subject, which is subtracted from the first; the differences are tested.
     signal : {"normal", "position", "value"}
         Measurement of models, as in `measure_group`.
-    sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
-        Vertices at which models are measured.
+    sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3), optional
+        Vertices at which models are measured: by default the sphere of a `Group`, and an icosphere of 5 subdivisions for
+        models.
     degree : int, optional
         Highest degree of models; by default the lowest degree among them.
     mask : array_like of bool, (V,), path, or image, optional
@@ -377,6 +380,12 @@ def group_test(
     """
     average: Model | None = None
     noted: tuple[str, ...] = ()
+    if isinstance(subjects, Group):
+        if sphere is None:
+            sphere = subjects.sphere
+            mask = ~subjects.masked if mask is None and subjects.masked.any() else mask
+        subjects = subjects.models
+    sphere = 5 if sphere is None else sphere
     if _are_models(groups):
         raise ValueError("groups: expected a name for each subject, found models; give all subjects in one sequence")
     if _are_models(subjects):

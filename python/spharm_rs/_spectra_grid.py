@@ -60,12 +60,14 @@ class Grid:
         north, east = _axis("latitude", latitude), _axis("longitude", longitude)
         angles("latitude", north, -90, 90, degrees=True, axis=True)
         angles("longitude", east, -360, 360, degrees=True, axis=True)
-        array, shape = _arrays.real("values", values, "(n, m) or (n, m, c)"), (len(north), len(east))
-        if array.ndim not in (2, 3) or array.shape[:2] != shape:
+        array, shape = _arrays.real("values", values, "(n, m) or (n, m, c)").copy(), (len(north), len(east))
+        if array.ndim not in (2, 3) or array.shape[:2] != shape or array.shape[2:] == (0,):
             raise ValueError(
                 f"values: expected a row for each of {shape[0]} latitudes and a column for each of {shape[1]} longitudes, "
                 f"found shape {array.shape}"
             )
+        if isinstance(channel, str):
+            raise ValueError(f"channel: expected a list of names, found the text {channel!r}")
         names, count = list(channel), array.shape[2] if array.ndim == 3 else 0
         if not names:
             names = channel_names(count, False)

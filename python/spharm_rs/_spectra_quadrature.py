@@ -15,24 +15,21 @@ _OPEN = 1.5
 
 def latitude_weights(latitude: Floats) -> tuple[Floats, int]:
     """Returns weights of latitudes in degrees, with the sum 2 if they span the sphere, and the degree to which they integrate
-    polynomials of the sine of the latitude exactly; -1 for areas of cells."""
-    order = np.argsort(-latitude, kind="stable")
-    theta = 90 - latitude[order]
+    polynomials of the sine of the latitude exactly; -1 for areas of cells. Latitudes that are equal share their weight."""
+    theta, group, count = np.unique(90 - latitude, return_inverse=True, return_counts=True)
     ordered, degree = _gauss_legendre(theta), 2 * len(theta) - 1
     if ordered is None:
         ordered, degree = _even(theta)
     if ordered is None:
         ordered, degree = _bands(theta), -1
-    weights = np.empty_like(ordered)
-    weights[order] = ordered
+    weights: Floats = (ordered / count)[group]
     return weights, degree
 
 
 def longitude_weights(longitude: Floats) -> tuple[Floats, int]:
     """Returns weights of longitudes in degrees, with the sum 2 pi if they go around the sphere, and the order to which they
     integrate sines and cosines exactly; -1 for widths of cells. Longitudes that are equal share their weight."""
-    order = np.argsort(longitude % 360, kind="stable")
-    at = (longitude % 360)[order]
+    at, group, count = np.unique(longitude % 360, return_inverse=True, return_counts=True)
     gaps = np.diff(at, append=at[0] + 360)  # after each longitude, the last one around the sphere
     distinct = at[gaps > _ROUNDING]
     even = bool((abs(distinct - distinct[0] - np.arange(len(distinct)) * 360 / len(distinct)) < 2 * _ROUNDING).all())
@@ -45,8 +42,7 @@ def longitude_weights(longitude: Floats) -> tuple[Floats, int]:
         widths = (before + after) / 2
     else:
         widths = (np.roll(gaps, 1) + gaps) / 2
-    weights = np.empty_like(widths)
-    weights[order] = np.radians(widths)
+    weights: Floats = (np.radians(widths) / count)[group]
     return weights, len(distinct) - 1 if even else -1
 
 

@@ -52,6 +52,19 @@ def test_a_mask_tests_the_columns_inside_alone(missing: float, tmp_path: Path) -
     assert np.array_equal(again.statistic, found.statistic, equal_nan=True)
 
 
+def test_a_group_is_tested_at_its_own_directions() -> None:
+    ball, rng = sp.icosphere(3), np.random.default_rng(2)
+    surfaces = []
+    for _ in range(6):
+        bump = 1 + 0.05 * rng.normal() * ball.vertices[:, :1] + 0.2 * ball.vertices[:, 1:2]
+        surfaces.append(sp.Surface(ball.vertices * [12, 8, 6] * bump, ball.faces))
+    group = sp.shape.correspond(surfaces, 6, subdivisions=3, pose="near")
+    found = sp.shape.group_test(group, ["a", "b"] * 3, permutations=0)
+    models = sp.shape.group_test(group.models, ["a", "b"] * 3, sphere=group.sphere, permutations=0)
+    assert found.statistic.shape == (len(group.directions),) and np.array_equal(found.statistic, models.statistic)
+    assert found.surface is not None and len(found.surface.vertices) == len(group.directions)
+
+
 def test_a_mask_of_models_and_of_positions() -> None:
     rng = np.random.default_rng(1)
     ball = sp.Model(np.eye(4)[:, [3, 1, 2]])

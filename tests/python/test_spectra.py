@@ -468,3 +468,25 @@ def test_solve_names_the_row_of_a_missing_value() -> None:
     with pytest.raises(ValueError, match="found NaN in row 5"):
         sp.solve(at, np.stack([at[:, 0], values], axis=1), 3, mask=np.arange(len(at)) > 2)
     assert np.isfinite(sp.solve(at, values, 3, mask=np.isfinite(values))[0]).all()
+
+
+def test_equal_angles_of_a_grid_share_their_weight() -> None:
+    latitude, longitude = [60, 0, 0, -60], [0, 0, 0, 120, 240]
+    weights = sp.spectra.Grid(latitude, longitude, np.zeros((4, 5))).weights.reshape(4, 5)
+    alone = sp.spectra.Grid([60, 0, -60], [0, 120, 240], np.zeros((3, 3))).weights.reshape(3, 3)
+    assert np.isclose(weights.sum(), 4 * np.pi) and np.isclose(alone.sum(), 4 * np.pi)
+    assert np.allclose(weights[1], weights[2]) and np.allclose(weights[:, 0], weights[:, 2])
+    assert np.allclose(2 * weights[1, 3:], alone[1, 1:]) and np.allclose(3 * weights[0, 0], alone[0, 0])
+
+
+def test_a_grid_keeps_a_copy_and_refuses_text_for_names() -> None:
+    values = np.ones((2, 3))
+    grid = sp.spectra.Grid([45, -45], [0, 120, 240], values)
+    values[:] = 7
+    assert (grid.values == 1).all()
+    missing = np.ma.masked_greater(np.array([[1.0, 2, 3], [4, 5, 6]]), 5)
+    assert np.isnan(sp.spectra.Grid([45, -45], [0, 120, 240], missing).values[1, 2])
+    with pytest.raises(ValueError, match="channel: expected a list of names, found the text 'height'"):
+        sp.spectra.Grid([45, -45], [0, 120, 240], np.ones((2, 3, 1)), channel="height")
+    with pytest.raises(ValueError, match="values: expected a row for each of 2 latitudes"):
+        sp.spectra.Grid([45, -45], [0, 120, 240], np.ones((2, 3, 0)))
