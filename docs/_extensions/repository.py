@@ -10,7 +10,7 @@ COPIES = {"../store-format.md": "store-format", "../README.md": "/index", "../CO
 def links(app, name, source):
     for file, page in COPIES.items():
         target = page.lstrip("/") if page.startswith("/") else f"reference/{page}"
-        source[0] = source[0].replace(f"]({file})", f"]({target}.md)")
+        source[0] = re.sub(rf"\]\({re.escape(file)}([)#])", rf"]({target}.md\1", source[0])
 
 
 def included(app, relative, parent, source):

@@ -68,7 +68,7 @@ def real(what: str, values: ArrayLike, shape: str, *, flags: bool = False) -> Fl
     """Returns real numbers as aligned float64, without a copy if they are already; with ``flags``, true is 1.
     Masked numbers are NaN."""
     values = unwrapped(what, values)
-    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiu":
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in ("fiub" if flags else "fiu"):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
         array = np.asarray(values)
@@ -134,6 +134,8 @@ def mask(values: Any, vertices: int) -> NDArray[np.bool_] | None:
         return None
     if isinstance(values, (str, os.PathLike)):
         return _core.read_mask(os.fspath(values), vertices)
+    if isinstance(values, np.ma.MaskedArray):
+        values = values.filled(0)
     array = np.asarray(unwrapped("mask", values))
     if is_image(values):
         if array.shape == (vertices, 1):

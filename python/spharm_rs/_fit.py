@@ -109,8 +109,27 @@ def _read(target: Any, sphere: Any, gaps: bool) -> tuple[Floats, Any]:
     return mesh.vertices, mesh.faces
 
 
-def _check_values(what: str, values: Floats, settings: dict[str, Any], *, scattered: bool = False) -> None:
-    """Refuses values, (n, c), that are NaN or infinite at vertices that are read, or in rows of scattered samples."""
+def refuse_both(what: str, surface: Any) -> None:
+    """Refuses an image with a mesh and values, of which either could be fitted over a sphere."""
+    if _arrays.is_image(surface) and hasattr(surface, "mesh"):
+        raise ValueError(
+            f"{what}: expected a mesh or values, found a {type(surface).__name__}, which has both; "
+            "give image.mesh to fit the shape, or image.data to fit the map of its values"
+        )
+
+
+def _of_grid(given: Any, shape: tuple[int, ...]) -> Any:
+    """Returns a mask or weights of a grid, in the order of its directions; anything else unchanged."""
+    if given is None or isinstance(given, (str, os.PathLike)) or np.shape(given) != shape:
+        return given
+    return np.ma.ravel(given) if isinstance(given, np.ma.MaskedArray) else np.ravel(given)
+
+
+def _check_values(
+    what: str, values: Floats, settings: dict[str, Any], *, scattered: bool = False, flat: bool | None = None
+) -> None:
+    """Refuses values, (n, c), that are NaN or infinite at vertices that are read, or in rows of scattered samples. `flat` says
+    whether they were given without an axis of channels."""
     bad = ~np.isfinite(values).all(axis=1)
     masked = settings["mask"] is not None
     if masked:
@@ -121,10 +140,10 @@ def _check_values(what: str, values: Floats, settings: dict[str, Any], *, scatte
         return
     vertex = int(bad.argmax())
     missing = bool(np.isnan(values[vertex]).any())
-    of_rows = values.shape[1] > 1
-    kept = f"~np.isnan(values){'.any(axis=1)' if of_rows else ''}"
+    flat = values.shape[1] == 1 if flat is None else flat
+    kept = f"~np.isnan(values){'' if flat else '.any(axis=-1)'}"
     if not missing:
-        kept = f"np.isfinite(values){'.all(axis=1)' if of_rows else ''}"
+        kept = f"np.isfinite(values){'' if flat else '.all(axis=-1)'}"
     at = f"{'NaN' if missing else 'infinity'} {'in row' if scattered else 'at vertex'} {vertex} (counted from 0)"
     rows, drop = ("rows", ", or drop these rows from the directions and values") if scattered else ("vertices", "")
     if masked:
@@ -295,11 +314,8 @@ def fit(
     # An array or an image holds values; a mesh is given as an object, a path or a pair of arrays.
     triangles = None
     image = _arrays.is_image(surface)
-    if image and sphere is not None and hasattr(surface, "mesh"):
-        raise ValueError(
-            f"surface: expected a mesh or values, found a {type(surface).__name__}, which has both; "
-            "give image.mesh to fit the shape, or image.data to fit the map of its values"
-        )
+    if sphere is not None:
+        refuse_both("surface", surface)
     is_file = isinstance(surface, (str, os.PathLike))
     if image and not _arrays.has_mesh(surface):
         values, is_surface = _arrays.channels("surface", surface), False
@@ -490,13 +506,12 @@ def solve(
         degree = _arrays.whole("max_degree", max_degree)
     if degree == -1:
         raise ValueError("max_degree: expected a degree, which is required with directions; found None")
-    values = _arrays.real("values", _arrays.unwrapped("values", values), "(n,) or (n, c)")
-    shape = values.shape
+    values = _arrays.real("values", values, "(n,) or (n, c), or of a grid", flags=True)
+    shape, flat = values.shape, values.ndim == 1
     if len(shape) in (2, 3) and shape[0] != len(directions) and shape[0] * shape[1] == len(directions):
         # Of a grid: (n_latitude, n_longitude) and perhaps channels.
-        values = np.reshape(values, (-1, *shape[2:]))
-        weights = np.ravel(weights) if isinstance(weights, np.ndarray) and weights.shape == shape[:2] else weights
-        mask = np.ravel(mask) if isinstance(mask, np.ndarray) and mask.shape == shape[:2] else mask
+        values, flat = np.reshape(values, (-1, *shape[2:])), len(shape) == 2
+        weights, mask = (_of_grid(given, shape[:2]) for given in (weights, mask))
     array = _arrays.channels("values", values)
     if len(array) != len(directions):
         raise ValueError(f"values: expected a row for each of {len(directions)} directions, found shape {np.shape(values)}")
@@ -513,7 +528,7 @@ def solve(
         memory=memory,
         threads=threads,
     )
-    _check_values("values", array, settings, scattered=True)
+    _check_values("values", array, settings, scattered=True, flat=flat)
     # The transform is planned, but perhaps to another degree, or too coarsely.
     planned = isinstance(transform, Transform) and transform._inner.serves(degree)
     at = transform._inner if isinstance(transform, Transform) and planned else directions

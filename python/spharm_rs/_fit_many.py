@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._fit import _model, _settings, fit
+from ._fit import _model, _settings, fit, refuse_both
 from ._model import Model, seam_of, sphere_arrays
 from ._progress import Progress, callback
 from ._repair import changes_of, named_change
@@ -149,9 +149,11 @@ def fit_many(
     arrays: list[Floats] = []
     triangles = None
     for surface in surfaces:  # type: ignore[union-attr]
-        if isinstance(surface, np.ndarray):
+        refuse_both("surfaces", surface)
+        image = _arrays.is_image(surface) and not _arrays.has_mesh(surface)
+        if image or isinstance(surface, np.ndarray):
             arrays.append(_arrays.channels("surfaces", surface))
-            kinds.add(surface.ndim == 2 and surface.shape[1] == 3)
+            kinds.add(isinstance(surface, np.ndarray) and surface.ndim == 2 and surface.shape[1] == 3)
         else:
             mesh = as_surface(surface)
             arrays.append(mesh.vertices)

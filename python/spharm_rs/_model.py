@@ -270,7 +270,7 @@ class Model(Values):
         mesh = self.surface(at, degree=degree)
         if values is None:
             return mesh
-        shape, expected = np.shape(values), (len(mesh.vertices),)
+        shape, expected = np.shape(_arrays.unwrapped("values", values)), (len(mesh.vertices),)
         if shape != expected:
             given = f"at={at}" if at is None or isinstance(at, (int, str)) else f"at, a {type(at).__name__}"
             of_fit = self.sphere is not None and shape == (len(self.sphere.vertices),)

@@ -45,7 +45,7 @@ class Picture:
         ValueError
             If the name has another ending.
         """
-        name = os.fspath(path)
+        name = os.fsdecode(path)
         if not name.lower().endswith(".png"):
             raise ValueError(f"path: expected a name that ends in .png, found {name}")
         with open(name, "wb" if overwrite else "xb") as file:

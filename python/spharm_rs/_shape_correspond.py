@@ -471,7 +471,7 @@ def _signals(given: Any, count: int, refine: bool) -> tuple[list[list[Floats]], 
         if len(of_members) != count:
             raise ValueError(f"{what}: expected one array for each of {count} surfaces, found {len(of_members)}")
         for member, own in enumerate(of_members):
-            own = np.asarray(_arrays.unwrapped(f"{what}[{member}]", own), dtype=float)
+            own = _arrays.real(f"{what}[{member}]", own, "(vertices,)")
             if own.ndim != 1:
                 raise ValueError(f"{what}[{member}]: expected one value per vertex, found an array of shape {own.shape}")
             values[member].append(own)

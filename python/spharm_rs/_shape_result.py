@@ -219,8 +219,8 @@ class TestResult:
 
         Each map with a value for each vertex is ``NAME.shape.gii``, such as ``p_fwe.shape.gii``, with 32 bits; effect, margin
         and standard error of positions have three channels. ``surface.surf.gii`` is `surface`, if it is known. ``test.json``,
-        written last, has the other attributes but `mean` and `mask`, and the names of the files. With ``overwrite``, files of an earlier
-        result that this one doesn't have are removed.
+        written last, has the other attributes but `mean` and `mask`, and the names of the files. With ``overwrite``, files
+        of an earlier result that this one doesn't have are removed.
 
         Parameters
         ----------

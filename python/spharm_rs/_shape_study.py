@@ -255,7 +255,8 @@ def group_test(
     Parameters
     ----------
     subjects : Group, sequence of Model, array_like of float, (n, V) or (n, V, 3), or images
-        A group of `correspond`, at its directions that have counterparts on members; corresponding models, such as those of
+        A group of `correspond`, at its directions that have counterparts on members; a ``sphere`` replaces them.
+        Corresponding models, such as those of
         `procrustes`, which are first measured by `measure_group`; or values. Images are
         nibabel's ``GiftiImage`` or nilearn's ``SurfaceImage`` of one hemisphere: a sequence with an image of V values for each
         subject, or a single image of (V, n) values.
@@ -382,9 +383,12 @@ def group_test(
     noted: tuple[str, ...] = ()
     if isinstance(subjects, Group):
         if sphere is None:
-            sphere = subjects.sphere
-            mask = ~subjects.masked if mask is None and subjects.masked.any() else mask
+            sphere, lids = subjects.sphere, subjects.masked
+            if lids.any():
+                given = _arrays.mask(mask, len(lids))
+                mask = ~lids if given is None else ~lids & given
         subjects = subjects.models
+    minus = minus.models if isinstance(minus, Group) else minus
     sphere = 5 if sphere is None else sphere
     if _are_models(groups):
         raise ValueError("groups: expected a name for each subject, found models; give all subjects in one sequence")

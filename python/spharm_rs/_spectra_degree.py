@@ -314,7 +314,8 @@ def cross_spectrum(
     normalization, unit, base, convention, f_sky
         As for `spectrum`.
     errors : (array_like, array_like), optional
-        Standard errors of the coefficients of a and of b, of their shapes, independent of each other.
+        Standard errors of the coefficients of a and of b, of their shapes, independent of each other. Unlike in `spectrum`,
+        those of models aren't used by default, because errors of fits at the same points needn't be independent.
 
     Returns
     -------

@@ -220,8 +220,8 @@ def _warn_if_uneven(at: Floats) -> None:
     if worst > _UNEVEN and max(norm / by_degree, zonal / by_latitude) > len(at) ** -0.5:
         warn(
             [
-                f"directions: expected directions spread evenly over the sphere, found an unevenness of {worst:.2g} (0 is even), "
-                "so that the equal default weights are wrong and powers can be much too large or small; give the areas of the "
+                f"the directions aren't spread evenly over the sphere (unevenness {worst:.2g}; 0 is even), so that the equal "
+                "default weights are wrong and powers can be much too large or small; give the areas of the "
                 "samples as weights=, such as weights=grid.weights of a spectra.Grid"
             ]
         )
@@ -304,7 +304,7 @@ def pseudo_spectrum(
     """
     degree = _arrays.whole("max_degree", max_degree)
     at, array, areas, kept = _samples(directions, values, weights, mask)
-    if (total := float(areas.sum())) > 4 * np.pi * (1 + _EXCESS):
+    if (total := float(areas[kept != 0].sum())) > 4 * np.pi * (1 + _EXCESS):
         raise ValueError(
             "weights: expected areas on the unit sphere or weights of a quadrature, with a sum of at most 4 pi = 12.57, "
             f"found a sum of {total:.4g}"

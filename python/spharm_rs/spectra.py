@@ -91,8 +91,8 @@ def directions(
     Parameters
     ----------
     latitude : float or array_like of float, optional
-        Of any shape that broadcasts with that of the longitudes. Geocentric, from -90 (south pole) to 90 degrees. Geodetic latitudes, as of maps of the Earth, differ from
-        geocentric ones by up to 0.19 degrees.
+        Of any shape that broadcasts with that of the longitudes. Geocentric, from -90 (south pole) to 90 degrees. Geodetic
+        latitudes, as of maps of the Earth, differ from geocentric ones by up to 0.19 degrees.
     longitude : float or array_like of float
         East, from -360 to 360 degrees.
     colatitude : float or array_like of float, optional

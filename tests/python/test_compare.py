@@ -134,3 +134,12 @@ def test_transforms_move_meshes_of_any_kind(pair: tuple[sp.Model, sp.Model]) -> 
     assert mirror.apply([[1, 2, 3], [4, 5, 6]]).tolist() == [[-1, 6, 9], [-7, 12, 15]]
     with pytest.raises(ValueError, match="expected a path"):
         mirror.apply(None)
+
+
+def test_an_aligned_copy_of_a_model_still_corresponds() -> None:
+    surface, _ = sp.example_surface(3)
+    model = sp.fit(surface, max_degree=6)
+    turned = model.rotate(parameters=[20, 30, 40])
+    assert not sp.compare(turned, model).corresponding
+    found = sp.compare(sp.shape.align(turned, model).model, model)
+    assert found.corresponding and found.rms < 1e-9

@@ -164,7 +164,7 @@ def test_the_weights_of_a_grid_give_the_spectrum_of_its_field(kind: str) -> None
         lambda: spectra.decoupled_spectrum(*samples, bins=4),
         lambda: spectra.decoupled_cross_spectrum(samples[0], samples[1], *samples[1:], bins=4),
     ):
-        with pytest.warns(sp.SpharmWarning, match="^directions: expected directions spread evenly.*weights=grid.weights"):
+        with pytest.warns(sp.SpharmWarning, match="^the directions aren't spread evenly.*weights=grid.weights"):
             estimate()
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import spharm_rs as sp
 import trimesh
+from spharm_rs import _arrays
 
 
 def model(degree: int = 4, seed: int = 0, channels: int = 3) -> sp.Model:
@@ -411,8 +412,8 @@ def test_missing_values_inside_a_mask_are_named(tmp_path: Path) -> None:
         (values, None, f"values: expected finite numbers, found {without}"),
         (path, kept, f"values.csv: expected finite numbers, found {inside}"),
         (path, None, f"values.csv: expected finite numbers, found {without}"),
-        (positions, kept, r"surface: .*infinity at vertex 9 .*inside mask; .*mask=mask & np.isfinite\(values\).all\(axis=1\)$"),
-        (np.where(np.isinf(positions), np.nan, positions), None, r"~np.isnan\(values\).any\(axis=1\)$"),
+        (positions, kept, r"surface: .*infinity at vertex 9 .*inside mask; .*mask=mask & np.isfinite\(values\).all\(axis=-1\)$"),
+        (np.where(np.isinf(positions), np.nan, positions), None, r"~np.isnan\(values\).any\(axis=-1\)$"),
     ]
     for given, mask, text in refused:
         with pytest.raises(sp.MeshError, match=text):
@@ -423,3 +424,39 @@ def test_missing_values_inside_a_mask_are_named(tmp_path: Path) -> None:
     # The advice helps.
     assert np.isfinite(sp.fit(values, sphere, 4, mask=kept & ~np.isnan(values)).coefficients).all()
     assert sp.fit(positions, sphere, 4, mask=np.isfinite(positions).all(axis=1)).is_surface
+
+
+def test_masked_numbers_are_missing_and_outside_of_masks() -> None:
+    left_out = np.arange(162) < 10
+    for values in (np.ones(162), np.ones(162, bool)):
+        kept = _arrays.mask(np.ma.array(values, mask=left_out), 162)
+        assert kept is not None and np.array_equal(kept, ~left_out)
+        missing = _arrays.channels("values", np.ma.array(values, mask=left_out))
+        assert np.array_equal(np.isnan(missing[:, 0]), left_out)
+
+
+def test_masks_and_weights_of_a_grid_are_of_any_array_type() -> None:
+    grid = sp.spectra.grid(np.arange(16.0))
+    values = grid.values.copy()
+    values[2, 3] = np.nan
+    kept = ~np.isnan(values)
+    expected, _ = sp.solve(grid.directions, values, 3, mask=kept)
+    for mask in (kept.tolist(), np.ma.array(np.ones_like(kept), mask=~kept)):
+        assert np.array_equal(sp.solve(grid.directions, values, 3, mask=mask)[0], expected)
+    with pytest.raises(sp.MeshError, match=r"mask=~np.isnan\(values\), or drop"):
+        sp.solve(grid.directions, values, 3)
+    with pytest.raises(sp.MeshError, match=r"mask=~np.isnan\(values\).any\(axis=-1\)"):
+        sp.solve(grid.directions, values.reshape(-1, 1), 3)
+
+
+def test_many_images_are_fitted_over_a_sphere() -> None:
+    surface, sphere = sp.example_surface(3)
+    maps = [surface.vertices[:, axis] for axis in (0, 1)]
+    images = []
+    for values in maps:
+        array = nibabel.gifti.GiftiDataArray(values.astype(np.float32), intent="NIFTI_INTENT_SHAPE", datatype="NIFTI_TYPE_FLOAT32")
+        images.append(nibabel.gifti.GiftiImage(darrays=[array]))
+    expected = sp.fit_many([values.astype(np.float32) for values in maps], sphere, 4)
+    assert sp.fit_many(images, sphere, 4) == expected
+    with pytest.raises(ValueError, match="surfaces: expected a mesh or values, found a SurfaceImage, which has both"):
+        sp.fit_many([surface.to_nilearn(maps[0])], sphere, 4)

@@ -66,13 +66,19 @@ impl Model {
     }
 
     /// Returns whether the two models were fitted over different maps of their own surfaces to the sphere, so that
-    /// equal directions don't correspond. Spheres that were given may be registered with each other. A model without a
-    /// sphere has no map of its own.
+    /// equal directions don't correspond. Directions of the same map may differ by rounding, as after an alignment.
+    /// Spheres that were given may be registered with each other. A model without a sphere has no map of its own.
     #[must_use]
     pub fn mapped_apart(&self, other: &Self) -> bool {
+        /// Largest difference of a coordinate between directions of the same map.
+        const ROUNDING: f64 = 1e-3;
         match (&self.sphere, &other.sphere) {
             (Some(own), Some(other)) => {
-                own.parametrized && other.parametrized && own.directions.as_slice() != other.directions.as_slice()
+                let (first, second) = (own.directions.as_slice(), other.directions.as_slice());
+                let near = |(a, b): (&f64, &f64)| (a - b).abs() < ROUNDING;
+                let same =
+                    first.len() == second.len() && first.as_flattened().iter().zip(second.as_flattened()).all(near);
+                own.parametrized && other.parametrized && !same
             }
             _ => false,
         }

@@ -67,11 +67,9 @@ impl Array {
     /// Reads an array whose values take at most `most` bytes.
     pub(crate) fn read(input: &mut dyn Read, most: u64) -> Result<Self, String> {
         let header = Header::read(input).map_err(|error| error.to_string())?;
-        let count = header.bytes().ok_or("the array's shape implies more values than any file can hold")?;
+        let count = header.bytes().ok_or("a shape with more values than any file can hold")?;
         if count > most {
-            return Err(format!(
-                "the shape doesn't match the length: {count} bytes of values, at most {most} possible"
-            ));
+            return Err(format!("a shape that needs {count} bytes of values, where at most {most} are possible"));
         }
         // Check that memory suffices for the bytes of the file, for the parsed numbers, and for the numbers in row
         // order. Complex numbers also need memory for their real and imaginary parts.
@@ -83,7 +81,7 @@ impl Array {
         // verified.
         input.take(count + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
         if bytes.len() as u64 != count {
-            return Err("the shape doesn't match the length".to_owned());
+            return Err("a shape that doesn't match the length of the file".to_owned());
         }
         Ok(Self { header, bytes })
     }

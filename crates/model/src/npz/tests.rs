@@ -127,7 +127,7 @@ fn an_array_that_claims_to_be_huge_is_refused() {
     for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
         let bytes = archive(method, &[("coefficients", "<f8", false, "(1099511627776, 3)", &[0; 64])]);
         let error = read_bytes(&bytes).unwrap_err().to_string();
-        assert!(error.contains("coefficients: the shape"), "{error}");
+        assert!(error.contains("coefficients: a shape that needs"), "{error}");
     }
 }
 
