@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ class Distances:
     rms: float
     max: float
     scale: float
-    per_vertex: Floats = field(repr=False)
+    per_vertex: Floats
     surface: dict[str, Any] | None = None
     corresponding: bool = True
 

@@ -118,7 +118,7 @@ def refuse_both(what: str, surface: Any) -> None:
         )
 
 
-def _of_grid(given: Any, shape: tuple[int, ...]) -> Any:
+def _raveled(given: Any, shape: tuple[int, ...]) -> Any:
     """Returns a mask or weights of a grid, in the order of its directions; anything else unchanged."""
     if given is None or isinstance(given, (str, os.PathLike)) or np.shape(given) != shape:
         return given
@@ -511,7 +511,7 @@ def solve(
     if len(shape) in (2, 3) and shape[0] != len(directions) and shape[0] * shape[1] == len(directions):
         # Of a grid: (n_latitude, n_longitude) and perhaps channels.
         values, flat = np.reshape(values, (-1, *shape[2:])), len(shape) == 2
-        weights, mask = (_of_grid(given, shape[:2]) for given in (weights, mask))
+        weights, mask = (_raveled(given, shape[:2]) for given in (weights, mask))
     array = _arrays.channels("values", values)
     if len(array) != len(directions):
         raise ValueError(f"values: expected a row for each of {len(directions)} directions, found shape {np.shape(values)}")

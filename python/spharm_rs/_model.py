@@ -440,13 +440,16 @@ def mapped_apart(first: Model, second: Model) -> bool:
 _SAME_MAP = 1e-3
 
 
-def maps_turned(first: Model, second: Model) -> bool:
-    """Returns whether two models' directions are the same but for a rotation or reflection of the sphere."""
+def maps_differ(first: Model, second: Model) -> bool:
+    """Returns whether two models were fitted over different maps, as `mapped_apart`, other than maps that only differ by a
+    rotation or reflection of the sphere."""
+    if not mapped_apart(first, second):
+        return False
     own, other = first.directions, second.directions
     if own is None or other is None or own.shape != other.shape:
-        return False
+        return True
     left, _, right = np.linalg.svd(own.T @ other)
-    return bool(np.abs(own @ (left @ right) - other).max() < _SAME_MAP)
+    return not bool(np.abs(own @ (left @ right) - other).max() < _SAME_MAP)
 
 
 def seam_of(sphere: Any) -> Seam:

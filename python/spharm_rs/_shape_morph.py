@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._model import Model, core, mapped_apart, maps_turned
+from ._model import Model, core, maps_differ
 from ._progress import Progress, callback
 from ._warnings import warn
 
@@ -92,7 +92,7 @@ def morph(
         if times.ndim != 1:
             raise ValueError(f"steps: expected a whole number or times, (n,), found shape {times.shape}")
     first, last = core("start", start), core("end", end)
-    noted = [_MAPPED_APART] if mapped_apart(start, end) and not maps_turned(start, end) else []
+    noted = [_MAPPED_APART] if maps_differ(start, end) else []
     found, ratio, warnings = _core.shape_morph(
         first,
         last,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._arrays import Floats
 from ._landmarks import Landmarks
-from ._model import Model, core, mapped_apart, maps_turned
+from ._model import Model, core, maps_differ
 from ._progress import Progress, callback
 from ._surface import Surface, as_surface
 from ._warnings import warn
@@ -346,7 +346,7 @@ def align(
     True
     """
     moving, still = core("model", model, _OF_MESHES), core("target", target, _OF_MESHES)
-    noted = [_MAPPED_APART] if pose == "joint" and mapped_apart(model, target) and not maps_turned(model, target) else []
+    noted = [_MAPPED_APART] if pose == "joint" and maps_differ(model, target) else []
     found, text = _core.shape_align(
         moving,
         still,

@@ -255,9 +255,8 @@ def group_test(
     Parameters
     ----------
     subjects : Group, sequence of Model, array_like of float, (n, V) or (n, V, 3), or images
-        A group of `correspond`, at its directions that have counterparts on members; a ``sphere`` replaces them.
-        Corresponding models, such as those of
-        `procrustes`, which are first measured by `measure_group`; or values. Images are
+        A group of `correspond`, at its directions that have counterparts on members; a ``sphere`` replaces them. Or
+        corresponding models, such as those of `procrustes`, which are first measured by `measure_group`. Or values. Images are
         nibabel's ``GiftiImage`` or nilearn's ``SurfaceImage`` of one hemisphere: a sequence with an image of V values for each
         subject, or a single image of (V, n) values.
     groups : array_like, (n,), optional

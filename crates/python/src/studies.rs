@@ -162,8 +162,10 @@ impl Inference<'_> {
         let spatial = match &self.surface {
             Some((vertices, faces)) => {
                 let mesh = mesh("surface", vertices, faces)?;
-                let surface = SurfaceGraph::new(&mesh.vertices, &mesh.faces)
-                    .and_then(|surface| self.kept.as_deref().map_or(Ok(surface.clone()), |kept| surface.at(kept)));
+                let surface = SurfaceGraph::new(&mesh.vertices, &mesh.faces).and_then(|surface| match &self.kept {
+                    Some(kept) => surface.at(kept),
+                    None => Ok(surface),
+                });
                 let surface = surface.map_err(|error| crate::errors::exception(py, error.into()))?;
                 Some(SpatialParams { surface, tfce: self.tfce, cluster: self.cluster })
             }

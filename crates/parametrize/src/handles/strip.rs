@@ -1,9 +1,8 @@
 //! Triangulates a rim without new vertices, with short interior edges. Along a slit, this gives a strip of triangles.
 
-use crate::geometry::{Vec3, area, norm, sub};
+use spharm_surface::repair::LEAST_AREA;
 
-/// Least area of a triangle, as a fraction of its longest edge squared. Thinner triangles have no accurate normal.
-const LEAST_AREA: f64 = 1e-9;
+use crate::geometry::{Vec3, area, norm, sub};
 
 /// Returns the triangulation of a closed polygon of n vertices with the least total length of its interior edges (G.
 /// Klincsek, Ann. Discrete Math. 9, 1980): n - 2 triangles, each over three vertices in the polygon's order. Interior

@@ -5,8 +5,7 @@ use serde::Serialize;
 use spharm_monitor::Monitor;
 use spharm_register::{Guide, RegisterParams, Registered, Subject, Template, register};
 use spharm_surface::geometry::{Vec3, cross, dot, sub};
-use spharm_surface::matrix3::angle_between;
-use spharm_surface::pose::{DISTINCT, PoseParams, PoseSurface, improved};
+use spharm_surface::pose::{PoseParams, PoseSurface, differ, improved};
 use spharm_surface::{Mesh, Place, Similarity};
 
 use super::together::motion;
@@ -95,9 +94,7 @@ impl GuideLandmarks {
             motion(own, theirs, None, params.scale, params.mirror)
         };
         let (similarity, distance) = improved(moving, fixed, &by_landmarks, params);
-        let other = similarity.mirrors() != found.mirrors()
-            || angle_between(&similarity.orthogonal, &found.orthogonal) > DISTINCT;
-        if other { Verdict::Other(similarity, distance) } else { Verdict::Confirmed }
+        if differ(&similarity, found) { Verdict::Other(similarity, distance) } else { Verdict::Confirmed }
     }
 }
 
@@ -111,26 +108,25 @@ pub(super) enum Verdict {
     Other(Similarity, f64),
 }
 
+/// Returns the positions of points relative to their mean.
+fn about_their_mean(points: &[Vec3]) -> Vec<Vec3> {
+    let share = 1.0 / points.len() as f64;
+    let mean: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
+    points.iter().map(|point| sub(*point, mean)).collect()
+}
+
 /// Returns whether points are so close to a line that they don't determine the rotation about the line.
 fn flat(points: &[Vec3]) -> bool {
-    let share = 1.0 / points.len() as f64;
-    let middle: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
     let square = |v: Vec3| dot(v, v);
-    let Some(far) = points.iter().map(|p| sub(*p, middle)).max_by(|a, b| square(*a).total_cmp(&square(*b))) else {
-        return true;
-    };
-    let off = |point: &Vec3| {
-        let own = sub(*point, middle);
-        square(own) - dot(own, far).powi(2) / square(far).max(f64::MIN_POSITIVE)
-    };
+    let points = about_their_mean(points);
+    let Some(&far) = points.iter().max_by(|a, b| square(**a).total_cmp(&square(**b))) else { return true };
+    let off = |point: &Vec3| square(*point) - dot(*point, far).powi(2) / square(far).max(f64::MIN_POSITIVE);
     points.iter().map(off).fold(0.0, f64::max) <= 0.01 * square(far)
 }
 
 /// Returns whether points are so close to a plane that they don't determine a reflection.
 fn in_a_plane(points: &[Vec3]) -> bool {
-    let share = 1.0 / points.len() as f64;
-    let middle: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
-    let from_middle: Vec<Vec3> = points.iter().map(|point| sub(*point, middle)).collect();
+    let from_middle = about_their_mean(points);
     let pairs =
         || from_middle.iter().enumerate().flat_map(|(i, a)| from_middle[..i].iter().map(move |b| cross(*a, *b)));
     let normal =

@@ -15,10 +15,10 @@ use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::surface::{Density, PoseSurface, View};
 use super::warning::GroupPoseWarning;
-use super::{DISTINCT, Pose, PoseParams, PoseSearch, icp, pose, whole};
+use super::{Pose, PoseParams, PoseSearch, differ, icp, pose, whole};
 use crate::geometry::{dot, scale, sub};
 use crate::kabsch::kabsch;
-use crate::matrix3::{angle_between, product, times, transposed};
+use crate::matrix3::{product, times, transposed};
 use crate::similarity::Similarity;
 
 /// Largest number of other members that a member moves towards at once. They are evenly spaced in the list.
@@ -168,8 +168,8 @@ impl Group<'_> {
             }
             let best = pose(&self.surfaces[member], &self.surfaces[template], &params, self.monitor)?;
             let warning = GroupPoseWarning::Elsewhere { member, distance: near.distance, best: best.distance };
-            let turned = angle_between(&best.similarity.orthogonal, &near.similarity.orthogonal) > DISTINCT;
-            Ok((turned && CLOSE * best.distance < near.distance).then_some(warning))
+            let elsewhere = differ(&best.similarity, &near.similarity);
+            Ok((elsewhere && CLOSE * best.distance < near.distance).then_some(warning))
         };
         let found: Vec<Result<Option<GroupPoseWarning>, Interrupted>> = poses.par_iter().enumerate().map(one).collect();
         Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())

@@ -190,11 +190,7 @@ fn near(
     params: &PoseParams,
     monitor: &dyn Monitor,
 ) -> Result<Pose, Interrupted> {
-    let size = if params.scale { fixed.size() / moving.size() } else { 1.0 };
-    let centred = |own: Similarity| {
-        let translation = sub(fixed.centre, scale(times(&own.orthogonal, moving.centre), size));
-        Similarity { scale: size, translation, ..own }
-    };
+    let centred = |own: Similarity| centred(own.orthogonal, moving, fixed, params);
     let mut starts = vec![Similarity::default(), centred(Similarity::default())];
     if params.mirror {
         starts.push(centred(Similarity::reflection()));
@@ -340,8 +336,17 @@ fn distinct(mut found: Vec<(Similarity, f64)>, most: usize) -> Vec<(Similarity, 
 
 /// Returns whether two motions are different optima: one of them is a reflection, or their rotations differ by more
 /// than [`DISTINCT`].
-fn differ(a: &Similarity, b: &Similarity) -> bool {
+#[must_use]
+pub fn differ(a: &Similarity, b: &Similarity) -> bool {
     a.mirrors() != b.mirrors() || angle_between(&a.orthogonal, &b.orthogonal) > DISTINCT
+}
+
+/// Returns the motion with a given rotation that moves one centre onto the other, and scales to one size if this is
+/// allowed.
+fn centred(orthogonal: Matrix3, moving: &PoseSurface, fixed: &PoseSurface, params: &PoseParams) -> Similarity {
+    let size = if params.scale { fixed.size() / moving.size() } else { 1.0 };
+    let translation = sub(fixed.centre, scale(times(&orthogonal, moving.centre), size));
+    Similarity { orthogonal, scale: size, translation }
 }
 
 /// Returns the best starts. Each start applies a rotation of the covering between the principal axes of the two
@@ -354,15 +359,13 @@ fn starts(
 ) -> Result<Vec<(Similarity, f64)>, Interrupted> {
     static COVERING: OnceLock<Vec<Matrix3>> = OnceLock::new();
     monitor.check()?;
-    let size = if params.scale { fixed.size() / moving.size() } else { 1.0 };
     let signs: &[f64] = if params.mirror { &[1.0, -1.0] } else { &[1.0] };
     let turns = COVERING.get_or_init(covering::covering);
     let (a, b) = (moving.view(Density::Few), fixed.view(Density::Few));
     let look = |(turn, sign): (&Matrix3, f64)| {
         let turn = turn.map(|row| row.map(|v| sign * v));
         let orthogonal = product(&transposed(&fixed.axes), &product(&turn, &moving.axes));
-        let translation = sub(fixed.centre, scale(times(&orthogonal, moving.centre), size));
-        let start = Similarity { orthogonal, scale: size, translation };
+        let start = centred(orthogonal, moving, fixed, params);
         (start, icp::mean_distance(a, b, &start))
     };
     let all = (0..turns.len() * signs.len()).into_par_iter().with_min_len(64);

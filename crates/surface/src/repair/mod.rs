@@ -16,7 +16,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::geometry::{Vec3, dot, face_normal};
 use crate::mesh::Mesh;
-pub use rims::{LARGEST_FAN, rims};
+pub use rims::{LARGEST_FAN, LEAST_AREA, rims};
 pub use wrap::Wrap;
 
 /// The changes that a repair made.

@@ -121,7 +121,7 @@ pub(super) fn fill(vertices: &mut Vec<Vec3>, faces: &mut Vec<[u32; 3]>, found: &
 }
 
 /// Least area of a triangle, as a fraction of its longest edge squared. Thinner triangles have no accurate normal.
-const LEAST_AREA: f64 = 1e-9;
+pub const LEAST_AREA: f64 = 1e-9;
 
 /// Returns whether the corners of a triangle are on a line, as far as rounding can tell.
 fn has_no_area([a, b, c]: [Vec3; 3]) -> bool {
