@@ -348,6 +348,7 @@ fn a_disk_that_is_full_ends_the_call_and_loses_nothing() {
     assert!(study.models("out").is_empty());
     let found = study.status(&["s.tsv", "--manifest", "all.tsv"]);
     assert!(found["done"] == 0 && found["not_started"].as_u64() >= Some(1), "{found}");
+    assert_eq!(found["interrupted"], 0, "{found}");
     succeed(&mut run(false));
     let found = study.status(&["s.tsv", "--manifest", "all.tsv"]);
     assert_eq!((&found["done"], study.models("out").len()), (&40.into(), 40));

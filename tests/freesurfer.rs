@@ -224,7 +224,9 @@ fn values_outside_of_the_cortex_are_continued_from_its_edge() {
     write_label(&bert("label/lh.small.label"), &sphere.vertices, |p| inside(p) && p[1] > 0.0);
     succeed(&mut fit(&["--force", "--mask", "small"]));
     let output = finish(&mut fit(&["--force", "--mask", "absent"]));
-    assert!(text(&output).contains("lh.absent.label: no such file"), "{}", text(&output));
+    let expected =
+        "lh.absent.label: no such file; --mask absent expects the labels lh.absent.label and rh.absent.label";
+    assert!(text(&output).contains(expected), "{}", text(&output));
     write_label(&bert("label/lh.other.label"), &[[0.0; 3]; 900], |_| true);
     let output = finish(&mut fit(&["--force", "--mask", "other"]));
     assert!(text(&output).contains("expected vertex numbers below 642"), "{}", text(&output));

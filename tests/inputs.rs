@@ -89,6 +89,15 @@ fn spheres_off_the_origin_and_of_the_other_hemisphere_are_refused_when_strict() 
         "left.surf.gii",
         "belongs to the left hemisphere, but the sphere belongs to the right",
     );
+
+    let mirrored = right.vertices.iter().map(|&[x, y, z]| [-x, y, z]).collect();
+    write_mesh(study.path("mirrored.surf.gii"), &right.with_vertices(mirrored), &options).unwrap();
+    warned_of(
+        &study,
+        &study.path("mirrored.surf.gii"),
+        "s0.surf.gii",
+        "mirrored.surf.gii reverses the orientation of the surface; is this the sphere of the other hemisphere?",
+    );
 }
 
 #[test]

@@ -65,7 +65,10 @@ fn degrees_that_resolve_the_voxels_and_equal_volumes_are_warned_of() {
     volumes.args(["--label-surface", "voxels"]);
     let found = warnings(&mut volumes);
     assert!(found.iter().any(|warning| warning.starts_with("a.nii label 1, c.nii label 1: these inputs")), "{found:?}");
-    assert!(found.iter().any(|warning| warning.contains("follow the voxels' steps of 2 labels")), "{found:?}");
+    assert!(
+        found.iter().any(|warning| warning.contains("follow the voxels' steps of 2 labels (a.nii label 1")),
+        "{found:?}"
+    );
 }
 
 #[test]

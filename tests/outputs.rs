@@ -228,3 +228,34 @@ fn a_folder_that_cannot_be_closed_is_a_failure_in_one_line() {
     let verify = finish(tool("store").args(["verify", "s"]).current_dir(site.0.path()));
     assert!(verify.status.success(), "{}", text(&verify));
 }
+
+/// 32-bit numbers near 1e8 have steps of 8 units.
+#[test]
+fn coordinates_too_large_for_32_bits_are_warned_of() {
+    let site = Site::new();
+    let (mut far, _) = cortex(&Cortex { subdivisions: 2, variant: 0 });
+    far.vertices.iter_mut().for_each(|vertex| vertex[0] += 1e8);
+    write_mesh(site.path("far.ply"), &far, &WriteOptions { double: true, overwrite: false }).expect("written");
+    site.done(&["fit", "--sphere", "sphere.ply", "--surface", "far.ply", "--max-degree", "2", "-o", "far.spharm.npz"]);
+    let warnings = |model: &str, more: &[&str]| {
+        let output = site.done(&[&["reconstruct", model, "--force", "-o"], more].concat());
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    for (name, advice) in [
+        ("a.ply", "; give --double"),
+        ("a.surf.gii", "; give --double"),
+        ("a.stl", "such as .obj or .vtp"),
+        ("a.glb", "such as .obj or .vtp"),
+    ] {
+        let text = warnings("far.spharm.npz", &[name]);
+        assert!(text.contains("32-bit numbers round the surface") && text.contains(advice), "{name}: {text}");
+        let text = warnings("m.spharm.npz", &[name]);
+        assert!(!text.contains("32-bit"), "{name}: {text}");
+    }
+    for more in [&["b.ply", "--double"][..], &["b.obj"], &["b.vtp", "--double"]] {
+        let text = warnings("far.spharm.npz", more);
+        assert!(!text.contains("32-bit"), "{more:?}: {text}");
+    }
+    let text = warnings("m.spharm.npz", &["b.stl", "--double"]);
+    assert!(text.contains("--double has no effect, because an STL file stores 32-bit numbers"), "{text}");
+}

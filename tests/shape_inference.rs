@@ -46,6 +46,13 @@ fn visits_in_blocks_are_the_paired_test() {
     let whole = report(site, &[&wrong[..6], &["--whole-blocks"]].concat(), "whole");
     assert_eq!(whole["relabellings"], 252, "{whole}");
     let v = ["--table", "visits.csv", "--effect", "year", "--variance-groups", "scanner"];
+    let positions = [&v[..], &["--signal", "position", "-o", "wrong"]].concat();
+    let output = finish(&mut test(site, &positions));
+    let error = text(&output);
+    assert!(output.status.code() == Some(2) && error.contains("--variance-groups needs `--signal normal`"), "{error}");
+    let welch = [&v[..2], &["--effect", "scanner", "--covariates", "year", "--welch", "-o", "wrong"]].concat();
+    let error = error_line(&finish(&mut test(site, &welch)));
+    assert!(error.contains("--variance-groups COLUMN"), "{error}");
     let v = report(site, &v, "v");
     assert_eq!((&v["variance_groups"], &v["resampling"]), (&"scanner".into(), &"sign flips".into()), "{v}");
 }

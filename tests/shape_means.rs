@@ -221,7 +221,11 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
             "short.csv: expected a mask for the 42 vertices of an icosphere of 1 subdivision, found one for 2; give the \
              mask's own sphere with --sphere",
         ),
-        (&["mask.csv", "other.label"], "vertices of an icosphere of 1 subdivision (give the mask's own sphere with"),
+        (
+            &["mask.csv", "other.label"],
+            "other.label: expected a mask for the 42 vertices of an icosphere of 1 subdivision, found a label or \
+             annotation of FreeSurfer's surfaces, which have other vertices; give the mask's own sphere with --sphere",
+        ),
         (&["mask.csv", "third.csv"], "mask.csv, third.csv: expected a vertex within all masks, found none"),
     ] {
         let masks = masks.iter().flat_map(|mask| ["--mask", *mask]);

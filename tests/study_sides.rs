@@ -34,6 +34,12 @@ fn study(site: &Path) -> std::process::Output {
     finish(tool("study").args(["study.toml", "--threads", "2"]).current_dir(site))
 }
 
+/// Returns the descriptions of tests, which have their warnings.
+fn of_tests(site: &Path, names: &[&str]) -> Vec<String> {
+    let read = |name: &&str| fs::read_to_string(site.join(format!("out/tests/{name}/test.json"))).expect("a test");
+    names.iter().map(read).collect()
+}
+
 /// Twelve subjects: the left body has no bump, and the right one is the mirror image of a body of the same kind with a
 /// bump.
 #[test]
@@ -83,6 +89,9 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
             && methods.contains("difference lh minus mirrored rh in each subject) in 11 subjects"),
         "{methods}"
     );
+    // Mirrored surfaces count as surfaces of the first side.
+    assert!(of_tests(site, &["sides", "right"]).iter().all(|about| !about.contains("hemisphere")));
+    fs::write(site.join("rh.mask.csv"), "1\n").expect("a mask");
     for (from, to, expected) in [
         ("side = \"rh\"", "side = \"right\"", "side: expected \"lh\", \"rh\" or \"asymmetry\", found \"right\""),
         ("side = \"rh\"\n", "", "expected `side` (\"lh\", \"rh\" or \"asymmetry\")"),
@@ -99,6 +108,11 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
         ("{side}.ply", "{hemi}.ply", "expected {id} or {side}, found {hemi}"),
         ("[fit]", "[align]\nmirror = true\n[fit]", "the second of the `sides` is mirrored already"),
         ("[fit]\n", "[fit]\narguments = [\"--sphere\", \"s.ply\"]\n", "each side needs its own"),
+        (
+            "permutations",
+            "mask = \"rh.mask.csv\"\npermutations",
+            "mask: rh.mask.csv: this file belongs to the right hemisphere, but side rh is mirrored",
+        ),
         (
             "[fit]",
             "signal = \"in/{id}/lh.csv\"\n[fit]",
@@ -151,6 +165,7 @@ fn signals_of_both_hemispheres_are_compared() {
     fs::write(site.join("study.toml"), format!("{head}{test}")).expect("a study");
     let output = study(site);
     assert!(output.status.success(), "{}", text(&output));
+    assert!(of_tests(site, &["thickness"]).iter().all(|about| !about.contains("hemisphere")));
     // The transforms of both sides differ only by rounding.
     let model = |path: &str| Model::read(site.join(path)).expect("a model").coefficients;
     let apart = model("out/aligned/s2_lh.spharm.npz").values() - model("out/aligned/s2_rh.spharm.npz").values();

@@ -21,6 +21,7 @@ mod freesurfer;
 mod full_least_squares;
 mod grey_volumes;
 mod handles;
+mod hemispheres;
 mod hostile;
 mod inputs;
 mod labels;

@@ -71,6 +71,10 @@ fn every_label_is_a_model_and_a_row() {
         assert!(number("residual") > 0.0 && number("residual") < 1.0 && number("power_1") > 0.1, "{row:?}");
         let model = Model::read(site.path(&row["model"])).expect("a model");
         assert_eq!(model.provenance.input.expect("an input").label, label.parse().ok());
+        // The middle of the volume is at 7.5 mm, and the plate is below it.
+        let [x, y, z] = ["centroid_x", "centroid_y", "centroid_z"].map(number);
+        let expected = if label == "53" { 0.5 } else { 7.5 };
+        assert!([x - 7.5, y - 7.5, z - expected].iter().all(|off| off.abs() < 0.5), "{row:?}");
     }
     let pieces = row("a", "60");
     assert!(pieces["state"] == "failed" && pieces["error"].contains("2 pieces") && pieces["error"].contains("--fix"));
@@ -80,7 +84,10 @@ fn every_label_is_a_model_and_a_row() {
     // A second run replaces nothing without a flag; --skip-existing keeps existing models.
     assert!(error_line(&finish(&mut site.run(&["in"]))).contains("the file exists; give --skip-existing to resume"));
     let before = std::fs::read(site.path("out/a.17.spharm.npz")).expect("a model");
-    finish(&mut site.run(&["in/a.nii", "in/b.nii", "--fix", "--skip-existing"]));
+    let output = finish(&mut site.run(&["in/a.nii", "in/b.nii", "--fix", "--skip-existing", "-q"]));
+    assert!(text(&output).contains("4 models, 1 repaired, 0 failed"), "{}", text(&output));
+    let loss = text(&output).lines().find(|line| line.contains("warning: in/a.nii label 60: ")).map(str::to_owned);
+    assert!(loss.is_some_and(|line| line.contains(" % of the label)")), "{}", text(&output));
     let states: Vec<String> = site.table().iter().map(|row| row["state"].clone()).collect();
     assert_eq!(states, ["kept", "kept", "fitted", "kept"], "{:?}", site.table());
     let repairs: Vec<String> = site.table().iter().map(|row| row["repair"].clone()).collect();
@@ -128,7 +135,19 @@ fn a_table_without_a_model_is_no_obstacle_and_a_label_is_one_row() {
     assert_eq!((site.table()[0]["state"].as_str(), site.table()[0]["repair"].as_str()), ("kept", "1 handle cut"));
     succeed(&mut site.run(&["in/torus.nii", "--fix", "--force"]));
     let repair = &site.table()[0]["repair"];
-    assert!(repair.contains("to open 1 handle"), "{repair}");
+    assert!(repair.starts_with("1 handle removed ("), "{repair}");
+}
+
+#[test]
+fn labels_of_two_files_with_one_name_are_told_apart() {
+    let site = Site::new();
+    std::fs::create_dir(site.path("other")).expect("a folder");
+    std::fs::copy(site.path("in/b.nii"), site.path("other/b.nii")).expect("a copy");
+    let output = finish(&mut site.run(&["in/b.nii", "other/b.nii"]));
+    let said = text(&output);
+    assert!(said.contains("is the model of another file, in/b.nii; give --name-template '{parent}.{stem}'"), "{said}");
+    succeed(&mut site.run(&["in/b.nii", "other/b.nii", "--name-template", "{parent}.{stem}", "--force"]));
+    assert!(site.path("out/other.b.17.spharm.npz").exists());
 }
 
 /// An array file has no voxel size, so --voxel-size is needed.

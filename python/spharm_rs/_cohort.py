@@ -36,7 +36,7 @@ class CohortFit:
     path : pathlib.Path
         Path of the model's file.
     error : str, optional
-        Why the row failed.
+        Why the row failed, or which error ended the run before the row was finished.
     report : dict, optional
         For a model that was made: as `Model.report`, without `solver`, `smoothness` and `seconds`.
     seconds : float, optional

@@ -12,6 +12,7 @@ _Seam = tuple[int, int, _Triangles]
 _Ends = tuple[list[float], list[float], list[float]]
 _Apart = tuple[float, float, list[float] | None, list[float], list[list[float]]]
 _Mapped = tuple[_Floats, _Triangles, _Floats, str, list[str], Union[_Seam, None]]
+_Metadata = Union[dict[str, Any], None]
 _Given = Union[str, tuple[_Floats, _Triangles]]
 _Flags = NDArray[np.bool_]
 _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
@@ -33,6 +34,7 @@ __all__ = [
     "is_mesh_name",
     "labels",
     "main",
+    "of_point_set",
     "parametrize",
     "parametrize_volume",
     "picture",
@@ -110,7 +112,7 @@ class Group:
         mirrored: bool,
         threads: int | None = None,
         progress: _Progress | None = None,
-    ) -> list[tuple[Model, str, _Floats, _Flags, str]]: ...
+    ) -> list[tuple[Model, str, _Floats, _Flags, str, list[str]]]: ...
 
 @final
 class Model:
@@ -150,7 +152,7 @@ class Model:
     def evaluate(self, directions: _Floats | None, degree: int, *, threads: int | None = None) -> _Floats: ...
     def surface(
         self, sphere: _Floats | None, faces: _Triangles | None, degree: int, *, threads: int | None = None
-    ) -> tuple[_Floats, _Triangles]: ...
+    ) -> tuple[_Floats, _Triangles, _Metadata]: ...
 
 @final
 class Moments:
@@ -266,6 +268,7 @@ def fit(
     sphere: _Floats | None,
     sphere_faces: _Triangles | None,
     *,
+    metadata: tuple[_Metadata, _Metadata],
     surface: bool,
     parametrized: bool,
     seam: _Seam | None,
@@ -291,6 +294,7 @@ def fit_many(
     sphere: _Floats,
     sphere_faces: _Triangles | None,
     *,
+    metadata: tuple[list[_Metadata], _Metadata],
     surface: bool,
     parametrized: bool,
     seam: _Seam | None,
@@ -299,8 +303,11 @@ def fit_many(
 ) -> list[_Fitted]: ...
 def is_mesh_name(path: str) -> bool: ...
 def stem(path: str) -> str: ...
-def read_surface(path: str, *, gaps: bool = ...) -> tuple[_Floats, _Triangles]: ...
-def write_surface(path: str, vertices: _Floats, faces: _Triangles, *, overwrite: bool, double: bool) -> None: ...
+def read_surface(path: str, *, gaps: bool = ...) -> tuple[_Floats, _Triangles, _Metadata]: ...
+def write_surface(
+    path: str, vertices: _Floats, faces: _Triangles, metadata: _Metadata, *, overwrite: bool, double: bool
+) -> None: ...
+def of_point_set(metadata: dict[str, Any]) -> list[tuple[str, str]]: ...
 def read_landmarks(path: str) -> tuple[list[str], _Floats, str | None]: ...
 def write_landmarks(path: str, names: Sequence[str], points: _Floats, frame: str | None, *, overwrite: bool) -> None: ...
 def read_values(path: str, *, gaps: bool = ...) -> _Floats: ...
@@ -337,7 +344,7 @@ def repair(
     vertices: _Floats, faces: _Triangles, *, largest_repair: float | None, wrap: int | None
 ) -> tuple[_Floats, _Triangles, str, str]: ...
 def parametrize_volume(
-    volume: str | tuple[NDArray[np.int32] | _Floats, _Floats],
+    volume: tuple[str, list[float] | None, _Floats | None] | tuple[NDArray[np.int32] | _Floats, _Floats],
     *,
     label: int | None,
     image: tuple[int | None, int | None],
@@ -356,7 +363,9 @@ def parametrize_volume(
     progress: _Progress | None = None,
 ) -> _Mapped: ...
 def labels(
-    volume: str | tuple[NDArray[np.int32] | _Floats, _Floats], *, image: tuple[int | None, int | None]
+    volume: tuple[str, list[float] | None, _Floats | None] | tuple[NDArray[np.int32] | _Floats, _Floats],
+    *,
+    image: tuple[int | None, int | None],
 ) -> dict[int, int]: ...
 def resample(
     vertices: _Floats,

@@ -16,7 +16,7 @@ from ._parametrize import Parametrization
 from ._progress import Progress, callback
 from ._repair import changes_of, named_change
 from ._store import Store
-from ._surface import Path, Surface, as_surface, named_icosphere
+from ._surface import Metadata, Path, Surface, as_surface, meta_of, meta_of_path, named_icosphere, opened
 from ._transform import Transform
 from ._warnings import warn
 from .reports import FitReport
@@ -90,12 +90,13 @@ def _sphere_of(vertices: int, triangles: Any, sphere: Any) -> tuple[Any, Any, bo
     return directions, faces, parametrized
 
 
-def _read(target: Any, sphere: Any, gaps: bool) -> tuple[Floats, Any]:
-    """Returns the positions and triangles of a mesh; or, given a sphere and a file that has no mesh, its signal and None.
-    With `gaps`, positions and values of files may be NaN, because a mask or weights may leave them out."""
+def _read(target: Any, sphere: Any, gaps: bool) -> tuple[Floats, Any, Metadata]:
+    """Returns the positions, triangles and metadata of a mesh; or, given a sphere and a file that has no mesh, its signal,
+    None and the file's path as metadata. With `gaps`, positions and values of files may be NaN, because a mask or weights
+    may leave them out."""
     is_file = isinstance(target, (str, os.PathLike))
     try:
-        mesh = Surface(*_core.read_surface(os.fspath(target), gaps=True)) if is_file and gaps else as_surface(target)
+        mesh = Surface._of(*_core.read_surface(os.fspath(target), gaps=True)) if is_file and gaps else as_surface(target)
     except errors.MeshError as error:
         if not is_file:
             raise
@@ -105,8 +106,8 @@ def _read(target: Any, sphere: Any, gaps: bool) -> tuple[Floats, Any]:
             raise error from None
         if sphere is None:
             raise errors.MeshError(f"{os.fspath(target)}: a signal needs a sphere; give the sphere as sphere=") from error
-        return signal, None
-    return mesh.vertices, mesh.faces
+        return signal, None, meta_of_path(target)
+    return mesh.vertices, mesh.faces, mesh._meta
 
 
 def refuse_both(what: str, surface: Any) -> None:
@@ -215,7 +216,7 @@ def fit(
     wrap : int, optional
         Without a sphere: replace the surface by the closed surface around it, as `repair` does, instead of repairing it.
     cut_handles : bool
-        Without a sphere: cut the handles of a surface, as `parametrize` does.
+        Without a sphere: cut the handles of a surface, as `parametrize` does; a warning states the cuts.
     objective : {"surface", "vertices"}, optional
         What is fitted: ``"surface"``, all triangles, each part weighted by its share of the sphere; or ``"vertices"``,
         the vertices alone, as in the paper. By default the surface if triangles are given; the vertices for signals and
@@ -263,7 +264,7 @@ def fit(
         ``density`` computes moments of uneven samples and divides by the samples' density; ``factor`` factorises the
         normal equations; ``auto`` uses ``density`` if that pays off, and ``factor`` if iterations are slow.
     strict : bool
-        Raise an error if the tolerance isn't met, or if the sphere is doubtful.
+        Raise an error if the tolerance isn't met, or if the sphere is doubtful or doesn't seem to belong to the surface.
     dtype : {"f64", "f32"}, optional
         Scalar type of the store's basis.
     memory : int or str, optional
@@ -298,6 +299,9 @@ def fit(
     -----
     NotDetermined, NotConverged, Oscillation
         Doubts about the fit.
+    SpharmWarning
+        If the sphere isn't centred or closed; if it reverses the orientation of the surface; or if, by the metadata or names of
+        their files, it belongs to the other hemisphere.
 
     Examples
     --------
@@ -312,7 +316,7 @@ def fit(
     if isinstance(surface, Parametrization):
         surface, sphere = surface.surface, surface if sphere is None else sphere
     # An array or an image holds values; a mesh is given as an object, a path or a pair of arrays.
-    triangles = None
+    triangles, meta = None, None
     image = _arrays.is_image(surface)
     if sphere is not None:
         refuse_both("surface", surface)
@@ -323,10 +327,12 @@ def fit(
         values, is_surface = _arrays.channels("surface", surface), surface.ndim == 2 and surface.shape[1] == 3
     else:
         # Over a sphere, missing values are refused below.
-        values, triangles = _read(surface, sphere, sphere is not None or mask is not None or not isinstance(weights, str))
+        gaps = sphere is not None or mask is not None or not isinstance(weights, str)
+        values, triangles, meta = _read(surface, sphere, gaps)
         is_surface = triangles is not None
     if isinstance(sphere, (int, float, np.number)):
         raise ValueError(f"sphere: expected a sphere, found {sphere!r}; give the degree as max_degree={sphere!r}")
+    sphere = opened(sphere)
     directions, faces, parametrized = _sphere_of(len(values), triangles, sphere)
     changes = changes_of(fix, largest_repair, wrap, cut_handles)
     if directions is not None and (name := named_change(fix, wrap, cut_handles)) is not None:
@@ -369,6 +375,7 @@ def fit(
             triangles,
             directions,
             faces,
+            metadata=(meta, meta_of(sphere)),
             surface=is_surface,
             parametrized=parametrized,
             seam=seam_of(sphere),

@@ -18,7 +18,7 @@ from ._model import Model, seam_of, sphere_arrays
 from ._progress import Progress, callback
 from ._repair import changes_of, named_change
 from ._store import Store
-from ._surface import Path, as_surface
+from ._surface import Metadata, Path, as_surface, meta_of, opened
 from .errors import SpharmError
 
 if TYPE_CHECKING:
@@ -147,16 +147,19 @@ def fit_many(
         raise ValueError(f"{name}: expected no sphere, because this option changes the surfaces")
     kinds = set()
     arrays: list[Floats] = []
+    metas: list[Metadata] = []
     triangles = None
     for surface in surfaces:  # type: ignore[union-attr]
         refuse_both("surfaces", surface)
         image = _arrays.is_image(surface) and not _arrays.has_mesh(surface)
         if image or isinstance(surface, np.ndarray):
             arrays.append(_arrays.channels("surfaces", surface))
+            metas.append(None)
             kinds.add(isinstance(surface, np.ndarray) and surface.ndim == 2 and surface.shape[1] == 3)
         else:
             mesh = as_surface(surface)
             arrays.append(mesh.vertices)
+            metas.append(mesh._meta)
             if triangles is not None and not np.array_equal(triangles, mesh.faces):
                 raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of the surfaces before it")
             triangles = mesh.faces
@@ -165,12 +168,14 @@ def fit_many(
         raise ValueError("surfaces: expected surfaces or signals, found both")
     if not arrays:
         return []
+    sphere = opened(sphere)
     directions, faces, parametrized = sphere_arrays(sphere)
     checked = _settings(max_degree, len(directions), **settings)
     fits = _core.fit_many(
         arrays,
         directions,
         triangles if faces is None else faces,
+        metadata=(metas, meta_of(sphere)),
         surface=kinds.pop(),
         parametrized=parametrized,
         seam=seam_of(sphere),

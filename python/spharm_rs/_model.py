@@ -294,9 +294,10 @@ class Model(Values):
         Returns
         -------
         Surface
+            With the metadata of the fitted surface's file, such as the geometry of FreeSurfer's volume.
         """
         vertices, faces = sampling(at)
-        return Surface(*self._inner.surface(vertices, faces, self._degree(degree), threads=threads))
+        return Surface._of(*self._inner.surface(vertices, faces, self._degree(degree), threads=threads))
 
     def truncate(self, degree: int) -> Model:
         """Returns a model that has only the degrees 0 to ``degree``, with the standard errors of their coefficients."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from . import _arrays, _core
 from ._progress import Progress, callback
 from ._repair import changes_of
-from ._surface import Path, Surface, as_surface, named_icosphere
+from ._surface import Metadata, Path, Surface, as_surface, named_icosphere
 from ._warnings import warn
 from .reports import MapQuality, MapReport
 
@@ -50,10 +50,11 @@ class Parametrization:
         return self.report["quality"]
 
 
-def _made(mapped: Any) -> Parametrization:
+def _made(mapped: Any, meta: Metadata = None) -> Parametrization:
+    """Returns a mapped surface with the metadata of the given one, which is at the same place."""
     vertices, faces, sphere, report, problems, seam = mapped
     warn(problems)
-    return Parametrization(Surface(vertices, faces), Surface(sphere, faces), json.loads(report), seam)
+    return Parametrization(Surface._of(vertices, faces, meta), Surface(sphere, faces), json.loads(report), seam)
 
 
 def _settings(
@@ -98,7 +99,7 @@ def parametrize(
         Replace the surface by the closed surface around it, as `repair` does, instead of repairing it.
     cut_handles : bool
         Cut handles along short loops and fill both sides, instead of refusing the surface. The cut surface is mapped;
-        `Model.surface` of a model fitted over its sphere restores the handles.
+        `Model.surface` of a model fitted over its sphere restores the handles. A warning states the cuts.
     method : {"auto", "cald", "conformal", "stretch", "deform"}
         ``auto`` is ``cald`` (equal areas with little length distortion), or ``stretch`` if ``cald`` fails.
     degree : int, optional
@@ -141,7 +142,7 @@ def parametrize(
         **settings,
         progress=callback(progress),
     )
-    return _made(found)
+    return _made(found, mesh._meta)
 
 
 def parametrize_volume(
@@ -155,6 +156,8 @@ def parametrize_volume(
     label_surface: str = "smooth",
     smooth_radius: float | None = None,
     affine: ArrayLike | None = None,
+    spacing: ArrayLike | None = None,
+    axes: str = "xyz",
     fix: bool = False,
     cut_handles: bool = False,
     method: str = "auto",
@@ -170,7 +173,7 @@ def parametrize_volume(
     Parameters
     ----------
     volume : str, os.PathLike or array_like, (i, j, k)
-        A file (NIfTI, MGH/MGZ, NRRD, TIFF with its voxel size), or an array of labels, grey values or probabilities.
+        A file (NIfTI, MGH/MGZ, NRRD, TIFF, npy), or an array of labels, grey values or probabilities.
     label : int, optional
         Required if the volume has several labels.
     channel, time : int, optional
@@ -187,9 +190,16 @@ def parametrize_volume(
     smooth_radius : float, optional
         Distance in voxels that a smooth surface may be from the voxels' faces, 0.25 to 4; by default 0.5.
     affine : array_like of float, (4, 4), optional
-        For an array: the transform from voxel indices to positions; by default the identity.
+        For an array, or a file without a voxel size: the transform from voxel indices along x, y and z to positions; by
+        default the identity for an array.
+    spacing : array_like of float, (3,), optional
+        Size of the voxels, instead of ``affine``: along the axes of an array, or along x, y and z of a file, where it
+        replaces the size in the file.
+    axes : {"xyz", "zyx"}
+        Order of the axes of an array: ``zyx`` for images of scikit-image, tifffile and napari. The axes of a file have
+        a fixed order.
     fix : bool
-        Repair a label whose surface isn't of genus zero, instead of refusing it.
+        Repair a label whose surface isn't of genus zero, instead of refusing it. A warning states the changes.
     cut_handles : bool
         As for `parametrize`; the label's surface is then mapped as a triangle mesh.
     method : str
@@ -200,7 +210,8 @@ def parametrize_volume(
     Returns
     -------
     Parametrization
-        Its surface is that of the label.
+        Its surface is that of the label. Its report also has the label's ``voxels``, ``at_border`` and, after a repair,
+        ``repair``. A warning says if the label touches the border of the volume.
 
     Examples
     --------
@@ -209,11 +220,14 @@ def parametrize_volume(
     >>> labels[2:6, 2:6, 2:5] = 3
     >>> sp.parametrize_volume(labels, label=3).surface
     Surface(82 vertices, 160 faces)
+    >>> image = labels.transpose()
+    >>> sp.parametrize_volume(image, label=3, axes="zyx", spacing=(0.5, 0.2, 0.2)).report["voxels"]
+    48
     """
     settings = _settings(method, degree, area, seed, memory, threads)
     chosen = None if label is None else int(np.asarray(label).item())
     found = _core.parametrize_volume(
-        _volume(volume, affine, threshold is not None or probability),
+        _volume(volume, threshold is not None or probability, affine, spacing, axes),
         label=chosen,
         image=_image(channel, time, volume),
         **_volume_settings(threshold, probability, label_surface, smooth_radius),
@@ -234,7 +248,7 @@ def labels(volume: Path | ArrayLike, *, channel: int | None = None, time: int | 
     channel, time : int, optional
         As for `parametrize_volume`.
     """
-    return _core.labels(_volume(volume, None, False), image=_image(channel, time, volume))
+    return _core.labels(_volume(volume, False), image=_image(channel, time, volume))
 
 
 def _image(channel: int | None, time: int | None, volume: Any = None) -> tuple[int | None, int | None]:
@@ -262,11 +276,22 @@ def _volume_settings(
     }
 
 
-def _volume(volume: Path | ArrayLike, affine: ArrayLike | None, of_values: bool) -> Any:
+def _volume(
+    volume: Path | ArrayLike,
+    of_values: bool,
+    affine: ArrayLike | None = None,
+    spacing: ArrayLike | None = None,
+    axes: str = "xyz",
+) -> Any:
+    if axes not in ("xyz", "zyx"):
+        raise ValueError(f"axes: expected 'xyz' or 'zyx', found {axes!r}")
+    if affine is not None and spacing is not None:
+        raise ValueError(f"spacing: expected None with affine, which has the voxel size, found {spacing!r}")
+    matrix, sizes = None if affine is None else _affine(affine), None if spacing is None else _spacing(spacing)
     if isinstance(volume, (str, os.PathLike)):
-        if affine is not None:
-            raise ValueError("affine: expected None, because the volume file has its own affine")
-        return os.fspath(volume)
+        if axes != "xyz":
+            raise ValueError(f"axes: expected 'xyz' for a file, which has its own order of axes, found {axes!r}")
+        return os.fspath(volume), sizes, matrix
     array = np.asarray(volume)
     if array.ndim != 3:
         raise ValueError(f"volume: expected shape (i, j, k), found {array.shape}")
@@ -277,10 +302,25 @@ def _volume(volume: Path | ArrayLike, affine: ArrayLike | None, of_values: bool)
         raise ValueError(f"volume: expected whole numbers, found {array.dtype}")
     if not of_values and array.size and not -(2**31) <= int(array.min()) <= int(array.max()) < 2**31:
         raise ValueError(f"volume: expected labels of 32 bits, found {array.min()} to {array.max()}")
-    matrix = _arrays.real("affine", np.eye(4) if affine is None else affine, "(4, 4)")
+    if axes == "zyx":
+        array, sizes = array.transpose(), None if sizes is None else sizes[::-1]
+    if matrix is None:
+        matrix = np.diag([*(sizes or [1.0] * 3), 1.0])
+    return np.require(array, np.float64 if of_values else np.int32, "A"), matrix
+
+
+def _affine(affine: ArrayLike) -> _arrays.Floats:
+    matrix = _arrays.real("affine", affine, "(4, 4)")
     if matrix.shape != (4, 4):
         raise ValueError(f"affine: expected shape (4, 4), found {matrix.shape}")
-    return np.require(array, np.float64 if of_values else np.int32, "A"), matrix
+    return matrix
+
+
+def _spacing(spacing: ArrayLike) -> list[float]:
+    sizes = _arrays.real("spacing", spacing, "(3,)")
+    if sizes.shape != (3,) or not (np.isfinite(sizes) & (sizes > 0)).all():
+        raise ValueError(f"spacing: expected three positive numbers, found {spacing!r}")
+    return [float(size) for size in sizes]
 
 
 def resample(
@@ -331,5 +371,6 @@ def resample(
             memory=_arrays.size(memory),
             threads=_arrays.threads(threads),
             progress=callback(progress),
-        )
+        ),
+        mesh._meta,
     )

@@ -75,6 +75,9 @@ class Member:
         %) and ``cover_farthest``: distances of the surface from the places. ``unreached``: share of the surface's area
         without places. ``without_counterpart``: number of places without a counterpart on the surface. ``turned``:
         number of triangles turned over. ``model_rms``: distance between model and places.
+    warnings : tuple of str
+        Reasons to check the surface: another kind or unit, a mirror image, parts without counterpart. Each has also been
+        issued as a `SpharmWarning`.
     """
 
     name: str
@@ -83,6 +86,7 @@ class Member:
     places: Floats = field(repr=False)
     reached: Flags = field(repr=False)
     report: dict[str, Any] = field(repr=False)
+    warnings: tuple[str, ...] = field(default=(), repr=False)
 
 
 class Group:
@@ -441,9 +445,13 @@ class Group:
             progress=callback(progress),
         )
         members = [
-            Member(name, Model._of(model), SimilarityTransform._of(json.loads(transform)), places, reached, json.loads(report))
-            for name, (model, transform, places, reached, report) in zip(names, found)
+            Member(
+                name, Model._of(model), SimilarityTransform._of(json.loads(transform)), places, reached, json.loads(report),
+                tuple(doubts),
+            )
+            for name, (model, transform, places, reached, report, doubts) in zip(names, found)
         ]
+        warn(f"{member.name}: {text}" for member in members for text in member.warnings)
         return members if several else members[0]
 
 

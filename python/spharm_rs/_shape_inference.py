@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pathlib
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,39 +12,29 @@ import numpy as np
 from . import _arrays
 from ._arrays import Floats
 from ._model import Model, sampling
+from ._shape_columns import names_of
 from ._surface import as_surface
 
 
-def levels_of(what: str, cells: Any) -> tuple[list[str], list[str]]:
-    """Returns the level of each subject, and the distinct levels in order."""
-    if cells.dtype.kind in "biu":
-        order = np.unique(cells)
-        return [str(cell) for cell in cells.tolist()], [str(level) for level in order.tolist()]
-    if cells.dtype.kind == "f" and np.isfinite(cells).all():
-        return [str(cell) for cell in cells.tolist()], [str(level) for level in np.unique(cells).tolist()]
-    found = cells.tolist()
-    if cells.dtype.kind in "UO" and all(isinstance(cell, str) for cell in found):
-        return found, sorted(set(found))
-    raise ValueError(f"{what}: expected a level for each subject, either all names or all numbers; found {found!r}")
+def check_mask_file(mask: Any, sphere: Any) -> None:
+    """Refuses a FreeSurfer label or annotation as the mask of models that are tested at the vertices of an icosphere.
 
-
-def column(what: str, values: Any, count: int) -> Any:
-    cells = np.asarray(values)
-    if cells.shape != (count,):
-        raise ValueError(f"{what}: expected shape ({count},), one for each subject; found {cells.shape}")
-    return cells
-
-
-def _names(what: str, cells: Any, count: int) -> list[str] | None:
-    """Returns the name of each observation's group."""
-    return None if cells is None else levels_of(what, column(what, cells, count))[0]
+    A label doesn't tell the number of vertices, and fsaverage5 has as many as the default icosphere, in another order.
+    """
+    if not isinstance(mask, (str, os.PathLike)) or pathlib.PurePath(mask).suffix not in (".label", ".annot"):
+        return
+    if sphere is None or isinstance(sphere, (int, np.integer)) or isinstance(sphere, str) and sphere.startswith("icosphere:"):
+        raise ValueError(
+            f"mask: {os.fspath(mask)}: expected a mask for the vertices of an icosphere, found a label or annotation of "
+            "FreeSurfer's surfaces, which have other vertices; give the mask's own sphere as sphere="
+        )
 
 
 def inference_of(
     count: int,
     relabelled: bool,
     errors: str | None,
-    blocks: Any,
+    blocks: list[str] | None,
     whole_blocks: bool,
     variance_groups: Any,
     tfce: bool,
@@ -59,14 +51,15 @@ def inference_of(
         raise ValueError("whole_blocks: can only be given with blocks")
     if cluster is not None and not 0 < cluster < 1:
         raise ValueError(f"cluster: expected a p value above 0 and below 1, found {cluster}")
+    variances = None if variance_groups is None else names_of("variance_groups", variance_groups, count)
     asked: dict[str, Any] = {
-        "errors": errors, "blocks": _names("blocks", blocks, count), "whole_blocks": bool(whole_blocks),
-        "variance_groups": _names("variance_groups", variance_groups, count), "tfce": bool(tfce),
+        "errors": errors, "blocks": blocks, "whole_blocks": bool(whole_blocks),
+        "variance_groups": variances, "tfce": bool(tfce),
         "cluster": None if cluster is None else float(cluster), "surface": None, "kept": None,
     }  # fmt: skip
     if tfce or cluster is not None:
         if surface is None or surface[1] is None:
-            raise ValueError("tfce, cluster: expected a surface with triangles; give surface=")
+            raise ValueError("tfce, cluster: expected a surface with triangles; give surface=, or sphere= with triangles")
         asked["surface"] = (np.ascontiguousarray(surface[0], float), np.ascontiguousarray(surface[1], np.uint32))
         asked["kept"] = None if kept is None else kept.tolist()
     return asked
@@ -148,7 +141,7 @@ class Cluster:
 
 
 def tested_surface(
-    surface: Any, sphere: Any, mean: Model | None, signal: str, vertices: int
+    surface: Any, sphere: Any, mean: Model | None, signal: str | None, vertices: int
 ) -> tuple[Any, Any] | None:
     """Returns vertices and triangles of the surface on which regions are measured and maps are drawn, if it is known."""
     if surface is not None:
@@ -156,9 +149,11 @@ def tested_surface(
         if len(found.vertices) != vertices:
             raise ValueError(f"surface: expected {vertices} vertices, as many as the values have; found {len(found.vertices)}")
         return found.vertices, found.faces
-    if mean is None:
+    if mean is None and sphere is None:
         return None
     directions, faces = sampling(sphere)
-    if signal == "value" or directions is None:
+    if mean is None and directions is not None and len(directions) != vertices:
+        raise ValueError(f"sphere: expected {vertices} vertices, as many as the values have; found {len(directions)}")
+    if mean is None or signal == "value" or directions is None:
         return directions, faces
     return mean.evaluate(directions), faces

@@ -14,7 +14,7 @@ from ._arrays import Floats
 from ._landmarks import Landmarks
 from ._model import Model, core, maps_differ
 from ._progress import Progress, callback
-from ._surface import Surface, as_surface
+from ._surface import Surface, as_surface, moved_meta
 from ._warnings import warn
 from .reports import FitReport
 
@@ -92,7 +92,8 @@ class SimilarityTransform:
         Parameters
         ----------
         what : Model, Surface or what `as_surface` takes, Landmarks, or array_like of float, (n, 3)
-            Points are in the surface's unit; one point may be (3,). Transformed landmarks have no scanner frame.
+            Points are in the surface's unit; one point may be (3,). Transformed landmarks have no scanner frame, and transformed
+            surfaces no position in a volume (FreeSurfer's ``c_ras``, GIfTI's coordinate system).
         threads : int, optional
             For models only; the same holds for `progress`.
         progress : bool or callable, optional
@@ -113,8 +114,11 @@ class SimilarityTransform:
             return self._moved(what)
         if not isinstance(what, Model):
             mesh = as_surface(what)
-            faces = mesh.faces[:, ::-1] if np.linalg.det(self.object) < 0 else mesh.faces
-            return Surface(self._moved(mesh.vertices), faces)
+            mirrored = bool(np.linalg.det(self.object) < 0)
+            faces = mesh.faces[:, ::-1] if mirrored else mesh.faces
+            stays = np.array_equal(self.object, np.eye(3)) and self.scale == 1 and not np.any(self.translation)
+            meta = mesh._meta if stays else moved_meta(mesh._meta, mirrored)
+            return Surface._of(self._moved(mesh.vertices), faces, meta)
         own = self if what.is_surface else replace(self, object=np.eye(3), scale=1.0, translation=np.zeros(3))
         asked = {
             "parameters": rotation("parameters", own.parameters),

@@ -45,9 +45,10 @@ class TestResult:
     Attributes
     ----------
     statistic : ndarray of float, (V,)
-        t, F or Hotelling's T-squared; 0 at vertices without variance.
+        t, F, Hotelling's T-squared, or with variance groups v or G; 0 at vertices without variance.
     p : ndarray of float, (V,)
-        Two-sided p value from the statistic's distribution, uncorrected.
+        Two-sided, uncorrected p value from the distribution of t, F or T-squared; with variance groups, of the estimates
+        over their standard errors.
     q : ndarray of float, (V,)
         False-discovery rate of Benjamini and Hochberg.
     p_fwe, p_permutation : ndarray of float, (V,), or None
@@ -58,10 +59,11 @@ class TestResult:
     size : ndarray of float, (V,), or None
         The estimate divided by the standard deviation of the errors: Cohen's d for two groups, Mahalanobis' distance
         for positions; 0 at vertices without variance.
-    kind : {"t", "F", "T2"}
+    kind : {"t", "F", "T2", "v", "G"}
+        With variance groups, Aspin and Welch's v and G instead of t and F.
     freedom : tuple of float
-        For t: the degrees of freedom, for Welch's t the smallest over all vertices. For F: degrees of freedom between
-        and within. For T-squared: number of components, and degrees of freedom of the errors.
+        For t and v: the degrees of freedom, for Welch's t and v the smallest over all vertices. For F and G: degrees of
+        freedom between and within. For T-squared: number of components, and degrees of freedom of the errors.
     meaning : str
         The tested difference in words, such as ``"control - patient"``.
     levels : dict
@@ -70,8 +72,8 @@ class TestResult:
         Names of the design's columns.
     codes : dict
         Covariates with three to six different whole numbers, and columns of an interaction with two to six, and these
-        numbers. They are treated as amounts, with one slope each; if they are codes of levels, such as sites, give names
-        instead.
+        numbers. They are treated as amounts, with one slope each; if they are codes of levels, such as sites, give words such
+        as ``"site1"``, or a ``pandas.Categorical``, instead.
     resampling : str or None
         Kind of relabelling: "permutations" of subjects, "sign flips", or both.
     assumption : str or None

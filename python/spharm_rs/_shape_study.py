@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Sequence, Union
+from typing import Any, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,17 +13,9 @@ from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model, sampling
 from ._progress import Progress, callback
+from ._shape_columns import Cells, categories_of, levels_of, names_of, numbers_or_levels
 from ._shape_correspond import Group
-from ._shape_inference import (
-    Cluster,
-    check_tested,
-    column,
-    inference_of,
-    levels_of,
-    scattered,
-    stacked,
-    tested_surface,
-)
+from ._shape_inference import Cluster, check_mask_file, check_tested, inference_of, scattered, stacked, tested_surface
 from ._shape_poses import cores
 from ._shape_result import TestResult
 from ._surface import Surface
@@ -68,7 +61,7 @@ def measure_group(
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3)
         Subdivisions of an icosphere; or a sphere; or directions.
     minus : sequence of Model, optional
-        A second model of each subject, such as an earlier time or the other side. Its measurements are subtracted.
+        A second model of each subject, such as an earlier time or the mirrored other side. Its measurements are subtracted.
     signal : {"normal", "position", "value"}
         Displacement from the mean along the mean's outward normal; position; or the value of a signal of one channel.
     degree : int, optional
@@ -138,32 +131,35 @@ def _over_own_maps(models: Sequence[Model]) -> bool:
     return any(not np.array_equal(one, maps[0]) for one in maps[1:])
 
 
-#: A column of the table of subjects: numbers, or names of levels.
-Cells = Union[Floats, "list[str]"]
+def _covariates(given: Any, count: int, blocks: list[str] | None, whole_blocks: bool) -> list[tuple[str, Cells]]:
+    def cells_of(what: str, values: Any) -> Cells:
+        cells = numbers_or_levels(what, values, count, blocks, whole_blocks)
+        if isinstance(cells, list) and len(set(cells)) == 1:
+            raise ValueError(f"{what}: expected two levels or more, found {cells[0]!r} in all rows; omit the covariate")
+        return cells
 
-
-def _numbers_or_levels(what: str, values: Any, count: int) -> Cells:
-    cells = column(what, values, count)
-    if cells.dtype.kind in "iuf":
-        return _arrays.real(what, cells, f"({count},)")
-    return levels_of(what, cells)[0]
-
-
-def _covariates(given: Any, count: int) -> list[tuple[str, Cells]]:
     if given is None:
         return []
     if not isinstance(given, Mapping) and hasattr(given, "columns") and hasattr(given, "__getitem__"):
         given = {name: given[name] for name in given.columns}
     if isinstance(given, Mapping):
-        return [(str(name), _numbers_or_levels(f"covariates, {name}", cells, count)) for name, cells in given.items()]
-    table = _arrays.channels("covariates", given)
-    columns = {f"covariate {column + 1}": values for column, values in enumerate(table.T)}
-    return [(name, _numbers_or_levels("covariates", cells, count)) for name, cells in columns.items()]
+        return [(str(name), cells_of(f"covariates, {name}", cells)) for name, cells in given.items()]
+    columns: Any = [given] if categories_of(given) is not None else _arrays.channels("covariates", given).T
+    names = [f"covariate {number}" for number in range(1, len(columns) + 1)]
+    return [(name, cells_of(f"covariates, {name}", cells)) for name, cells in zip(names, columns)]
+
+
+def _order(levels: Sequence[Any]) -> list[str]:
+    names = [str(level).strip() for level in levels]
+    for at, name in enumerate(names):
+        if name in names[:at]:
+            raise ValueError(f"levels: expected each level once, found the duplicate level {name!r}")
+    return names
 
 
 def _asked(
     count: int, groups: Any, effect: Any, interaction: Any, mean: bool, design: Any, contrast: Any, covariates: Any,
-    interactions: Any, levels: Any,
+    interactions: Any, levels: Any, blocks: list[str] | None, whole_blocks: bool,
 ) -> dict[str, Any]:
     """Converts the tested design for the extension module."""
     if sum(given is not None for given in (groups, effect, interaction, design)) + mean != 1:
@@ -195,18 +191,25 @@ def _asked(
     if contrast is not None and (mean or not named):
         raise ValueError("contrast: expected names and weights, such as 'patient - control', for groups, effect or interaction")
     if groups is not None:
-        cells, order = levels_of("groups", column("groups", groups, count))
-        asked["effect"] = [("groups", cells)]
-        asked["levels"] = order if levels is None else [str(level) for level in levels]
+        of, order = levels_of("groups", groups, count)
+        asked["effect"] = [("groups", of)]
+        asked["levels"] = order if levels is None else _order(levels)
     elif effect is not None:
-        asked["effect"] = [("effect", _arrays.real("effect", column("effect", effect, count), f"({count},)"))]
+        cells = numbers_or_levels("effect", effect, count)
+        if isinstance(cells, list):
+            raise ValueError(f"effect: expected numbers, found levels such as {cells[0]!r}; give levels as groups=")
+        asked["effect"] = [("effect", cells)]
     elif interaction is not None:
         if not isinstance(interaction, Mapping) or len(interaction) != 2:
             raise ValueError("interaction: expected a dict of two columns, such as {'group': groups, 'age': ages}")
-        asked["effect"] = [
-            (str(name), _numbers_or_levels(f"interaction, {name}", cells, count)) for name, cells in interaction.items()
-        ]
-    asked["covariates"] = _covariates(covariates, count)
+        for name, given in interaction.items():
+            what = f"interaction, {name}"
+            cells = numbers_or_levels(what, given, count)
+            # The order of levels is that of the first column of levels.
+            if isinstance(cells, list) and not asked["levels"]:
+                asked["levels"] = levels_of(what, given, count)[1]
+            asked["effect"].append((str(name), cells))
+    asked["covariates"] = _covariates(covariates, count, blocks, whole_blocks)
     names = [interactions] if isinstance(interactions, str) else [] if interactions is None else interactions
     asked["interactions"] = [str(name) for name in names]
     return asked
@@ -225,7 +228,7 @@ def group_test(
     interactions: str | Sequence[str] | None = None,
     levels: Sequence[Any] | None = None,
     minus: Any = None,
-    signal: str = "normal",
+    signal: str | None = None,
     sphere: Any = None,
     degree: int | None = None,
     mask: Any = None,
@@ -261,9 +264,10 @@ def group_test(
         subject, or a single image of (V, n) values.
     groups : array_like, (n,), optional
         Group of each subject, a name or a number. Tests the difference of two groups, the first minus the second, or
-        any difference between more than two groups.
+        any difference between more than two groups. Blanks around names don't count. As in the program's tables, empty
+        text and words such as ``"NA"`` or ``"none"`` are missing values, which are refused, here and in all other columns.
     effect : array_like of float, (n,), optional
-        A number for each subject; the slope of the values over it is tested.
+        A number for each subject, which may be text such as ``"60"``; the slope of the values over it is tested.
     interaction : dict of two array_like, (n,), optional
         Two columns by name, each of numbers or of names of levels, whose interaction is tested: of levels and numbers the
         difference of the slopes, of levels and levels the difference of the differences. The model also has both columns.
@@ -278,34 +282,39 @@ def group_test(
         ``level:name`` or ``level:level``; a covariate's column has its name or, for levels, its name and each level but
         the first. `TestResult.columns` lists them.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
-        Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``.
+        Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``. Text
+        such as ``"60"`` is a number, as in the program's tables; a ``pandas.Categorical`` has levels, even of numbers. Whole
+        numbers with the same groups of rows as ``blocks``, such as numbers of subjects, are levels, too; with
+        ``whole_blocks``, only if they are equal to ``blocks``.
     interactions : str or sequence of str, optional
         Interactions to account for, as names of two columns such as ``"age:sex"``: of covariates, ``groups``, ``effect``, or
         the columns of ``interaction``.
     levels : sequence, optional
-        Order of the groups; sorted by default.
+        Order of the groups; by default that of a ``pandas.Categorical``'s categories, else sorted.
     minus : sequence of Model, array_like of float, of the shape of subjects, or images, optional
         A second measurement of each subject, which is subtracted from the first; the differences are tested.
-    signal : {"normal", "position", "value"}
-        Measurement of models, as in `measure_group`.
+    signal : {"normal", "position", "value"}, optional
+        Measurement of models, as in `measure_group`; by default normal. Not for values, which are measured already.
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3), optional
         Vertices at which models are measured: by default the sphere of a `Group`, and an icosphere of 5 subdivisions for
-        models.
+        models. Of values, the sphere at whose vertices they were measured.
     degree : int, optional
         Highest degree of models; by default the lowest degree among them.
     mask : array_like of bool, (V,), path, or image, optional
-        Vertices to test; a file or an image as for `spharm_rs.fit`. Values outside are never read, and may be NaN. All results
+        Vertices to test; a file or an image as for `spharm_rs.fit`. For models, FreeSurfer's labels and annotations need
+        their ``sphere``. Values outside are never read, and may be NaN. All results
         are NaN there, and ``cluster_of`` is 0. What is outside doesn't count in family-wise p values, false-discovery rates,
         TFCE and clusters. In these, vertices inside keep their areas and the edges between them. By default all vertices,
         whose values must be finite.
     welch : bool
-        Use Welch's test, for two groups of unequal variance without covariates.
+        Use Welch's test, for two groups of unequal variance without covariates; ``variance_groups`` is for other designs.
     blocks : array_like, (n,), optional
         Exchangeability block of each row, a name or a number: rows of the same block depend on each other, such as visits
-        of a subject. Relabellings stay within blocks. With an effect within blocks, and the blocks as a covariate of
-        names, this is the paired test.
+        of a subject. Relabellings stay within blocks. With an effect within blocks, and the blocks as a covariate
+        too, this is the paired test.
     whole_blocks : bool
-        Exchange whole blocks of the same size, with the order of their rows, and flip the signs of whole blocks, instead.
+        Exchange whole blocks of the same size, and flip the signs of whole blocks, instead. Rows of two blocks correspond
+        by the columns of the design that vary within blocks, such as the visit, or else by their order.
     variance_groups : array_like, (n,), optional
         Group of each row, a name or a number, whose variances may differ: the statistic is Aspin and Welch's v, or G for
         several contrasts (Winkler et al. 2014). For values of one component.
@@ -319,7 +328,7 @@ def group_test(
         their areas.
     surface : Surface or what `spharm_rs.as_surface` takes, optional
         The surface at whose vertices values were measured, for ``tfce``, ``cluster`` and pictures. By default the mean of the
-        models; for a signal, the sphere. It has V vertices.
+        models; for a signal and for values, the sphere. It has V vertices.
     permutations : int
         Number of random relabellings, at most 100,000,000; 0 for none.
     seed : int
@@ -359,15 +368,15 @@ def group_test(
     >>> ages, group = np.arange(30, 80, 5.0), np.array(["a", "b"] * 5)
     >>> sp.shape.group_test(values, interaction={"group": group, "age": ages}, permutations=0).meaning
     'slope of age in a - slope in b'
-    >>> stages = ["none", "mild", "severe", "mild", "none"] * 2
-    >>> sp.shape.group_test(values, stages, contrast="mild - none", permutations=0).freedom
+    >>> stages = ["healthy", "mild", "severe", "mild", "healthy"] * 2
+    >>> sp.shape.group_test(values, stages, contrast="mild - healthy", permutations=0).freedom
     (7.0,)
 
     Two visits of ten subjects, as rows that are exchanged within each subject:
 
     >>> visits, subject = np.concatenate([values, later]), np.tile(np.arange(10), 2)
-    >>> time, names = np.repeat([0.0, 1.0], 10), subject.astype(str)
-    >>> paired = sp.shape.group_test(visits, effect=time, covariates={"subject": names}, blocks=names)
+    >>> time = np.repeat([0.0, 1.0], 10)
+    >>> paired = sp.shape.group_test(visits, effect=time, covariates={"subject": subject}, blocks=subject)
     >>> paired.relabellings, bool((paired.p_fwe < 0.01).all())
     (1024, True)
 
@@ -380,6 +389,8 @@ def group_test(
     """
     average: Model | None = None
     noted: tuple[str, ...] = ()
+    if isinstance(subjects, Group) or _are_models(subjects):
+        check_mask_file(mask, sphere)
     if isinstance(subjects, Group):
         if sphere is None:
             sphere, lids = subjects.sphere, subjects.masked
@@ -388,10 +399,14 @@ def group_test(
                 mask = ~lids if given is None else ~lids & given
         subjects = subjects.models
     minus = minus.models if isinstance(minus, Group) else minus
-    sphere = 5 if sphere is None else sphere
     if _are_models(groups):
         raise ValueError("groups: expected a name for each subject, found models; give all subjects in one sequence")
+    for what, given in (("subjects", subjects), ("minus", minus)):
+        if _are_paths(given):
+            raise ValueError(f"{what}: expected models or values, found text; load files of models by spharm_rs.Model.load")
     if _are_models(subjects):
+        sphere = 5 if sphere is None else sphere
+        signal = "normal" if signal is None else signal
         measured = _measured(subjects, minus, sphere, signal, degree, threads, progress)
         values, average, noted = measured.values, measured.mean, measured.warnings
         if mean and minus is None and signal != "value":
@@ -400,6 +415,11 @@ def group_test(
         values = _arrays.real("subjects", stacked("subjects", subjects), "(n, V) or (n, V, 3)")
         if values.ndim not in (2, 3):
             raise ValueError(f"subjects: expected models, or values of shape (n, V) or (n, V, 3), found {values.shape}")
+        if signal not in (None, "value", "position" if values.ndim == 3 else "value"):
+            raise ValueError(
+                f"signal: expected models as subjects with signal={signal!r}, found values of shape {values.shape}, which are "
+                "measured already; leave out signal, or give the models"
+            )
         if minus is not None:
             others = _arrays.real("minus", stacked("minus", minus), "that of subjects")
             if others.shape != values.shape:
@@ -408,7 +428,11 @@ def group_test(
     kept = _arrays.mask(mask, values.shape[1])
     check_tested("subjects" if minus is None else "subjects, minus", values, kept)
     components = values.shape[2] if values.ndim == 3 else 1
-    asked = _asked(len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, interactions, levels)
+    blocks = None if blocks is None else names_of("blocks", blocks, len(values))
+    asked = _asked(
+        len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, interactions, levels, blocks,
+        bool(whole_blocks),
+    )  # fmt: skip
     asked["relative"] = average is not None and minus is None and signal != "value" and design is None
     place = tested_surface(surface, sphere, average, signal, values.shape[1])
     values = values if kept is None else values[:, kept]
@@ -457,6 +481,13 @@ def group_test(
         surface=None if place is None or place[1] is None else Surface(*place),
         mask=kept,
         **found,
+    )
+
+
+def _are_paths(subjects: Any) -> bool:
+    some = subjects.ravel().tolist() if isinstance(subjects, np.ndarray) and subjects.dtype.kind in "OU" else subjects
+    return isinstance(some, (str, os.PathLike)) or (
+        isinstance(some, (list, tuple)) and any(isinstance(one, (str, os.PathLike)) for one in some)
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Union
 
 import numpy as np
@@ -14,6 +14,10 @@ from . import _arrays, _core
 from ._arrays import Floats, Triangles
 
 Path = Union[str, "os.PathLike[str]"]
+
+#: Metadata of a surface's file, as the extension module has them: the anatomical structure, GIfTI's metadata of the ``file``
+#: and of the ``surface``, its coordinate system, FreeSurfer's stamp and footer, and the file's path.
+Metadata = Union["dict[str, Any]", None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -27,6 +31,11 @@ class Surface:
     faces : array_like of int, (f, 3)
         Triangles: vertex numbers from 0, counter-clockwise seen from outside.
 
+    Notes
+    -----
+    A surface that `read_surface` read or a model made keeps the metadata of the file: GIfTI's metadata, anatomical structure
+    and coordinate system, or FreeSurfer's geometry of the volume (``c_ras``). `save`, `to_nibabel` and `fit` pass them on.
+
     Examples
     --------
     >>> import spharm_rs as sp
@@ -37,6 +46,7 @@ class Surface:
 
     vertices: Floats
     faces: Triangles
+    _meta: Metadata = field(default=None, init=False)
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
         if isinstance(faces, np.ndarray) and faces.ndim == 2 and faces.shape[1] > 3:
@@ -44,6 +54,12 @@ class Surface:
             raise ValueError(f"faces: expected triangles, (f, 3), found {found}; triangulate the mesh first")
         object.__setattr__(self, "vertices", _arrays.positions("vertices", vertices))
         object.__setattr__(self, "faces", _arrays.triangles("faces", faces))
+
+    @classmethod
+    def _of(cls, vertices: ArrayLike, faces: ArrayLike, meta: Metadata) -> Surface:
+        surface = cls(vertices, faces)
+        object.__setattr__(surface, "_meta", meta)
+        return surface
 
     def __repr__(self) -> str:
         return f"Surface({len(self.vertices)} vertices, {len(self.faces)} faces)"
@@ -101,14 +117,24 @@ class Surface:
         return SurfaceImage({hemisphere: mesh}, {hemisphere: data.reshape(np.shape(values)).copy()})
 
     def to_nibabel(self) -> Any:
-        """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits."""
-        from nibabel.gifti import GiftiDataArray, GiftiImage
+        """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits, with the metadata that a file would have."""
+        from nibabel.gifti import GiftiCoordSystem, GiftiDataArray, GiftiImage
+        from nibabel.nifti1 import xform_codes
 
-        arrays = [
-            GiftiDataArray(self.vertices.astype(np.float32), intent="NIFTI_INTENT_POINTSET", datatype="NIFTI_TYPE_FLOAT32"),
-            GiftiDataArray(self.faces.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE", datatype="NIFTI_TYPE_INT32"),
-        ]
-        return GiftiImage(darrays=arrays)
+        points = GiftiDataArray(
+            self.vertices.astype(np.float32), intent="NIFTI_INTENT_POINTSET", datatype="NIFTI_TYPE_FLOAT32"
+        )
+        triangles = GiftiDataArray(self.faces.astype(np.int32), intent="NIFTI_INTENT_TRIANGLE", datatype="NIFTI_TYPE_INT32")
+        image = GiftiImage(darrays=[points, triangles])
+        if self._meta is not None:
+            image.meta.update(self._meta["file"])
+            points.meta.update(_core.of_point_set(self._meta))
+            if self._meta["coordinate_system"] is not None:
+                *spaces, matrix = self._meta["coordinate_system"]
+                # nibabel knows the spaces of the standard by their numbers; 0 is an unknown one.
+                codes = [xform_codes.code.get(space, 0) for space in spaces]
+                points.coordsys = GiftiCoordSystem(*codes, np.reshape(matrix, (4, 4)))
+        return image
 
     def picture(self, values: ArrayLike | None = None, **settings: Any) -> Any:
         """Draws the surface, with values at its vertices as colours; see `spharm_rs.picture`."""
@@ -244,6 +270,40 @@ def named_icosphere(sphere: Any) -> Any:
     return icosphere(int(number))
 
 
+def opened(sphere: Any) -> Any:
+    """Reads a sphere that is given as a file or as ``icosphere:N``, and returns any other value unchanged."""
+    named = named_icosphere(sphere)
+    return read_surface(named) if isinstance(named, (str, os.PathLike)) else named
+
+
+def meta_of(sphere: Any) -> Metadata:
+    """Returns the metadata of a sphere's file; None for other kinds of spheres."""
+    return sphere._meta if isinstance(sphere, Surface) else None
+
+
+def meta_of_path(path: Path) -> Metadata:
+    """Returns the metadata of a file that has no others than its name."""
+    names = ("structure", "coordinate_system", "stamp", "footer")
+    return {**dict.fromkeys(names), "file": [], "surface": [], "path": os.fspath(path)}
+
+
+def moved_meta(meta: Metadata, mirrored: bool) -> Metadata:
+    """Returns the metadata of a surface that was moved, without its position in a volume, which is no longer valid. A mirror
+    image belongs to the other hemisphere."""
+    if meta is None:
+        return None
+    kept = [entry for entry in meta["surface"] if not entry[0].startswith("VolGeom")]
+    moved = {**meta, "surface": kept, "coordinate_system": None, "footer": None}
+    if mirrored:
+        structure = meta["structure"] or ""
+        for side, other in (("Left", "Right"), ("Right", "Left")):
+            if structure.endswith(side):
+                moved["structure"] = structure.removesuffix(side) + other
+        # The file's name has the hemisphere of the original.
+        moved["path"] = None
+    return moved
+
+
 def read_surface(path: Path) -> Surface:
     """Reads a surface: GIfTI, FreeSurfer, OBJ, PLY, OFF, STL, VTK (also XML), glTF, 3MF, VRML, also gzipped.
 
@@ -262,7 +322,7 @@ def read_surface(path: Path) -> Surface:
     OSError
         If the file can't be read.
     """
-    return Surface(*_core.read_surface(os.fspath(path)))
+    return Surface._of(*_core.read_surface(os.fspath(path)))
 
 
 def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: bool = False) -> None:
@@ -285,7 +345,9 @@ def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: 
         If the file exists and ``overwrite`` is False.
     """
     mesh = as_surface(surface)
-    _core.write_surface(os.fspath(path), mesh.vertices, mesh.faces, overwrite=bool(overwrite), double=bool(double))
+    _core.write_surface(
+        os.fspath(path), mesh.vertices, mesh.faces, mesh._meta, overwrite=bool(overwrite), double=bool(double)
+    )
 
 
 def read_signal(path: Path) -> Floats:

@@ -252,6 +252,8 @@ class RepairReport(TypedDict):
     #: Triangles that fill the holes; they are the last of the repaired surface.
     triangles_added: int
     unused_vertices_dropped: int
+    #: Share of the area, from 0 to 1, lost by welding rims.
+    lost_area: float
     #: Share of the area of all pieces, from 0 to 1, in the dropped pieces.
     dropped_area: float
     #: Share of the area of the repaired surface in the filled holes.
@@ -281,6 +283,10 @@ class MapReport(TypedDict):
     handles: HandlesReport
     #: Of `spharm_rs.fit_cohort` alone: file of the sphere.
     sphere: str
+    #: Of a label: number of its voxels before a repair, and whether they touch the border of the volume, which may have
+    #: cut off a part.
+    voxels: int
+    at_border: bool
     #: Repairs of a label: counts by name.
     repair: Any
     #: Repair of a mesh.

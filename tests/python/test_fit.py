@@ -365,6 +365,42 @@ def test_a_sphere_that_may_be_none_is_warned_of(study: Study) -> None:
         sp.fit(surface, surface, 5, strict=True)
 
 
+def test_the_sphere_of_the_other_hemisphere_is_doubted(study: Study, tmp_path: Path) -> None:
+    surface, sphere = study
+    surface.save(tmp_path / "lh.pial")
+    sphere.save(tmp_path / "rh.sphere")
+    sp.write_signal(tmp_path / "lh.thickness", surface.vertices[:, 2])
+    read = sp.read_surface(tmp_path / "lh.pial")
+    over = tmp_path / "rh.sphere"
+    other = "lh.{}: this file belongs to the left hemisphere, but the sphere belongs to the right hemisphere"
+    works: list[tuple[str, Callable[[], Any]]] = [
+        ("pial", lambda: sp.fit(tmp_path / "lh.pial", over, 4)),
+        ("pial", lambda: sp.fit(read, sp.read_surface(over), 4)),
+        ("pial", lambda: sp.fit_many([surface, read], over, 4)[1]),
+        ("thickness", lambda: sp.fit(tmp_path / "lh.thickness", over, 4)),
+    ]
+    for name, work in works:
+        with pytest.warns(sp.SpharmWarning, match=other.format(name)):
+            found = work()
+        assert any("left hemisphere" in text for text in found.report["warnings"]), name
+    with pytest.raises(ValueError, match=other.format("pial")):
+        sp.fit(read, over, 4, strict=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sp.fit(surface, over, 4)
+
+
+def test_a_sphere_that_turns_the_surface_inside_out_is_doubted(study: Study) -> None:
+    surface, sphere = study
+    mirrored = sp.Surface(sphere.vertices * [-1, 1, 1], sphere.faces)
+    reverses = "the surface: the sphere reverses the orientation of the surface; is this the sphere of the other hemisphere"
+    with pytest.warns(sp.SpharmWarning, match=reverses):
+        sp.fit(surface, mirrored, 4)
+    with pytest.warns(sp.SpharmWarning, match="the triangles wind inwards") as found:
+        sp.fit(sp.Surface(surface.vertices * [-1, 1, 1], surface.faces), mirrored, 4)
+    assert not any("reverses" in str(warning.message) for warning in found)
+
+
 def test_a_file_of_values_is_a_signal_over_a_sphere(study: Study, tmp_path: Path) -> None:
     surface, sphere = study
     height = surface.vertices[:, 2]

@@ -42,7 +42,8 @@ def is_given(found: sp.Surface, given: sp.Surface, within: float) -> bool:
 def test_handles_are_refused_unless_they_are_to_be_cut(given: sp.Surface) -> None:
     with pytest.raises(sp.errors.MeshError, match="genus 1"):
         sp.parametrize(given)
-    mapped = sp.parametrize(given, cut_handles=True)
+    with pytest.warns(sp.SpharmWarning, match="genus reduced from 1 to 0: 1 handle severed"):
+        mapped = sp.parametrize(given, cut_handles=True)
     assert characteristic(given) == 0 and characteristic(mapped.surface) == 2
     handles = mapped.report["handles"]
     assert (handles["genus_before"], handles["genus_after"], len(handles["loops"])) == (1, 0, 1)
@@ -55,7 +56,9 @@ def test_a_model_gives_the_handles_back(given: sp.Surface, tmp_path: Path) -> No
     mapped = sp.parametrize(given, cut_handles=True, degree=16, area=0.8)
     for model in (sp.fit(mapped, max_degree=16), sp.fit(mapped.surface, mapped, 16), sp.fit_many([mapped.surface], mapped, 16)[0]):
         assert is_given(model.surface(), given, 0.1)
-    one = sp.fit(given, max_degree=16, cut_handles=True)
+    with pytest.warns(sp.SpharmWarning, match="genus reduced from 1 to 0: 1 handle severed"):
+        one = sp.fit(given, max_degree=16, cut_handles=True)
+    assert any("1 handle severed" in text for text in one.report["warnings"])
     assert is_given(one.surface(), given, 0.1)
     report = one.report["parametrization"]
     assert report is not None and one.provenance["handles"]["loops"] == report["handles"]["loops"]
@@ -84,7 +87,8 @@ def test_labels_with_handles() -> None:
     ring = ((np.hypot(at[..., 0], at[..., 1]) - 4.6) ** 2 + at[..., 2] ** 2 < 5).astype(int)
     with pytest.raises(sp.errors.MeshError, match="handle"):
         sp.parametrize_volume(ring)
-    mapped = sp.parametrize_volume(ring, cut_handles=True)
+    with pytest.warns(sp.SpharmWarning, match="genus reduced from 1 to 0"):
+        mapped = sp.parametrize_volume(ring, cut_handles=True)
     model = sp.fit(mapped, max_degree=10)
     assert characteristic(model.surface()) == 0 and mapped.report["handles"]["genus_before"] == 1
 

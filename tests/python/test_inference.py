@@ -73,6 +73,7 @@ def test_p_is_that_of_all_relabellings(name: str, design: Any, contrast: Any, er
     )
     statistic = g_statistic(values, design, contrast, groups)
     assert np.allclose(found.statistic, statistic, rtol=1e-9), (found.statistic, statistic)
+    assert found.kind == {(1, False): "t", (1, True): "v", (2, False): "F", (2, True): "G"}[len(contrast), split]
     assert found.exact and found.p_fwe is not None
     assert np.allclose(found.p_fwe, family_wise(values, design, contrast, groups, moves), atol=1e-12)
 
@@ -93,6 +94,14 @@ def test_blocks_are_exchanged_within_and_as_wholes() -> None:
     assert found.p_fwe is not None and np.allclose(found.p_fwe, family_wise(values, design, contrast, one, within))
     named = sp.shape.test(values, effect=dose, covariates={"subject": subject.astype(str)}, blocks=subject, level=0.2)
     assert named.p_fwe is not None and np.array_equal(named.p_fwe, found.p_fwe)
+    for ids in (subject, 7 - subject, subject.astype(float)):
+        numbered = sp.shape.test(values, effect=dose, covariates={"subject": ids}, blocks=subject, level=0.2)
+        assert numbered.p_fwe is not None and np.array_equal(numbered.p_fwe, found.p_fwe)
+        assert len(numbered.columns) == 2 + 3
+    # Amounts, although they are constant within blocks.
+    for amounts in (age + 0.5, [20, 20, 35, 35, 35, 35, 30, 30]):
+        slope = sp.shape.test(values, effect=dose, covariates={"age": amounts}, blocks=subject, level=0.2)
+        assert slope.columns == ["mean", "effect", "age"]
 
     between = np.column_stack([np.ones(8), age])
     whole = permutations(np.concatenate([[2 * k, 2 * k + 1] for k in order]) for order in itertools.permutations(range(4)))
@@ -239,14 +248,14 @@ def test_interactions_are_nested_models() -> None:
 
 def test_contrasts_are_combinations_of_named_columns() -> None:
     rng = np.random.default_rng(8)
-    values, group = rng.normal(size=(12, 4)), ["mild", "none", "severe"] * 4
-    means = {name: values[[one == name for one in group]].mean(0) for name in ("mild", "none", "severe")}
-    found = sp.shape.test(values, group, contrast="severe - 1/2 mild - 1/2 none", permutations=0)
+    values, group = rng.normal(size=(12, 4)), ["mild", "healthy", "severe"] * 4
+    means = {name: values[[one == name for one in group]].mean(0) for name in ("mild", "healthy", "severe")}
+    found = sp.shape.test(values, group, contrast="severe - 1/2 mild - 1/2 healthy", permutations=0)
     assert found.effect is not None
-    assert np.allclose(found.effect, means["severe"] - (means["mild"] + means["none"]) / 2)
+    assert np.allclose(found.effect, means["severe"] - (means["mild"] + means["healthy"]) / 2)
     any_, both = (
         sp.shape.test(values, group, contrast=rows, permutations=50)
-        for rows in (None, ["mild - none", "severe - none"])
+        for rows in (None, ["mild - healthy", "severe - healthy"])
     )
     assert any_.p_fwe is not None and both.p_fwe is not None
     assert np.allclose(any_.statistic, both.statistic) and np.array_equal(any_.p_fwe, both.p_fwe)

@@ -16,7 +16,8 @@ from .conftest import Study
 MAY_LACK: dict[Any, set[str]] = {
     reports.FitReport: set(get_type_hints(reports.FitReport)),
     reports.MapReport: {
-        "quad_area_deviation", "handles", "sphere", "repair", "mesh_repair", "distance_rms", "distance_max", "self_intersections",
+        "quad_area_deviation", "handles", "sphere", "voxels", "at_border", "repair", "mesh_repair", "distance_rms",
+        "distance_max", "self_intersections",
     },
     reports.RepairReport: {"problems", "wrap"},
     reports.Denoised: {"left_out"},

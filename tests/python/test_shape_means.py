@@ -100,6 +100,6 @@ def test_counts_and_codes() -> None:
     found = sp.shape.test(values, effect=np.arange(12.0), covariates={"site": site, "sex": [0, 1] * 6}, permutations=0)
     assert found.codes == {"site": [1, 2, 3]} and len(found.columns) == 4
     levels = sp.shape.test(
-        values, effect=np.arange(12.0), covariates={"site": [str(one) for one in site]}, permutations=0
+        values, effect=np.arange(12.0), covariates={"site": [f"site{one}" for one in site]}, permutations=0
     )  # fmt: skip
     assert levels.codes == {} and len(levels.columns) == 4

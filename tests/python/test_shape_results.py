@@ -81,6 +81,18 @@ def test_a_mask_of_models_and_of_positions() -> None:
         assert found.picture("effect" if signal == "normal" else "statistic", size=80).png[:4] == b"\x89PNG"
 
 
+def test_a_label_of_freesurfer_needs_its_sphere(tmp_path: Path) -> None:
+    models = [sp.Model(size * np.eye(4)[:, [3, 1, 2]]) for size in np.linspace(1, 2, 12)]
+    label = tmp_path / "lh.cortex.label"
+    inside = np.flatnonzero(KEPT)
+    label.write_text(f"#!ascii label\n{len(inside)}\n" + "".join(f"{vertex} 0 0 0 0\n" for vertex in inside))
+    for sphere in (2, "icosphere:2"):
+        with pytest.raises(ValueError, match=r"lh\.cortex\.label: expected a mask for the vertices of an icosphere, .* sphere="):
+            sp.shape.group_test(models, GROUPS, sphere=sphere, permutations=0, mask=label)
+    found = sp.shape.group_test(models, GROUPS, sphere=SPHERE, permutations=0, mask=label)
+    assert found.mask is not None and np.array_equal(found.mask, KEPT)
+
+
 def test_values_without_a_mask_have_to_be_finite() -> None:
     values = values_of()
     values[3, 7] = np.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -16,8 +17,11 @@ import trimesh
 from nilearn.surface import PolyMesh, SurfaceImage
 
 import spharm_rs as sp
+from spharm_rs.reports import MapReport
 
 from .conftest import Study
+from .test_program import spharm
+from .test_reports import flaws
 
 
 def _nibabel(surface: sp.Surface) -> Any:
@@ -137,6 +141,63 @@ def test_nibabel_reads_what_is_written(study: Study, tmp_path: Path) -> None:
     assert np.array_equal(vertices, study[0].vertices.astype("f4")) and np.array_equal(faces, study[0].faces)
 
 
+#: The geometry of a volume, as FreeSurfer's surfaces have it.
+VOLUME = {
+    "head": np.array([2, 0, 20], np.int32),
+    "valid": "1  # volume info valid",
+    "filename": "../mri/orig.mgz",
+    "volume": [256, 256, 256],
+    "voxelsize": [1.0, 1.0, 1.0],
+    "xras": [-1.0, 0.0, 0.0],
+    "yras": [0.0, 0.0, -1.0],
+    "zras": [0.0, 1.0, 0.0],
+    "cras": [5.0, -17.5, 18.25],
+}
+
+
+def test_a_surface_keeps_its_place_in_the_volume(study: Study, tmp_path: Path) -> None:
+    surface, sphere = study
+    path = tmp_path / "lh.pial"
+    nibabel.freesurfer.write_geometry(path, surface.vertices, surface.faces, volume_info=VOLUME)
+    read = sp.read_surface(path)
+    sp.fit(path, sphere, 4).save(tmp_path / "m.spharm.npz")
+    spharm("reconstruct", "--model", tmp_path / "m.spharm.npz", "-o", tmp_path / "lh.program")
+    spharm("fit", "--surface", path, "--max-degree", "4", "-o", tmp_path / "own.spharm.npz")
+    kept = {
+        "lh.copy": read,
+        "lh.pickled": pickle.loads(pickle.dumps(read)),
+        "lh.model": sp.fit(read, max_degree=4).surface(2),
+        "lh.many": sp.fit_many([read], sphere, 4)[0].surface(2),
+        "lh.loaded": sp.Model.load(tmp_path / "own.spharm.npz").surface(),
+        "lh.mapped": sp.parametrize(read).surface,
+    }
+    for name, found in kept.items():
+        found.save(tmp_path / name)
+    for name in (*kept, "lh.program"):
+        volume = nibabel.freesurfer.read_geometry(tmp_path / name, read_metadata=True)[2]
+        assert np.allclose(volume["cras"], VOLUME["cras"]), name
+    points = read.to_nibabel().darrays[0]
+    assert float(points.meta["VolGeomC_S"]) == 18.25 and read._meta is not None
+
+
+def test_a_surface_keeps_the_metadata_of_gifti(study: Study, tmp_path: Path) -> None:
+    image = _nibabel(study[0])
+    image.meta["Origin"], image.darrays[0].meta["AnatomicalStructurePrimary"] = "here", "CortexLeft"
+    image.darrays[0].coordsys = nibabel.gifti.GiftiCoordSystem(1, 4, np.diag([1.0, 2, 3, 1]))
+    nibabel.save(image, tmp_path / "a.surf.gii")
+    read = sp.read_surface(tmp_path / "a.surf.gii")
+    read.save(tmp_path / "b.surf.gii")
+    for found in (nibabel.load(tmp_path / "b.surf.gii"), read.to_nibabel()):
+        points = found.darrays[0]
+        assert found.meta["Origin"] == "here" and points.meta["AnatomicalStructurePrimary"] == "CortexLeft"
+        assert (points.coordsys.dataspace, points.coordsys.xformspace) == (1, 4) and points.coordsys.xform[2, 2] == 3
+    # A mirror image is of the other hemisphere, and elsewhere.
+    mirror = sp.shape.SimilarityTransform(np.eye(3), False, np.diag([-1.0, 1, 1]), 1.0, np.zeros(3))
+    points = mirror.apply(read).to_nibabel().darrays[0]
+    assert points.meta["AnatomicalStructurePrimary"] == "CortexRight" and points.coordsys.dataspace == 0
+    assert not study[0].to_nibabel().darrays[0].meta
+
+
 def test_signals_go_to_files_and_back(tmp_path: Path) -> None:
     values = np.arange(84.0).reshape(42, 2)
     for name in ["v.func.gii", "v.csv", "v.mgz"]:
@@ -173,6 +234,58 @@ def test_labels_become_surfaces(tmp_path: Path) -> None:
         sp.parametrize_volume(labels, label=7, label_surface="round")
     with pytest.raises(sp.MeshError, match="label"):
         sp.parametrize_volume(labels)
+
+
+def test_axes_and_spacing_of_images(tmp_path: Path) -> None:
+    labels = np.zeros((12, 11, 10), np.int32)
+    labels[2:6, 3:8, 2:6] = 4
+    expected = sp.parametrize_volume(labels, affine=np.diag([0.2, 0.3, 0.5, 1])).surface.vertices
+    of_sizes = sp.parametrize_volume(labels, spacing=(0.2, 0.3, 0.5))
+    assert np.array_equal(of_sizes.surface.vertices, expected)
+    image = np.ascontiguousarray(labels.transpose())
+    of_image = sp.parametrize_volume(image, axes="zyx", spacing=(0.5, 0.3, 0.2))
+    assert np.array_equal(of_image.surface.vertices, expected)
+    # A file without a voxel size takes one, or an affine.
+    np.save(tmp_path / "labels.npy", labels)
+    assert sp.labels(tmp_path / "labels.npy") == {4: 80}
+    with pytest.raises(sp.MeshError, match="doesn't record the voxel size; give spacing="):
+        sp.parametrize_volume(tmp_path / "labels.npy")
+    places: list[dict[str, Any]] = [{"spacing": (0.2, 0.3, 0.5)}, {"affine": np.diag([0.2, 0.3, 0.5, 1])}]
+    for given in places:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = sp.parametrize_volume(tmp_path / "labels.npy", **given)
+        assert np.allclose(found.surface.vertices, expected)
+    nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), tmp_path / "labels.nii.gz")
+    with pytest.raises(ValueError, match="affine: expected None, because the volume file has its own affine"):
+        sp.parametrize_volume(tmp_path / "labels.nii.gz", affine=np.eye(4))
+    with pytest.warns(sp.SpharmWarning, match="voxel size 0.2 x 0.3 x 0.5 replaces 1 x 1 x 1 of the file"):
+        sp.parametrize_volume(tmp_path / "labels.nii.gz", spacing=(0.2, 0.3, 0.5))
+    with pytest.raises(ValueError, match="spacing: expected None with affine"):
+        sp.parametrize_volume(labels, affine=np.eye(4), spacing=(1, 1, 1))
+    with pytest.raises(ValueError, match="axes: expected 'xyz' for a file"):
+        sp.parametrize_volume(tmp_path / "labels.nii.gz", axes="zyx")
+    with pytest.raises(ValueError, match="axes: expected 'xyz' or 'zyx', found 'xzy'"):
+        sp.parametrize_volume(labels, axes="xzy")
+    with pytest.raises(ValueError, match="spacing: expected three positive numbers"):
+        sp.parametrize_volume(labels, spacing=(1, 0, 1))
+
+
+def test_labels_that_are_cut_off_or_in_pieces_are_reported() -> None:
+    labels = np.zeros((30, 8, 8), np.int32)
+    labels[2:6, 2:6, 2:6] = 1
+    whole = sp.parametrize_volume(labels)
+    assert (whole.report["voxels"], whole.report["at_border"]) == (64, False) and "repair" not in whole.report
+    assert flaws(whole.report, MapReport, "volume") == []
+    for start in (8, 14, 20):
+        labels[start : start + 4, 2:6, 2:6] = 1
+    loss = r"3 pieces dropped \(192 voxels, 75 % of the label\); .* skimage.measure.label"
+    with pytest.warns(sp.SpharmWarning, match=loss):
+        fixed = sp.parametrize_volume(labels, fix=True)
+    assert fixed.report["voxels"] == 256 and fixed.report["repair"]["pieces_dropped"] == 3
+    assert flaws(fixed.report, MapReport, "volume") == []
+    with pytest.warns(sp.SpharmWarning, match="label 1 touches the border of the volume"):
+        assert sp.parametrize_volume(labels[2:6]).report["at_border"]
 
 
 @pytest.mark.parametrize("image", [nibabel.Nifti1Image, nibabel.Nifti2Image])

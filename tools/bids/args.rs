@@ -14,7 +14,7 @@ use spharm_cohort::Shard;
 /// Surfaces are read from derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer,
 /// or from --freesurfer. Each surface is fitted over its subject's registered sphere, so that coefficients of different
 /// subjects correspond. `participant` writes models, spectra, surfaces, errors and a page for each subject; `group`
-/// gathers all models.
+/// gathers the subjects' models of --surfaces and --hemi, by default those of the pial surfaces.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

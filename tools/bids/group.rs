@@ -1,11 +1,12 @@
 //! Runs the group level: writes all models as one array, their modes, and a page.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use ndarray::Array3;
 use spharm::Model;
-use spharm_cli::output::{counted, print_line};
+use spharm_cli::output::{counted, first_of, print_line};
 use spharm_cli::paths::model_name;
 use spharm_cli::paths::shown;
 use spharm_cohort::Merged;
@@ -102,6 +103,9 @@ fn gather(output: &Path, hemi: Hemi, surface: Surface) -> Result<Vec<PathBuf>> {
 /// models' names, one per line.
 fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<()> {
     let models = group.iter().map(Model::read).collect::<Result<Vec<_>, _>>()?;
+    if let Some(warning) = other_spaces(&models, group) {
+        cli.common.console().warn(format!("hemi-{} {}: {warning}", hemi.label(), surface.name()));
+    }
     let degree = models.iter().map(|model| model.coefficients.max_degree()).min().unwrap_or(0);
     let mut coefficients = Array3::zeros((models.len(), (degree + 1) * (degree + 1), 3));
     for (mut of, (model, path)) in coefficients.outer_iter_mut().zip(models.iter().zip(group)) {
@@ -115,6 +119,38 @@ fn write(cli: &Cli, hemi: Hemi, surface: Surface, group: &[PathBuf]) -> Result<(
     let entries = [("coefficients", Entry::Cube(coefficients.view())), ("models", Entry::Text(&names.join("\n")))];
     write_arrays(&cli.output.join(format!("group_{}_models.npz", of(hemi, surface))), true, &entries)?;
     Ok(())
+}
+
+/// Returns a warning about models over spheres that are registered to another space than the other models' spheres.
+fn other_spaces(models: &[Model], paths: &[PathBuf]) -> Option<String> {
+    /// Maximum number of models named in the warning.
+    const NAMED: usize = 6;
+    let mut spaces: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for (model, path) in models.iter().zip(paths) {
+        spaces.entry(space(model)?).or_default().push(model_name(path));
+    }
+    let usual = spaces.iter().max_by_key(|(_, names)| names.len())?.0.clone();
+    spaces.remove(&usual);
+    let others = spaces.iter().map(|(space, names)| {
+        let are = if names.len() == 1 { "is" } else { "are" };
+        format!("{} {are} over spheres registered to {space}", first_of(names.iter().map(String::as_str), NAMED))
+    });
+    let others: Vec<String> = others.collect();
+    (!others.is_empty()).then(|| {
+        format!(
+            "{}, but the other models are over spheres registered to {usual}, so equal directions don't correspond; \
+             give these subjects spheres registered to {usual}, or remove their models",
+            others.join("; ")
+        )
+    })
+}
+
+/// Returns the space to which the sphere of a model is registered, by the name of the sphere's file. Names without a
+/// space, such as FreeSurfer's `lh.sphere.reg`, stand for fsaverage. `None` for a model without the sphere's name.
+fn space(model: &Model) -> Option<String> {
+    let name = Path::new(model.provenance.sphere.as_deref()?).file_name()?.to_str()?;
+    let space = name.split('_').find_map(|part| part.strip_prefix("space-"));
+    Some(space.unwrap_or("fsaverage").to_owned())
 }
 
 /// Aligns the models in space and writes their modes of variation. Directions on their spheres already correspond,
@@ -159,4 +195,31 @@ fn listed(folder: &Path) -> Result<Vec<PathBuf>> {
 
 fn named(path: &Path, start: &str) -> bool {
     path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(start))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spharm::{Coefficients, Kind};
+
+    #[test]
+    fn spheres_of_another_space_are_warned_of() {
+        let model = |sphere: &str| {
+            let coefficients = Coefficients::new(ndarray::Array2::ones((4, 3))).unwrap();
+            let mut model = Model::without_sphere(coefficients, Kind::Surface);
+            model.provenance.sphere = Some(format!("anat/{sphere}"));
+            model
+        };
+        let paths: Vec<PathBuf> = (1..=3).map(|subject| format!("sub-{subject}_pial.npz").into()).collect();
+        let [freesurfer, average, other] = [
+            "lh.sphere.reg",
+            "sub-2_hemi-L_space-fsaverage_desc-reg_sphere.surf.gii",
+            "sub-3_hemi-L_space-fsLR_desc-msmsulc_sphere.surf.gii",
+        ]
+        .map(model);
+        assert_eq!(other_spaces(&[freesurfer.clone(), average.clone(), average.clone()], &paths), None);
+        let warning = other_spaces(&[freesurfer, average, other], &paths).unwrap();
+        assert!(warning.starts_with("sub-3_pial is over spheres registered to fsLR, but the other"), "{warning}");
+        assert!(warning.contains("registered to fsaverage, so"), "{warning}");
+    }
 }

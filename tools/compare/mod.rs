@@ -1,6 +1,7 @@
 //! `compare`: measures the distance between two meshes, vertex by vertex and between the surfaces.
 
 mod args;
+mod frames;
 mod output;
 
 use anyhow::{Context, Result, bail};
@@ -76,6 +77,13 @@ fn work(cli: &Cli) -> Result<()> {
         let text = "the models' surfaces were mapped separately, so equal directions don't correspond; only the distance \
                     between the surfaces is measured";
         monitor.console().note(text);
+    }
+    if frames::differ_by_centre(&original, &reconstruction) {
+        monitor.console().note(format!(
+            "{}: the surfaces differ by the centre of their volume (c_ras): one is in FreeSurfer's surface coordinates \
+             (tkRAS), the other in scanner coordinates; convert one of them first, such as by mris_convert --to-scanner",
+            pair()
+        ));
     }
     if mask.is_some() && apart {
         bail!("{}: --mask compares equal directions, which don't correspond in models of separate maps", pair());

@@ -63,8 +63,9 @@ pub(super) struct Input {
     ///
     /// Columns id and surface, and optionally sphere, weights, output, label. Tab-separated, or comma-separated if the
     /// name ends in .csv. Paths are relative to the table. A model's file is named after `output` or, without it, after
-    /// the id; the model records the id. Other columns are ignored. Rows without a sphere use --sphere.
-    #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["files", "surface", "moments", "label", "name_template"])]
+    /// the id; the model records the id. Other columns are ignored. Rows without a sphere use --sphere, and rows
+    /// without a label use --label.
+    #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["files", "surface", "moments", "name_template"])]
     pub(super) manifest: Option<PathBuf>,
     /// Moments of samples, in place of surfaces
     ///
@@ -90,14 +91,14 @@ pub(super) struct Input {
     pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
-    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
+    /// Labels: keeps the largest piece, fills cavities and removes handles. Meshes: welds coincident vertices, drops
     /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, orients all
     /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces of
     /// least bending; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for dropped pieces and 25
-    /// for filled holes
+    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for area lost by welding,
+    /// 5 for dropped pieces and 25 for filled holes
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
     /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the

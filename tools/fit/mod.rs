@@ -11,11 +11,12 @@ use anyhow::{Result, bail};
 use serde_json::{Map, json};
 use spharm::parametrize::volume::is_volume;
 use spharm::{FitParams, Preparation, Sphere};
+use spharm_cli::Usage;
 use spharm_cli::inputs::{expand_lists, read_sphere};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
 use spharm_cli::paths::shown;
-use spharm_cli::surfaces::surfaces as named;
+use spharm_cli::surfaces::{Labels, surfaces as named};
 use spharm_cohort::files::ModelFiles;
 use spharm_cohort::reader::SurfaceReader;
 use spharm_cohort::rerun::IfExists;
@@ -38,7 +39,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     // This reader keeps the last volume in memory until the run starts; the run creates its own reader.
     let reader = SurfaceReader::new(options.run.preparation);
     let cohort = match &cli.input.manifest {
-        Some(path) => of_manifest(cli, Manifest::read(path)?),
+        Some(path) => of_manifest(cli, Manifest::read(path)?)?,
         None => of_list(cli, &options, &reader, &monitor)?,
     };
     if cli.method.max_degree.is_none() {
@@ -79,7 +80,7 @@ fn chosen_degree(
 /// Previews a fit of a manifest's rows. The manifest needn't be on disk yet.
 pub(crate) fn preview(cli: &Cli, manifest: Manifest) -> Result<Previewed> {
     let (options, monitor) = (options(cli, settings::params(cli)?)?, ConsoleMonitor::new(cli.common.console()));
-    rows::preview(&of_manifest(cli, manifest), &options, &monitor)
+    rows::preview(&of_manifest(cli, manifest)?, &options, &monitor)
 }
 
 fn options(cli: &Cli, params: FitParams) -> Result<Options> {
@@ -115,10 +116,15 @@ fn preparation(input: &Input) -> Result<Preparation> {
     Ok(Preparation { reading, label_surface, fix, wrap, cut_handles, largest_repair })
 }
 
-/// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`.
-fn of_manifest(cli: &Cli, manifest: Manifest) -> Cohort {
+/// Returns the rows of a manifest's shard. Rows without a sphere use `--sphere`, and rows without a label `--label`.
+fn of_manifest(cli: &Cli, mut manifest: Manifest) -> Result<Cohort> {
     let shard = cli.cohort.shard.unwrap_or_default();
-    Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone())
+    match cli.input.label[..] {
+        [] => {}
+        [Labels::One(label)] => manifest.rows.iter_mut().for_each(|row| row.label = row.label.or(Some(label))),
+        _ => return Err(Usage::conflict("with --manifest, --label takes a single number: a row has one model").into()),
+    }
+    Ok(Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone()))
 }
 
 /// Returns the surfaces named in the arguments as rows, and reads their sphere.

@@ -26,6 +26,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
     let (subjects, left_out) = subjects(cli, monitor.console())?;
     let rows = rows_of(cli, &subjects, monitor.console());
+    check_label(cli, &rows)?;
     monitor.console().note(format!("{}, {}", counted(subjects.len(), "subject"), counted(rows.len(), "row")));
     let shard = cli.cohort.shard.unwrap_or_default();
     let cohort = Cohort::new(shard.of(&rows).cloned().collect(), cli.output.clone());
@@ -184,6 +185,20 @@ fn rows_of(cli: &Cli, subjects: &[String], console: &Console) -> Vec<Row> {
         ));
     }
     rows
+}
+
+/// Refuses a label that no subject has. If some subjects have it, the others fail one by one.
+fn check_label(cli: &Cli, rows: &[Row]) -> Result<()> {
+    let Some(name) = cli.mask.as_deref() else { return Ok(()) };
+    let mut labels = rows.iter().filter_map(|row| row.region.as_deref());
+    match labels.clone().next() {
+        Some(first) if !labels.any(Path::exists) => bail!(
+            "{}: no such file; --mask {name} expects the labels lh.{name}.label and rh.{name}.label in each subject's \
+             folder label/, and doesn't read annotations (.annot)",
+            first.display()
+        ),
+        _ => Ok(()),
+    }
 }
 
 /// Returns the hemisphere given by a file's name, as FreeSurfer (`lh.`) or BIDS (`hemi-L`) writes it, and the path of

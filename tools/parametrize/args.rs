@@ -42,14 +42,14 @@ pub(crate) struct Cli {
     pub(super) label: Vec<Labels>,
     /// Repair labels and meshes instead of refusing them
     ///
-    /// Labels: keeps the largest piece, fills cavities and opens handles. Meshes: welds coincident vertices, drops
+    /// Labels: keeps the largest piece, fills cavities and removes handles. Meshes: welds coincident vertices, drops
     /// repeated and degenerate triangles, fins, unused vertices and all pieces except the largest, orients all
     /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces
     /// of least bending; the repaired mesh is written to --surface-output.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for dropped pieces and 25
-    /// for filled holes
+    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for area lost by welding,
+    /// 5 for dropped pieces and 25 for filled holes
     #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
     pub(super) largest_repair: Option<f64>,
     /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the

@@ -50,6 +50,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         }
         written.push(one);
     }
+    reader.warnings().iter().for_each(|warning| console.warn(warning));
     if let Some(path) = &cli.report {
         match &written[..] {
             [one] => write_json(path, cli.force, one)?,

@@ -17,9 +17,12 @@ use spharm_cli::size::Size;
 use spharm_model::Model;
 use spharm_monitor::number;
 use spharm_surface::generate::{icosphere_bytes, icosphere_counts};
-use spharm_surface::io::{Output, WriteOptions, bytes_to_read, check_output, write_mesh, write_signal};
+use spharm_surface::geometry::{bounds, sub};
+use spharm_surface::io::{
+    FormatSpec, Precision, WriteOptions, bytes_to_read, to_write_mesh, to_write_signal, write_mesh, write_signal_of,
+};
 use spharm_surface::metrics::bounding_box_scale;
-use spharm_surface::{Kind, Mesh, Seam, Sphere, Welded};
+use spharm_surface::{Kind, Mesh, Seam, Sphere, TargetWarning, Welded};
 
 pub(crate) use self::args::Cli;
 use self::outputs::{Item, items};
@@ -109,13 +112,20 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
         Some(sphere) => sphere,
         None => model.own_sphere().with_context(named)?,
     };
+    if let Some(given) = shared {
+        warn_of_hemispheres(&model, &item.model, given, console);
+    }
     let mut vertices = sphere.directions.len();
     check_memory(cli, (sphere, degree), (&model, &item.model), budget, console)?;
     console.detail(format!("{}: {vertices} vertices, degree {degree}", named()));
     let options = WriteOptions { overwrite: cli.force, double: cli.double };
     let surface = model.kind() == Kind::Surface;
     let output = item.output(surface);
-    check_output(&output, if surface { Output::Mesh } else { Output::Signal })?;
+    let format = if surface { to_write_mesh(&output)? } else { to_write_signal(&output)? };
+    if cli.double && format.precision == Precision::Single {
+        let (path, name) = (output.display(), format.name);
+        console.warn(format!("{path}: --double has no effect, because {name} stores 32-bit numbers"));
+    }
     if surface {
         if sphere.faces.is_empty() {
             let sampling = shared.map_or(item.model.as_path(), Sphere::name);
@@ -129,12 +139,13 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
             None => original(&model, degree, console).with_context(named)?,
         };
         vertices = mesh.vertices.len();
+        warn_of_rounding(&output, &mesh, (format, cli.double), console);
         prepare(&output)?;
         write_mesh(&output, &mesh, &options)?;
     } else {
         let signal = model.reconstruct_signal(sphere, degree).with_context(named)?;
         prepare(&output)?;
-        write_signal(&output, &signal, &options)?;
+        write_signal_of(&output, &signal, model.anatomical_structure().as_deref(), &options)?;
     }
     let seconds = started.elapsed().as_secs_f64();
     if !cli.json {
@@ -147,6 +158,41 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
         "degree": degree,
         "seconds": seconds,
     }))
+}
+
+/// Warns if a model and the sphere at whose vertices it is evaluated belong to different hemispheres.
+fn warn_of_hemispheres(model: &Model, path: &Path, sphere: &Sphere, console: &Console) {
+    if let (Some(target), Some(sphere)) = (model.hemisphere(Some(path)), sphere.hemisphere())
+        && target != sphere
+    {
+        console.warn(format!("{}: {}", path.display(), TargetWarning::OtherHemisphere { target, sphere }));
+    }
+}
+
+/// Step between 32-bit coordinates above which a warning is given, as a fraction of the bounding box's diagonal.
+const COARSE: f64 = 1e-5;
+
+/// Warns if a file's 32-bit numbers are too coarse for a surface far from the origin. `double` says whether 64 bits are
+/// requested.
+fn warn_of_rounding(output: &Path, mesh: &Mesh, (format, double): (&FormatSpec, bool), console: &Console) {
+    let (low, high) = bounds(mesh.vertices.iter().copied());
+    let size = sub(high, low).into_iter().fold(0.0, f64::hypot);
+    let largest = mesh.vertices.as_flattened().iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let step = largest * f64::from(f32::EPSILON);
+    if format.holds_double(double) || step <= COARSE * size {
+        return;
+    }
+    console.warn(format!(
+        "{}: with coordinates up to {}, 32-bit numbers round the surface of size {} to steps of up to {}; {}",
+        output.display(),
+        number(largest),
+        number(size),
+        number(step),
+        match format.precision {
+            Precision::Choice => "give --double",
+            _ => "write a format with 64-bit numbers, such as .obj or .vtp",
+        }
+    ));
 }
 
 /// Gap between the sides of a seam above which a warning is given, as a fraction of the bounding box's size.

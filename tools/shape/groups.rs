@@ -9,6 +9,7 @@ use spharm::{Coefficients, Kind, Monitor};
 use spharm_cli::console::Console;
 use spharm_cli::output::counted;
 use spharm_cli::paths::model_name;
+use spharm_surface::Hemisphere;
 
 use super::args::read_all;
 
@@ -30,6 +31,8 @@ pub(super) struct Group {
     pub(super) names: Vec<String>,
     pub(super) members: Vec<Coefficients>,
     pub(super) degree: usize,
+    /// Hemisphere of each member; `None` if unknown.
+    pub(super) hemispheres: Vec<Option<Hemisphere>>,
     pub(super) warnings: Vec<String>,
 }
 
@@ -52,9 +55,10 @@ pub(super) fn read_group(
             };
             bail!("{}: expected a model of {expected}, found {found}", path.display());
         }
-        Ok((model.coefficients.clone(), model.scheme_key.clone()))
+        Ok(((model.coefficients.clone(), model.scheme_key.clone()), model.hemisphere(Some(path))))
     };
-    let (members, keys): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
+    let (models, hemispheres): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
+    let (members, keys): (Vec<_>, Vec<_>) = models.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
     // Signals have no pose, so poses are only compared for surfaces.
@@ -67,7 +71,7 @@ pub(super) fn read_group(
     warnings.extend(equal_models(&members, paths, |path| path.display().to_string()));
     warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();
-    Ok(Group { names, members, degree, warnings })
+    Ok(Group { names, members, degree, hemispheres, warnings })
 }
 
 /// Returns the distances of centred surfaces from their mean, without alignment.

@@ -46,14 +46,28 @@ pub(super) fn is_group(path: &Path) -> bool {
 }
 
 /// Returns for each direction of a sphere whether it is kept. A group can be used with any sphere; other masks are read
-/// by [`read_file`].
+/// by [`read_file`]. FreeSurfer's labels and annotations need the file of their own sphere.
 pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -> Result<Vec<bool>> {
     let directions: &[Vec3] = sphere.directions.as_slice();
     if is_group(path) {
         let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
         return Ok(GroupFiles::open(folder)?.template()?.kept_at(directions));
     }
+    if sphere.path.is_none() && is_of_freesurfer(path) {
+        bail!(
+            "{}: expected a mask for the {} vertices of {sampling}, found a label or annotation of FreeSurfer's \
+             surfaces, which have other vertices; {remedy}",
+            path.display(),
+            directions.len()
+        );
+    }
     read_file(path, directions.len(), sampling, remedy)
+}
+
+/// Returns whether a mask is a label or an annotation of FreeSurfer. A label doesn't tell the number of vertices of its
+/// surface, and fsaverage5 has as many vertices as the default icosphere, in another order.
+pub(crate) fn is_of_freesurfer(mask: &Path) -> bool {
+    mask.extension().is_some_and(|ending| ending == "label" || ending == "annot")
 }
 
 /// Reads a mask for the vertices of a sampling from a per-vertex file, a label or an annotation.

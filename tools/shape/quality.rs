@@ -189,7 +189,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 /// Returns for each vertex of an icosphere whether it is compared.
 fn mask(path: &Path, subdivisions: u32) -> Result<Vec<bool>> {
     let sampling = masks::sampling(None, subdivisions);
-    masks::read(path, &Sphere::icosphere(subdivisions), &sampling, "give the mask's own icosphere with --icosphere")
+    let remedy = "give a mask for an icosphere, and the icosphere's subdivisions with --icosphere";
+    masks::read(path, &Sphere::icosphere(subdivisions), &sampling, remedy)
 }
 
 fn curve(curve: &Curve) -> Value {

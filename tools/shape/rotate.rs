@@ -23,7 +23,8 @@ use super::plan::Plan;
 ///
 /// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u moves to direction R
 /// u, and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
-/// --mirror exchanges left and right of both the sphere and the surface, before any rotation.
+/// --mirror exchanges left and right of both the sphere and the surface, before any rotation, and in the anatomical
+/// structure.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

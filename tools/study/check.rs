@@ -1,7 +1,7 @@
 //! Checks a study before its subjects are fitted, because fitting takes long.
 
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use spharm::parametrize::volume::is_volume;
@@ -11,11 +11,12 @@ use spharm_cli::output::{counted, first_of};
 use spharm_cohort::{Manifest, Row};
 use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::read_annotation;
+use spharm_surface::{Hemisphere, Sphere};
 
 use super::config::{Method, Poses};
 use super::plan::{Plan, Subject};
 use super::test::Test;
-use super::{LEAST, emptied, sides};
+use super::{LEAST, emptied, sides, voxels};
 use crate::shape::masks;
 use crate::shape::table::{Subjects, is_missing};
 use crate::shape::test::SUBDIVISIONS;
@@ -131,11 +132,11 @@ fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if rows.rows.len() < LEAST {
         bail!("expected {LEAST} subjects or more with {}, found {}", of_side(test), rows.rows.len());
     }
-    designed(plan, test, &rows)
+    designed(plan, test, &rows).map(drop)
 }
 
-/// Checks the design of a test, applied to some subjects.
-fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<()> {
+/// Checks the design of a test, applied to some subjects, and returns the level of each subject.
+fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<Vec<String>> {
     let question = test.asked().question(rows).with_context(|| plan.table.display().to_string())?;
     let components = if test.signal.as_deref() == Some("position") { 3 } else { 1 };
     let params = TestParams { welch: test.welch, ..TestParams::default() };
@@ -143,17 +144,20 @@ fn designed(plan: &Plan, test: &Test, rows: &Rows<'_>) -> Result<()> {
         bail!("welch: expected two groups and no covariates; omit `welch` for other tests");
     }
     stats::check(components, &question.design, &question.contrast, &params)
-        .with_context(|| plan.table.display().to_string())
+        .with_context(|| plan.table.display().to_string())?;
+    Ok(question.level_of)
 }
 
 /// Checks the tests again, applied to the subjects that could be fitted. `failed` lists the other subjects, with the
-/// reasons. Returns warnings about subjects with only one fitted side, and about exchanged sides.
+/// reasons. Returns warnings about subjects with only one fitted side, exchanged sides, and groups with voxels of
+/// different sizes.
 ///
 /// # Errors
 ///
 /// If too few subjects are left for a test, or none in a group.
 pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>], failed: &[(String, String)]) -> Result<Vec<String>> {
     let ids: HashSet<&str> = subjects.iter().map(|subject| subject.id).collect();
+    let (sizes, mut warnings) = (voxels::sizes(subjects)?, Vec::new());
     for test in &plan.study.test {
         let named = || format!("{}: test {:?}", plan.file.display(), test.name);
         let rows = Rows::of(plan, test, &|row| ids.contains(row.id.as_str()));
@@ -162,17 +166,19 @@ pub(super) fn fitted(plan: &Plan, subjects: &[Subject<'_>], failed: &[(String, S
             let (of_side, found) = (of_side(test), rows.rows.len());
             bail!("{}: expected {LEAST} subjects or more with {of_side} that could be fitted, found {found}", named());
         }
-        designed(plan, test, &rows).with_context(named)?;
+        let levels = designed(plan, test, &rows).with_context(named)?;
+        warnings.extend(voxels::differ(&test.name, &rows.rows, &levels, &sizes));
     }
     if !plan.has_sides() {
-        return Ok(Vec::new());
+        return Ok(warnings);
     }
     let alone = sides::alone(&plan.manifest, subjects.iter().map(|subject| subject.cells));
     let (count, names) = (counted(alone.len(), "subject"), first_of(alone.iter().map(String::as_str), NAMED));
     let are = if alone.len() == 1 { "is" } else { "are" };
     let missing = (!alone.is_empty())
         .then(|| format!("{count} with only one side {are} excluded from the tests of asymmetry: {names}"));
-    Ok(missing.into_iter().chain(swapped(plan, subjects)?).collect())
+    warnings.extend(missing.into_iter().chain(swapped(plan, subjects)?));
+    Ok(warnings)
 }
 
 /// Returns a warning if the left side lies to the right of the right side in the volumes of all subjects.
@@ -230,12 +236,14 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
         }
     }
     let sphere = test.sphere.as_ref().map(|sphere| plan.folder.join(sphere));
-    let vertices = match &sphere {
-        Some(sphere) => read_sphere(sphere).context("sphere")?.directions.len(),
+    let read = sphere.as_ref().map(read_sphere).transpose().context("sphere")?;
+    of_first_side(plan, test, read.as_ref())?;
+    let vertices = match read {
+        Some(sphere) => sphere.directions.len(),
         None => usize::try_from(icosphere_counts(SUBDIVISIONS)[0])?,
     };
     if let Some(mask) = &test.mask {
-        if plan.method == Method::Correspond && test.sphere.is_none() && is_of_freesurfer(mask) {
+        if plan.method == Method::Correspond && test.sphere.is_none() && masks::is_of_freesurfer(mask) {
             bail!(
                 "mask: {}: with method \"correspond\", expected a value for each vertex of a test's mean.surf.gii, \
                  found a label of FreeSurfer's surfaces, which have other vertices",
@@ -255,10 +263,27 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     Ok(())
 }
 
-/// Returns whether a mask is a label or an annotation of FreeSurfer. A label doesn't tell the number of vertices of its
-/// surface, and fsaverage5 has as many vertices as the default icosphere.
-fn is_of_freesurfer(mask: &Path) -> bool {
-    mask.extension().is_some_and(|ending| ending == "label" || ending == "annot")
+/// Refuses files of the second side for a test of a study of both sides. The second side is mirrored, so its results,
+/// too, are at the places of the first side.
+fn of_first_side(plan: &Plan, test: &Test, sphere: Option<&Sphere>) -> Result<()> {
+    let [first, second] = &plan.study.subjects.sides[..] else { return Ok(()) };
+    let Some(mirrored) = Hemisphere::of_side(second) else { return Ok(()) };
+    let named = |path: Option<&PathBuf>| Hemisphere::of(None, path.map(PathBuf::as_path));
+    let files = [
+        ("sphere", &test.sphere, sphere.and_then(Sphere::hemisphere)),
+        ("mask", &test.mask, named(test.mask.as_ref())),
+        ("annotation", &test.annotation, named(test.annotation.as_ref())),
+    ];
+    for (key, path, of) in files {
+        if let Some(path) = path.as_ref().filter(|_| of == Some(mirrored)) {
+            bail!(
+                "{key}: {}: this file belongs to the {mirrored} hemisphere, but side {second} is mirrored, and all \
+                 results are at the vertices of side {first}; give the file of side {first}",
+                plan.folder.join(path).display()
+            );
+        }
+    }
+    Ok(())
 }
 
 /// Table of the subjects of a test.

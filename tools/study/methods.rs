@@ -9,7 +9,7 @@ use spharm::shape::outliers;
 use spharm_cli::output::counted;
 use spharm_cohort::Row;
 
-use super::config::Method;
+use super::config::{Method, Poses};
 use super::plan::Plan;
 use super::test::Test;
 use super::warnings::about;
@@ -116,7 +116,14 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
     };
     if plan.method != Method::None {
         text += if scale { ", and scaled to a common size" } else { ", without scaling" };
-        text += if mirror { "; mirror images were also matched. " } else { ". " };
+        text += if mirror { "; mirror images were also matched" } else { "" };
+        text += match (plan.method, study.align.pose) {
+            (Method::Correspond, Poses::Near) => ". The given poses were improved by rigid motions to nearest points. ",
+            (Method::Correspond, Poses::Any) => {
+                ". Poses were found by rigid motions to nearest points, from a search over all rotations. "
+            }
+            _ => ". ",
+        };
     } else {
         text += ". ";
     }

@@ -14,6 +14,7 @@
 //! | `ending` | the output of a study at its end |
 //! | `stage` | one command, and the decision whether it must run |
 //! | `tidy` | removal of files that no longer belong to the study |
+//! | `voxels` | warning about groups with voxels of different sizes |
 //! | `warnings` | the warnings at the head of the page |
 
 mod args;
@@ -37,6 +38,7 @@ mod subjects;
 mod surfaces;
 mod test;
 mod tidy;
+mod voxels;
 mod warnings;
 
 use std::fs::{File, TryLockError};

@@ -29,7 +29,11 @@ impl Plan {
         arguments.extend(words(&[if force { "--force" } else { "--update" }]));
         arguments.extend(shard.iter().flat_map(|shard| words(&["--shard", &shard.to_string()])));
         match fits.name {
-            SURFACES => arguments.extend(self.fit_arguments()),
+            SURFACES => {
+                arguments.extend(self.fit_arguments());
+                let of_all = self.study.subjects.label.filter(|_| self.study.subjects.surface.is_none());
+                arguments.extend(of_all.iter().flat_map(|label| words(&["--label", &label.to_string()])));
+            }
             // Fits of signals only get the sphere, because the other arguments apply to surfaces.
             _ => arguments.extend(self.study.fit.sphere().iter().flat_map(|sphere| words(&["--sphere", sphere]))),
         }

@@ -33,10 +33,10 @@ pub(super) fn manifest(
         if subjects.sphere.is_some() {
             bail!("`sphere` in [subjects] is a pattern, so it needs a `surface` pattern beside it");
         }
-        if subjects.label.is_some() {
-            bail!("`label` in [subjects] needs a `surface` pattern; a table of surfaces has a column `label`");
-        }
-        return Ok((Manifest::read(table)?, None));
+        let mut manifest = Manifest::read(table)?;
+        // The fit gets the label as an argument, because its manifest is the table itself.
+        manifest.rows.iter_mut().for_each(|row| row.label = row.label.or(subjects.label));
+        return Ok((manifest, None));
     };
     has_id("surface", surface)?;
     subjects.sphere.as_deref().map_or(Ok(()), |pattern| has_id("sphere", pattern))?;

@@ -41,7 +41,8 @@ pub(crate) struct Cli {
     pub(super) label_surface: LabelSurfaceArgs,
     /// Repair labels whose surface isn't of genus zero
     ///
-    /// Keeps the largest piece, fills cavities and opens handles, instead of refusing the label.
+    /// Keeps the largest piece, fills cavities and removes handles, instead of refusing the label. A warning says if a
+    /// label loses more than 5 % of its voxels.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
     /// Cut the handles of labels along short loops, and fill both sides of each cut

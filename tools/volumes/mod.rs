@@ -14,8 +14,9 @@ use spharm::parametrize::volume::{is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
-use spharm_cli::inputs::{expand_lists, read_text};
+use spharm_cli::inputs::expand_lists;
 use spharm_cli::monitor::ConsoleMonitor;
+use spharm_cli::names::NameTemplate;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_json, print_line};
 use spharm_cli::paths::natural_order;
 use spharm_cli::surfaces::Labels;
@@ -32,14 +33,14 @@ use crate::rows::if_exists;
 /// Relative change of the area at which the quadrature of the area stops, far below the accuracy of a surface made of
 /// voxels.
 const AREA: f64 = 1e-5;
-/// Maximum size in bytes of a table written by an earlier call.
-const LARGEST: u64 = 1 << 30;
+/// Number of rows above which the warnings about repairs are repeated at the end.
+const LONG: usize = 10;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
     let table = cli.table.clone().unwrap_or_else(|| cli.output.join("volumes.tsv"));
-    let replaced = cli.force || cli.skip_existing || is_without_models(&table);
+    let replaced = cli.force || cli.skip_existing || table::is_without_models(&table);
     if table.is_file() && !replaced {
         bail!(
             "{}: the file exists; give --skip-existing to resume, --force to replace the file, or another --output or \
@@ -49,7 +50,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     }
     check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv", ".csv"])], replaced)?;
     let volumes = volumes(&cli.volumes)?;
-    let earlier = if cli.skip_existing && table.is_file() { Some(earlier(&table, cli.max_degree)?) } else { None };
+    let earlier =
+        if cli.skip_existing && table.is_file() { Some(table::earlier(&table, cli.max_degree)?) } else { None };
     let earlier = earlier.filter(|text| table::has_models(text));
     let (reading, label_surface) = (cli.volume.reading(), cli.label_surface.surface(&cli.volume)?);
     let preparation =
@@ -77,13 +79,13 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         reader: &reader,
         monitor: &monitor,
         found,
-        names: HashSet::new(),
+        names: HashMap::new(),
         inputs: Inputs::default(),
     };
     let pool = cli.threads.pool()?;
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
-    let Found { rows, refused } = call.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let Found { rows, refused, losses } = call.found.into_inner().unwrap_or_else(PoisonError::into_inner);
     let text = table::lines(&rows, max_degree);
     let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
     if refused > 0 && table.is_file() {
@@ -98,14 +100,19 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let written = table::to_file(&table, text)?;
     write_new(&table, replaced, |out| out.write_all(written.as_bytes()))?;
     let steps = rows.iter().filter_map(|row| match &row.outcome {
-        Outcome::Model(model) => Some((row.label.map_or(String::new(), |label| label.to_string()), model.steps?)),
+        Outcome::Model(model) => Some((row.name(), model.steps?)),
         Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
-    doubts.for_each(|warning| monitor.console().warn(warning));
+    doubts.chain(reader.warnings()).for_each(|warning| monitor.console().warn(warning));
     let failed = rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let skipped = rows.iter().filter(|row| matches!(row.outcome, Outcome::Skipped(_))).count();
     let models = counted(rows.len() - failed - skipped, "model");
+    let repaired = rows.iter().filter(|row| matches!(&row.outcome, Outcome::Model(model) if !model.repair.is_empty()));
+    let repaired = match repaired.count() {
+        0 => String::new(),
+        repaired => format!(", {repaired} repaired"),
+    };
     let skipped = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
     match as_json {
         Some(rows) => print_json(&json!({
@@ -115,7 +122,11 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
             "max_degree": max_degree,
             "rows": rows,
         }))?,
-        None => print_line(&format!("{}: {models}{skipped}, {failed} failed", table.display()))?,
+        None => print_line(&format!("{}: {models}{repaired}{skipped}, {failed} failed", table.display()))?,
+    }
+    if rows.len() > LONG && !losses.is_empty() {
+        monitor.console().note("\nwarnings of this run, repeated:");
+        losses.iter().for_each(|warning| monitor.console().warn(warning));
     }
     // If the run was interrupted, return the error only now that the table of the finished rows has been written.
     done?;
@@ -125,38 +136,17 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     Ok(())
 }
 
+/// Returns the error for a label whose model has the same path as a model of the volume `first`.
+fn same_name(record: &FileRecord, model: &Path, first: &Path, volume: &Path) -> anyhow::Error {
+    let remedy = match NameTemplate::distinguishing(&[first.to_owned(), volume.to_owned()]) {
+        Some(template) => format!("give --name-template '{template}'"),
+        None => "rename one of the files, or process the files in separate calls".to_owned(),
+    };
+    anyhow!("{record}: {} is the model of another file, {}; {remedy}", model.display(), first.display())
+}
+
 fn counted_were(models: usize) -> String {
     format!("{} {}", counted(models, "model"), if models == 1 { "was" } else { "were" })
-}
-
-/// Returns whether a table was written by a call that made no model, so that replacing it loses no results.
-fn is_without_models(table: &Path) -> bool {
-    let text = if table.is_file() { read_table(table).unwrap_or_default() } else { String::new() };
-    text.starts_with("file\tlabel\tstate\t") && !table::has_models(&text)
-}
-
-/// Reads a table, and converts it to cells separated by tabs.
-fn read_table(table: &Path) -> Result<String> {
-    table::of_file(table, read_text(table, "table", LARGEST)?)
-}
-
-/// Reads the table of an earlier call, which must have the same columns.
-fn earlier(table: &Path, max_degree: Option<usize>) -> Result<String> {
-    let text = read_table(table)?;
-    let powers = table::powers(&text);
-    let max_degree = max_degree.unwrap_or(powers);
-    let (found, expected) = (text.lines().next().unwrap_or_default(), table::head(max_degree));
-    if found != expected {
-        if powers == max_degree {
-            let table = table.display();
-            bail!("{table}: expected the columns of this version, found others; give --force, or another --output");
-        }
-        bail!(
-            "{}: expected the columns of degree {max_degree}, found those of degree {powers}; give --force, or another --output",
-            table.display()
-        );
-    }
-    Ok(text)
 }
 
 /// Returns the degree that suits the labels of the first volume that has any of the chosen labels.
@@ -227,8 +217,8 @@ struct Call<'a> {
     reader: &'a SurfaceReader,
     monitor: &'a ConsoleMonitor,
     found: Mutex<Found>,
-    /// Paths of the models of this call, to refuse two labels with the same path.
-    names: HashSet<PathBuf>,
+    /// Paths of the models of this call with their volumes, to refuse two labels with the same path.
+    names: HashMap<PathBuf, PathBuf>,
     /// Labels processed so far.
     inputs: Inputs,
 }
@@ -239,6 +229,8 @@ struct Found {
     rows: Vec<Row>,
     /// Number of existing models that were made with other settings or of another input.
     refused: usize,
+    /// Warnings about repairs that dropped a large part of a label.
+    losses: Vec<String>,
 }
 
 /// Observer of the run that fits a volume's labels.
@@ -290,22 +282,15 @@ impl Call<'_> {
                 continue;
             }
             self.inputs.add(&record, None, record.to_string());
-            if self.names.insert(model.clone()) {
-                let (id, output) = (record.to_string(), Some(model));
-                fits.push(spharm_cohort::Row {
-                    id,
-                    surface: path.to_owned(),
-                    label: Some(label),
-                    output,
-                    ..Default::default()
-                });
-                rows.push(row);
-            } else {
-                let model = model.display();
-                let text =
-                    anyhow!("{record}: {model} is the model of another label; give --name-template with {{label}}");
-                self.failed(row, &text)?;
+            if let Some(first) = self.names.get(&model) {
+                let error = same_name(&record, &model, first, path);
+                self.failed(row, &error)?;
+                continue;
             }
+            self.names.insert(model.clone(), path.to_owned());
+            let (id, surface, output) = (record.to_string(), path.to_owned(), Some(model));
+            fits.push(spharm_cohort::Row { id, surface, label: Some(label), output, ..Default::default() });
+            rows.push(row);
         }
         let observer = OfVolume { call: self, rows };
         let cohort = Cohort::new(fits, PathBuf::new());
@@ -364,6 +349,10 @@ impl Observer for OfVolume<'_> {
         let (number, row, entry, outcome, model) = match event {
             Event::Finished { number, row, entry, outcome, model } => (*number, row, entry, outcome, *model),
             Event::Warning(text) => return console.note(text),
+            Event::RowWarning(text) => {
+                self.call.lock().losses.push((*text).to_owned());
+                return console.warn(text);
+            }
             _ => return,
         };
         let of = |fitted: Option<f64>| self.call.model(model, &row.id, fitted);

@@ -3,12 +3,16 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use spharm::model::Provenance;
 use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
+use spharm_cli::inputs::read_text;
 use spharm_cohort::cell;
+
+/// Maximum size in bytes of a table written by an earlier call.
+const LARGEST: u64 = 1 << 30;
 
 /// A row of the table: a label, or a volume that couldn't be read.
 #[derive(Clone)]
@@ -19,6 +23,13 @@ pub(super) struct Row {
     /// Whether the label touches the border of the volume and so may be cut off.
     pub(super) border: Option<bool>,
     pub(super) outcome: Outcome,
+}
+
+impl Row {
+    /// Returns the name of the label in warnings.
+    pub(super) fn name(&self) -> String {
+        self.label.map_or_else(|| self.file.clone(), |label| format!("{} label {label}", self.file))
+    }
 }
 
 /// Outcome of a label.
@@ -54,7 +65,7 @@ pub(super) struct Model {
     pub(super) descriptors: Descriptors,
 }
 
-const COLUMNS: [&str; 13] = [
+const COLUMNS: [&str; 16] = [
     "file",
     "label",
     "state",
@@ -66,6 +77,9 @@ const COLUMNS: [&str; 13] = [
     "sphericity",
     "residual",
     "size",
+    "centroid_x",
+    "centroid_y",
+    "centroid_z",
     "model",
     "error",
 ];
@@ -88,10 +102,8 @@ pub(super) fn to_json(table: &str) -> Vec<Value> {
     let value = |name: &str, cell: &str| match (name, cell) {
         (_, NONE) => Value::Null,
         ("border", _) => json!(cell == "yes"),
-        ("label" | "voxels" | "volume" | "area" | "sphericity" | "residual" | "size", _) => {
-            serde_json::from_str(cell).unwrap_or(Value::Null)
-        }
-        _ => json!(cell),
+        ("file" | "state" | "repair" | "model" | "error", _) => json!(cell),
+        _ => serde_json::from_str(cell).unwrap_or(Value::Null),
     };
     let row = |cells: std::str::Split<'_, char>| {
         let mut row = serde_json::Map::new();
@@ -121,7 +133,7 @@ pub(super) fn to_file(path: &Path, text: String) -> Result<String> {
 }
 
 /// Converts the text of a table's file to a tab-separated table.
-pub(super) fn of_file(path: &Path, text: String) -> Result<String> {
+fn of_file(path: &Path, text: String) -> Result<String> {
     if !has_commas(path) {
         return Ok(text);
     }
@@ -135,10 +147,40 @@ fn has_commas(path: &Path) -> bool {
 }
 
 /// Returns the header line of the table.
-pub(super) fn head(max_degree: usize) -> String {
+fn head(max_degree: usize) -> String {
     let powers = (1..=max_degree).map(|degree| format!("power_{degree}"));
     let head: Vec<String> = COLUMNS.iter().map(|&name| name.to_owned()).chain(powers).collect();
     head.join("\t")
+}
+
+/// Returns whether a table was written by a call that made no model, so that replacing it loses no results.
+pub(super) fn is_without_models(table: &Path) -> bool {
+    let text = if table.is_file() { read(table).unwrap_or_default() } else { String::new() };
+    text.starts_with("file\tlabel\tstate\t") && !has_models(&text)
+}
+
+/// Reads a table, and converts it to cells separated by tabs.
+fn read(table: &Path) -> Result<String> {
+    of_file(table, read_text(table, "table", LARGEST)?)
+}
+
+/// Reads the table of an earlier call, which must have the same columns.
+pub(super) fn earlier(table: &Path, max_degree: Option<usize>) -> Result<String> {
+    let text = read(table)?;
+    let powers = powers(&text);
+    let max_degree = max_degree.unwrap_or(powers);
+    let (found, expected) = (text.lines().next().unwrap_or_default(), head(max_degree));
+    if found != expected {
+        if powers == max_degree {
+            let table = table.display();
+            bail!("{table}: expected the columns of this version, found others; give --force, or another --output");
+        }
+        bail!(
+            "{}: expected the columns of degree {max_degree}, found those of degree {powers}; give --force, or another --output",
+            table.display()
+        );
+    }
+    Ok(text)
 }
 
 /// Returns the degree of a table's models, which is the number of columns with powers.
@@ -192,6 +234,9 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
         of(|model| model.measures.sphericity),
         or_none(model.and_then(|model| model.residual).map(number)),
         of(|model| model.descriptors.size()),
+        of(|model| model.measures.centroid[0]),
+        of(|model| model.measures.centroid[1]),
+        of(|model| model.measures.centroid[2]),
         or_none(model.map(|model| cell(&model.file))),
         or_none(error.map(|error| cell(error))),
     ];
@@ -209,13 +254,15 @@ pub(super) fn repair(provenance: &Provenance) -> String {
     let way = if filled { "added" } else { "removed" };
     let pieces = counted(of("pieces_dropped"), "piece", "pieces");
     let cavities = counted(of("cavities_filled"), "cavity", "cavities");
-    // Removing a mere contact between voxels changes voxels without opening a handle, so the number of handles may be
-    // 0.
-    let opened = if of("handles") > 0 { format!(" to open {}", handles(of("handles"))) } else { String::new() };
+    // Removing a mere contact between voxels changes voxels without removing a handle.
+    let removed = match of("handles") {
+        0 => "contacts at edges or corners".to_owned(),
+        count => handles(count),
+    };
     let parts = [
         (of("pieces_dropped"), format!("{pieces} dropped ({})", voxels("voxels_dropped"))),
         (of("cavities_filled"), format!("{cavities} filled ({})", voxels("voxels_filled"))),
-        (of("voxels_changed"), format!("{} {way}{opened}", voxels("voxels_changed"))),
+        (of("voxels_changed"), format!("{removed} removed ({} {way})", voxels("voxels_changed"))),
         (cut, format!("{} cut", handles(cut))),
     ];
     parts.into_iter().filter(|(count, _)| *count > 0).map(|(_, text)| text).collect::<Vec<_>>().join(", ")
@@ -236,11 +283,12 @@ mod tests {
         };
         let text = lines(&[failed], 2);
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split('\t').collect()).collect();
-        assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 15, 15));
+        assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 18, 18));
         assert_eq!(lines[1][..5], ["a b.nii", "3", "failed", "yes", "8"]);
-        assert_eq!(lines[1][12..], ["no ball", "n/a", "n/a"]);
+        assert_eq!(lines[1][15..], ["no ball", "n/a", "n/a"]);
         let json = &to_json(&text)[0];
         assert_eq!((&json["file"], &json["label"], &json["border"]), (&json!("a b.nii"), &json!(3), &json!(true)));
-        assert!(json["volume"].is_null() && json["power"] == json!([]) && json["error"] == "no ball", "{json}");
+        assert!(json["volume"].is_null() && json["voxels"] == 8 && json["centroid_z"].is_null(), "{json}");
+        assert!(json["power"] == json!([]) && json["error"] == "no ball", "{json}");
     }
 }

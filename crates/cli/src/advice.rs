@@ -6,7 +6,9 @@
 mod fit;
 
 use std::io;
+use std::path::Path;
 
+use spharm::moments::accumulate;
 use spharm::shape::even::NO_TRIANGLES;
 use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow};
 use spharm_cohort::run::RunError;
@@ -18,6 +20,8 @@ use spharm_surface::SurfaceError;
 use spharm_surface::io::to_write_mesh;
 
 pub use fit::of_oscillation;
+
+use crate::output::STDOUT;
 
 /// Returns the advice on the first error in the chain for which there is advice.
 pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
@@ -77,6 +81,7 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
         SurfaceError::VolumeInput { .. } => {
             Some("spharm fit and spharm parametrize accept volumes, with --label N and without --sphere".to_owned())
         }
+        SurfaceError::Io { path, cause, .. } => of_missing(path, cause),
         // These errors occur when two surfaces are compared vertex by vertex.
         SurfaceError::TopologyDiffers { .. }
         | SurfaceError::LengthMismatch { what: "triangles of the reconstruction", .. } => {
@@ -84,6 +89,12 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
         }
         _ => None,
     }
+}
+
+/// Returns the advice on a missing file `-`, which is the name of standard input for other commands.
+fn of_missing(path: &Path, cause: &io::Error) -> Option<String> {
+    let is_stdin = path == Path::new(STDOUT) && cause.kind() == io::ErrorKind::NotFound;
+    is_stdin.then(|| "standard input isn't supported for this file; give the path of a file".to_owned())
 }
 
 fn of_store(error: &StoreError) -> Option<String> {
@@ -96,6 +107,11 @@ fn of_store(error: &StoreError) -> Option<String> {
         StoreError::NoSuchScheme { .. } => {
             "build the basis with spharm basis-build --sphere on the same sphere".to_owned()
         }
+        StoreError::OtherScalar { wanted, found, .. } => {
+            let (wanted, found) = (wanted.name(), found.name());
+            format!("give --dtype {found}, or build the basis with spharm basis-build --dtype {wanted}")
+        }
+        StoreError::Budget { .. } => "give a larger budget with --memory".to_owned(),
         StoreError::NoSchemes { .. } => "was this folder given to spharm basis-build as --store?".to_owned(),
         StoreError::KeyDigits { found: 0, .. } => "`spharm store list` shows the keys of all schemes".to_owned(),
         StoreError::KeyDigits { .. } => "give more digits of the key".to_owned(),
@@ -153,6 +169,7 @@ fn of_solver(error: &SolverError) -> Option<String> {
         SolverError::Budget { granularity: Some(granularity), .. } => {
             Some(format!("--method irf --granularity {granularity} fits the budget"))
         }
+        SolverError::Budget { granularity: None, .. } => Some("give a larger budget with --memory".to_owned()),
         SolverError::Singular { needed, .. } => {
             let memory = needed.div_ceil(1 << 20);
             Some(format!("give --memory {memory}MiB, or use --method irf with a smaller --granularity"))
@@ -226,6 +243,10 @@ fn of_moments(error: &MomentsError) -> Option<String> {
             "give the position columns with --angles, --lonlat or --vectors, and the value columns with --values"
                 .to_owned(),
         ),
+        // Most of the memory is for chunks of rows, whatever the degree.
+        MomentsError::Memory { budget, .. } if *budget < accumulate::bytes(0, 1) => {
+            Some("set a larger budget with --memory SIZE".to_owned())
+        }
         MomentsError::Memory { .. } => {
             Some("set a lower degree with --max-degree L, or a larger budget with --memory SIZE".to_owned())
         }
@@ -239,6 +260,7 @@ fn of_model(error: &ModelError) -> Option<String> {
     match error {
         ModelError::NoSphere => Some("give a sphere with --icosphere N or --sphere FILE".to_owned()),
         ModelError::Surface(error) => of_surface(error),
+        ModelError::Input { path, source } | ModelError::Open { path, source } => of_missing(path, source),
         ModelError::Invalid { path, .. } if to_write_mesh(path).is_ok() => {
             let path = path.display();
             Some(format!("this file is a mesh; make a model with `spharm fit --surface {path} --max-degree L`"))
@@ -253,6 +275,10 @@ fn of_shape(error: &ShapeError) -> Option<String> {
         ShapeError::NoExtent { .. } => {
             Some("`spharm reconstruct` shows the model; fit the surface again with degree 1 or more".to_owned())
         }
+        ShapeError::NotTwoGroups => Some(
+            "for other designs, except of positions, give --variance-groups COLUMN, or variance_groups in a study"
+                .to_owned(),
+        ),
         ShapeError::Range { .. } => Some("`spharm shape rotate --scale FACTOR` scales a model".to_owned()),
         ShapeError::Setting { name: NO_TRIANGLES, .. } => {
             Some("give --icosphere N, or a --sphere with triangles".to_owned())
@@ -269,11 +295,29 @@ mod tests {
     use crate::exit::line_with_advice;
 
     #[test]
+    fn moments_need_a_larger_budget_whatever_the_degree() {
+        let of = |budget| of_moments(&MomentsError::Memory { max_degree: 1, needed: 95 << 20, budget }).unwrap();
+        assert!(!of(1 << 20).contains("--max-degree") && of(1 << 20).contains("--memory"));
+        assert!(of(accumulate::bytes(0, 1)).contains("--max-degree"));
+    }
+
+    #[test]
+    fn standard_input_is_named_where_it_is_not_supported() {
+        let missing = |path: &str| {
+            let cause = io::Error::from(io::ErrorKind::NotFound);
+            of_surface(&SurfaceError::Io { path: path.into(), action: "open", cause })
+        };
+        assert!(missing("-").is_some_and(|advice| advice.contains("standard input")));
+        assert_eq!(missing("x.ply"), None);
+    }
+
+    #[test]
     fn advice_is_found_beneath_the_context() {
         let error = SurfaceError::OutputExists { path: "x.ply".into() };
         let error = Err::<(), _>(error).context("while writing").unwrap_err();
         assert!(advice(error.as_ref()).is_some_and(|advice| advice.contains("--force")));
         assert_eq!(advice(anyhow::anyhow!("no flag mends this").as_ref()), None);
+        assert!(advice(&ShapeError::NotTwoGroups).is_some_and(|advice| advice.contains("--variance-groups COLUMN")));
         let memory = || RunError::from(Error::Memory { budget: 1 << 20, needed: 2 << 20 });
         for error in [memory(), memory().of("a row").of("its file")] {
             assert!(advice(&error).is_some_and(|advice| advice.contains("--memory")));
@@ -282,5 +326,7 @@ mod tests {
         let member = Error::Member { index: 1, source: Box::new(Error::Memory { budget: 1, needed: 3 << 20 }) };
         assert!(advice(&member).is_some_and(|advice| advice.contains("--memory")));
         assert!(line_with_advice(&member).contains("3MiB"), "{member}");
+        let line = line_with_advice(&ModelError::NoSphere);
+        assert_eq!(line, "the model has no sphere of its own; give a sphere with --icosphere N or --sphere FILE");
     }
 }

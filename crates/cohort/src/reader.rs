@@ -16,6 +16,8 @@ pub struct SurfaceReader {
     preparation: Preparation,
     /// The volume that was read last.
     volume: Mutex<Option<Arc<LabelVolume>>>,
+    /// Warnings about the volumes read so far, each once.
+    warnings: Mutex<Vec<String>>,
 }
 
 impl SurfaceReader {
@@ -23,7 +25,7 @@ impl SurfaceReader {
     /// and the fit refuses these surfaces.
     #[must_use]
     pub fn new(preparation: Preparation) -> Self {
-        Self { preparation, volume: Mutex::default() }
+        Self { preparation, volume: Mutex::default(), warnings: Mutex::default() }
     }
 
     /// Returns the settings for reading volumes.
@@ -58,8 +60,23 @@ impl SurfaceReader {
         let mut last = self.volume.lock().unwrap_or_else(PoisonError::into_inner);
         let volume = match last.take().filter(|volume| volume.path() == path) {
             Some(volume) => volume,
-            None => Arc::new(LabelVolume::read_with(path, self.preparation.reading, monitor)?),
+            None => {
+                let volume = LabelVolume::read_with(path, self.preparation.reading, monitor)?;
+                let mut warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+                for warning in volume.warnings() {
+                    if !warnings.contains(&warning) {
+                        warnings.push(warning);
+                    }
+                }
+                Arc::new(volume)
+            }
         };
         Ok(last.insert(volume).clone())
+    }
+
+    /// Returns the warnings about the voxel sizes of all volumes read so far, see [`LabelVolume::warnings`].
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }

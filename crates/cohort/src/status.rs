@@ -22,7 +22,8 @@ pub enum State {
     Skipped,
     /// The row couldn't be fitted. The column `error` gives the reason.
     Failed,
-    /// The process was stopped while it worked on the row.
+    /// A signal or the failure of another row ended the run before the row was finished. In the latter case, the column
+    /// `error` gives the failure.
     Interrupted,
 }
 
@@ -76,7 +77,7 @@ pub struct Entry {
     /// Wall time in seconds, from reading the surface to writing its model. Rows that are fitted together share the
     /// time of their common work.
     pub seconds: Option<f64>,
-    /// Error of a failed row; empty for other rows.
+    /// Error of a failed row, or the error that ended the run before the row was finished; empty for other rows.
     pub error: String,
     /// Path of the model as text; empty if unknown.
     pub output: String,

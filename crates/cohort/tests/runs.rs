@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Mutex;
 
-use spharm::generate::{Cortex, cortex};
+use spharm::generate::{Cortex, cortex, icosphere};
 use spharm::io::{WriteOptions, write_mesh};
 use spharm::{FitParams, Model, Silent, fit_mesh};
 use spharm_cohort::rerun::IfExists;
@@ -81,6 +81,45 @@ fn a_failure_ends_a_run_that_does_not_keep_going() {
     assert!(error.line().contains("gone.ply") && !error.is_interrupted() && !error.concerns_all(), "{error}");
     assert_eq!(outcomes.take().len(), 2);
     assert!(!folder.path().join("b.spharm.npz").exists());
+}
+
+/// Returns the rows over a common sphere.
+fn over_sphere(folder: &Path, rows: Vec<Row>) -> Vec<Row> {
+    let sphere = folder.join("sphere.ply");
+    write_mesh(&sphere, &icosphere(2), &WriteOptions { double: true, ..WriteOptions::default() }).unwrap();
+    rows.into_iter().map(|row| Row { sphere: Some(sphere.clone()), ..row }).collect()
+}
+
+#[test]
+fn a_failure_of_all_rows_is_recorded_for_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let (status, outcomes) = (folder.path().join("status.tsv"), Outcomes::default());
+    let mut rows = over_sphere(folder.path(), rows(folder.path()));
+    rows.remove(1);
+    let cohort = Cohort::new(rows, folder.path());
+    let mut params = RunParams::new(FitParams::irf(4, folder.path().join("no store")));
+    (params.keep_going, params.status) = (false, Some(status.clone()));
+    run(&cohort, &params, &outcomes, &Silent).unwrap_err();
+    let merged = Merged::read([&status]).unwrap();
+    for id in ["a", "b"] {
+        let entry = merged.entry(id).unwrap();
+        assert!(entry.state == State::Failed && entry.error.contains("no store"), "{entry:?}");
+    }
+    assert_eq!(outcomes.take().len(), 2);
+}
+
+#[test]
+fn a_row_that_another_failure_interrupts_names_the_failure() {
+    let folder = tempfile::tempdir().unwrap();
+    let status = folder.path().join("status.tsv");
+    let cohort = Cohort::new(over_sphere(folder.path(), rows(folder.path())), folder.path());
+    let mut params = RunParams::new(FitParams::lsq(4));
+    (params.keep_going, params.status) = (false, Some(status.clone()));
+    run(&cohort, &params, &Outcomes::default(), &Silent).unwrap_err();
+    let merged = Merged::read([&status]).unwrap();
+    assert_eq!(merged.entry("gone").unwrap().state, State::Failed);
+    let entry = merged.entry("a").unwrap();
+    assert!(entry.state == State::Interrupted && entry.error.contains("gone.ply"), "{entry:?}");
 }
 
 #[test]

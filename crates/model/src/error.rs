@@ -50,7 +50,7 @@ pub enum ModelError {
         value: f64,
     },
     /// The operation needs the model's own sphere, but the model has none.
-    #[error("the model has no sphere of its own; give a sphere to evaluate the model on")]
+    #[error("the model has no sphere of its own")]
     NoSphere,
     /// The requested degree exceeds the degree of the model.
     #[error("degree {degree} exceeds the highest degree of the model, {max_degree}")]

@@ -39,8 +39,8 @@ impl Model {
         arrays.saturating_add(transform)
     }
 
-    /// Evaluates the model's surface at the vertices of a sphere. The result has the sphere's triangles, and the
-    /// metadata that the model preserves from the input's file.
+    /// Evaluates the model's surface at the vertices of a sphere. The result has the sphere's triangles, the metadata
+    /// that the model preserves from the input's file, and its [anatomical structure](Self::anatomical_structure).
     ///
     /// # Errors
     ///
@@ -97,7 +97,7 @@ impl Model {
 
     fn meta(&self) -> Meta {
         let mut meta = self.provenance.geometry.as_ref().map(Geometry::to_meta).unwrap_or_default();
-        meta.anatomical_structure_primary.clone_from(&self.provenance.anatomical_structure_primary);
+        meta.anatomical_structure_primary = self.anatomical_structure();
         meta
     }
 }

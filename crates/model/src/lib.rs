@@ -64,6 +64,7 @@ mod evaluate;
 mod file_record;
 mod files;
 pub mod geometry;
+mod hemisphere;
 mod model;
 pub mod npy;
 mod npz;

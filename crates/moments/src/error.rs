@@ -148,7 +148,7 @@ pub enum MomentsError {
     #[error("standard input can't be divided into shards; write the data to a file, or give each shard its own part")]
     ShardOfStream,
     /// The memory budget is too small.
-    #[error("moments to degree {max_degree} need {} MiB of memory, but the budget is {} MiB; choose a lower degree or raise the budget", .needed.div_ceil(1 << 20), .budget >> 20)]
+    #[error("moments to degree {max_degree} need {} MiB of memory, but the budget is {} MiB", .needed.div_ceil(1 << 20), .budget >> 20)]
     Memory {
         /// The degree of the fits, L.
         max_degree: usize,

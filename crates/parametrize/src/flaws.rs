@@ -50,6 +50,7 @@ impl Flaws {
         }
         let remedy = match genus {
             Some(_) => "collapse or remesh these triangles",
+            None if topology.one_sided => "use a surface that has an inside and an outside",
             None if topology.components > 1 => "keep one piece, usually the largest, and close its holes",
             None => {
                 "weld duplicate vertices, fill holes and orient the triangles consistently (for example with MeshLab or \

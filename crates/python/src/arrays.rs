@@ -4,6 +4,7 @@
 //! cause panics; the library checks the values.
 
 use std::borrow::Cow;
+use std::path::Path;
 
 use ndarray::{Array2, ArrayView2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
@@ -13,6 +14,7 @@ use spharm::io::check_mesh;
 use spharm::{Mesh, Seam, Sphere};
 
 use crate::errors::{Failure, exception};
+use crate::metadata::Metadata;
 
 /// Positions as passed from Python, (n, 3).
 pub(crate) type Positions<'py> = PyReadonlyArray2<'py, f64>;
@@ -67,6 +69,7 @@ pub(crate) struct SphereArrays<'a> {
     faces: Vec<[u32; 3]>,
     parametrized: bool,
     seam: Option<Seam>,
+    metadata: Option<Metadata>,
 }
 
 /// Record of cut handles as passed from Python: the surface's original numbers of vertices and triangles, and the
@@ -87,13 +90,13 @@ impl<'a> SphereArrays<'a> {
     pub(crate) fn new(vertices: &'a Positions<'_>, faces: Option<&Faces<'_>>, parametrized: bool) -> PyResult<Self> {
         let vertices = borrowed_rows("sphere", vertices.as_array())?;
         let faces = faces.map(|faces| rows("the sphere's faces", faces.as_array())).transpose()?.unwrap_or_default();
-        Ok(Self { vertices, faces, parametrized, seam: None })
+        Ok(Self { vertices, faces, parametrized, seam: None, metadata: None })
     }
 
     /// Copies the vertices unless they are already a copy, for work that may outlive the call.
     pub(crate) fn owned(self) -> SphereArrays<'static> {
-        let Self { vertices, faces, parametrized, seam } = self;
-        SphereArrays { vertices: Cow::Owned(vertices.into_owned()), faces, parametrized, seam }
+        let Self { vertices, faces, parametrized, seam, metadata } = self;
+        SphereArrays { vertices: Cow::Owned(vertices.into_owned()), faces, parametrized, seam, metadata }
     }
 
     /// Adds the record of the handles that were cut.
@@ -101,9 +104,14 @@ impl<'a> SphereArrays<'a> {
         Self { seam: seam.map(|(vertices, faces, copies)| Seam { vertices, faces, copies }), ..self }
     }
 
+    /// Adds the metadata of the sphere's file.
+    pub(crate) fn with_metadata(self, metadata: Option<Metadata>) -> Self {
+        Self { metadata, ..self }
+    }
+
     /// Checks the sphere and converts it to the library's type. This takes long for large spheres.
     pub(crate) fn check(self) -> Result<Sphere, Failure> {
-        let Self { vertices, faces, parametrized, seam } = self;
+        let Self { vertices, faces, parametrized, seam, metadata } = self;
         let fits = |seam: Seam| seam.checked(vertices.len(), faces.len());
         let seam = seam.map(fits).transpose().map_err(|found| Failure::Argument(format!("seam: {found}")))?;
         let sphere = if faces.is_empty() {
@@ -113,7 +121,10 @@ impl<'a> SphereArrays<'a> {
         } else {
             Sphere::from_mesh(&Mesh::new(vertices.into_owned(), faces))?
         };
-        Ok(Sphere { parametrized, seam, ..sphere })
+        let metadata = metadata.as_ref();
+        let path = metadata.and_then(Metadata::path).map(Path::to_owned);
+        let anatomical_structure = metadata.and_then(Metadata::structure).map(str::to_owned);
+        Ok(Sphere { parametrized, seam, path, anatomical_structure, ..sphere })
     }
 }
 

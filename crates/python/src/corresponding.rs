@@ -49,7 +49,7 @@ pub(crate) struct Group {
 type Carried<'py> = (PositionsOut<'py>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 /// A new member: its model, its transform, the positions of its vertices, whether each vertex has a counterpart on the
 /// surface, and the report.
-type Member<'py> = (Model, String, PositionsOut<'py>, Bound<'py, PyArray1<bool>>, String);
+type Member<'py> = (Model, String, PositionsOut<'py>, Bound<'py, PyArray1<bool>>, String, Vec<String>);
 
 #[pymethods]
 impl Group {
@@ -205,10 +205,13 @@ impl Group {
             monitor.end();
             found.into_iter().collect::<Result<Vec<_>, _>>().map_err(|error| named(&names, error))
         })?;
-        let out = |NewMember { model, similarity, places, reached, report }| {
+        let out = |NewMember { model, similarity, places, reached, report, warnings }| {
             let report: MemberReport = report;
             let (similarity, report) = (transform(&similarity).to_string(), json!(report).to_string());
-            (Model { inner: model }, similarity, positions(py, places), reached.into_pyarray(py), report)
+            // Only warnings about equal members name another member.
+            let warnings = warnings.iter().map(|of: &CorrespondWarning| of.of_member(|_| String::new()));
+            let (places, reached) = (positions(py, places), reached.into_pyarray(py));
+            (Model { inner: model }, similarity, places, reached, report, warnings.collect())
         };
         Ok(found.into_iter().map(out).collect())
     }

@@ -9,7 +9,7 @@ use spharm::parametrize::ParametrizeError;
 use spharm::parametrize::wrap::USUAL_VOXELS;
 use spharm::register::RegisterError;
 use spharm::store::StoreError;
-use spharm::{Error, ModelError, MomentsError, percent_to_allow};
+use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow};
 use spharm::{SolverError, SurfaceError};
 
 /// Reason why a function failed.
@@ -84,7 +84,7 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
     }
 }
 
-/// Returns the text of an error, with advice in terms of Python's functions if the error is about a mesh.
+/// Returns the text of an error, with advice in terms of Python's functions if there is any.
 fn with_advice(error: &Error) -> String {
     let largest = |repair| {
         let percent = percent_to_allow(repair)?;
@@ -107,6 +107,15 @@ fn with_advice(error: &Error) -> String {
         Error::Parametrize(
             ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::LargeRepair { .. },
         ) => Some(around()),
+        Error::Shape(ShapeError::NotTwoGroups) => {
+            Some("for other designs, except of positions, give variance_groups= instead of welch=True".to_owned())
+        }
+        Error::Model(ModelError::NoSphere) => {
+            Some("give a sphere, directions, or the subdivisions of an icosphere, such as 5".to_owned())
+        }
+        Error::Parametrize(ParametrizeError::NoVoxelSize { .. }) => {
+            Some("give spacing= to parametrize_volume, voxel_size= to fit_cohort".to_owned())
+        }
         _ => None,
     };
     advice.map_or_else(|| error.to_string(), |advice| format!("{error}; {advice}"))

@@ -2,26 +2,28 @@
 
 use std::path::PathBuf;
 use std::str::FromStr;
+use std::sync::OnceLock;
 
 use ndarray::ArrayView2;
 use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::parametrize::Input;
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
-    BatchReport, Error, Fit, FitParams, FitReport, FitWarning, Kind, ManyReport, Mesh, MeshFit, Method, Model as Inner,
-    Monitor, Objective, Signal, Smoothness, Sphere, Target, Weights,
+    BatchReport, Fit, FitParams, FitReport, FitWarning, Kind, ManyReport, Mesh, MeshFit, Method, Model as Inner,
+    Monitor, Objective, Smoothness, Sphere, Target, Weights,
 };
 
 use crate::arrays::{Faces, Positions, SeamIn, SphereArrays, mesh};
 use crate::errors::Failure;
+use crate::metadata::{Metadata, with_metadata};
 use crate::models::Model;
 use crate::repairs::{Changes, map_report};
 use crate::run::run;
 use crate::stores::scalar;
+use crate::targets::{doubts, masked, refuse_doubtful, target};
 use crate::transforms::Transform;
 
 /// Keyword arguments of `spharm_rs.fit`. Their types are checked in Python.
@@ -124,10 +126,11 @@ impl Settings<'_> {
 /// A fit as returned to Python: model, standard errors, report as JSON, and warnings as pairs of class and text.
 pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
-/// Fits one surface or signal. A surface without a sphere is mapped to a sphere first.
+/// Fits one surface or signal. A surface without a sphere is mapped to a sphere first. `metadata` are those of the
+/// file of the surface or signal, then those of the file of the sphere.
 #[pyfunction]
 #[pyo3(signature = (
-    values, faces, sphere, sphere_faces, *, surface, parametrized, seam, changes, settings, progress = None
+    values, faces, sphere, sphere_faces, *, metadata, surface, parametrized, seam, changes, settings, progress = None
 ))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn fit<'py>(
@@ -136,6 +139,7 @@ pub(crate) fn fit<'py>(
     faces: Option<Faces<'py>>,
     sphere: Option<Positions<'py>>,
     sphere_faces: Option<Faces<'py>>,
+    metadata: (Option<Metadata>, Option<Metadata>),
     surface: bool,
     parametrized: bool,
     seam: Option<SeamIn>,
@@ -144,37 +148,43 @@ pub(crate) fn fit<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Fitted<'py>> {
     let (params, mask) = (settings.params()?, settings.mask());
+    let (metadata, of_sphere) = metadata;
     let given = match (&sphere, &faces) {
         (Some(sphere), _) => {
-            Given::Sphere(SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?.with_seam(seam))
+            let sphere = SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?;
+            Given::Sphere(sphere.with_seam(seam).with_metadata(of_sphere))
         }
-        (None, Some(faces)) => Given::Bare(Box::new(mesh("surface", &values, faces)?)),
+        (None, Some(faces)) => Given::Bare(Box::new(with_metadata(mesh("surface", &values, faces)?, metadata.clone()))),
         (None, None) => {
             return Err(PyValueError::new_err("sphere: required for signals and surfaces without triangles"));
         }
     };
     let triangles = faces.map(|faces| crate::arrays::rows("faces", faces.as_array())).transpose()?;
     let view = values.as_array();
-    let (sphere, fit, many, mapped) = run(py, settings.threads, progress.as_ref(), |monitor| match given {
+    let (sphere, fit, many, mapped, doubts) = run(py, settings.threads, progress.as_ref(), |monitor| match given {
         Given::Sphere(sphere) => {
             let sphere = sphere.check()?;
-            let target = target(view, triangles.as_deref(), surface, &sphere)?;
+            let target = target(view, triangles.as_deref(), surface, &sphere, metadata)?;
             refuse_doubtful(&sphere, &params)?;
+            let doubts = doubts(&target, &params)?;
             let params = masked(params, mask.as_deref(), &sphere)?;
             let (fit, many) = spharm::fit_target(&sphere, target, &params, monitor)?;
-            Ok((sphere, fit, many, None))
+            Ok((sphere, fit, many, None, doubts))
         }
         Given::Bare(mesh) => {
             let (input, keep) = (Input::Mesh(*mesh), mask.as_deref());
             let MeshFit { surface, fit, many } =
                 spharm::fit_mesh_masked(input, changes.into(), keep, &params, monitor)?;
-            Ok((surface.parametrized.sphere.clone(), fit, many, Some(surface)))
+            Ok((surface.parametrized.sphere.clone(), fit, many, Some(surface), Vec::new()))
         }
     })?;
     let map = mapped.as_ref().map(map_report);
     let mut found = fitted(py, sphere, fit, &many, map, surface);
+    found.3.extend(doubts.into_iter().map(|text| ("SpharmWarning", text)));
     if let Some(mapped) = mapped {
-        found.3.extend(mapped.mesh_repair.map(|repair| ("SpharmWarning", repair.to_string())));
+        let changes = mapped.mesh_repair.map(|repair| repair.to_string());
+        let cuts = mapped.handles.as_ref().map(ToString::to_string);
+        found.3.extend(changes.into_iter().chain(cuts).map(|text| ("SpharmWarning", text)));
         mapped.record(&mut found.0.inner.provenance);
     }
     Ok(found)
@@ -236,7 +246,7 @@ pub(crate) fn solve<'py>(
     let view = values.as_array();
     let checked = |sphere: &Sphere, params: FitParams| -> Result<_, Failure> {
         refuse_doubtful(sphere, &params)?;
-        Ok((target(view, None, false, sphere)?, masked(params, mask.as_deref(), sphere)?))
+        Ok((target(view, None, false, sphere, None)?, masked(params, mask.as_deref(), sphere)?))
     };
     let (fit, many, warnings) = match &at {
         At::Transform(transform) => {
@@ -264,15 +274,17 @@ pub(crate) fn solve<'py>(
     Ok((fit.coefficients.values().to_owned().into_pyarray(py), errors, report.to_string(), warnings))
 }
 
-/// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere.
+/// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere. `metadata` are
+/// those of the files of the targets, and those of the file of the sphere.
 #[pyfunction]
-#[pyo3(signature = (values, sphere, sphere_faces, *, surface, parametrized, seam, settings, progress = None))]
+#[pyo3(signature = (values, sphere, sphere_faces, *, metadata, surface, parametrized, seam, settings, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
 pub(crate) fn fit_many<'py>(
     py: Python<'py>,
     values: Vec<PyReadonlyArray2<'py, f64>>,
     sphere: Positions<'py>,
     sphere_faces: Option<Faces<'py>>,
+    metadata: (Vec<Option<Metadata>>, Option<Metadata>),
     surface: bool,
     parametrized: bool,
     seam: Option<SeamIn>,
@@ -280,58 +292,31 @@ pub(crate) fn fit_many<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Fitted<'py>>> {
     let (params, mask) = (settings.params()?, settings.mask());
-    let sphere = SphereArrays::new(&sphere, sphere_faces.as_ref(), parametrized)?.with_seam(seam);
+    let (metadata, of_sphere) = metadata;
+    let sphere = SphereArrays::new(&sphere, sphere_faces.as_ref(), parametrized)?;
+    let sphere = sphere.with_seam(seam).with_metadata(of_sphere);
     let views: Vec<ArrayView2<'_, f64>> = values.iter().map(|values| values.as_array()).collect();
+    let doubtful: Vec<OnceLock<Vec<String>>> = views.iter().map(|_| OnceLock::new()).collect();
     let (sphere, fits, report) = run(py, settings.threads, progress.as_ref(), |monitor: &dyn Monitor| {
         let sphere = sphere.check()?;
         refuse_doubtful(&sphere, &params)?;
         let params = masked(params, mask.as_deref(), &sphere)?;
-        let read = |number: usize| target(views[number], None, surface, &sphere);
+        let read = |number: usize| -> Result<Target, Failure> {
+            let metadata = metadata.get(number).cloned().flatten();
+            let target = target(views[number], None, surface, &sphere, metadata)?;
+            let found = doubts(&target, &params)?;
+            drop(doubtful[number].set(found));
+            Ok(target)
+        };
         let (fits, report) = spharm::fit_many(&sphere, views.len(), &read, &params, &|_, fit| Ok(fit), monitor)?;
         Ok((sphere, fits, report))
     })?;
-    Ok(fits.into_iter().map(|fit| fitted(py, sphere.clone(), fit, &report, None, surface)).collect())
-}
-
-/// Applies a mask to the settings, if there is one.
-fn masked(params: FitParams, mask: Option<&[bool]>, sphere: &Sphere) -> Result<FitParams, Error> {
-    mask.map_or(Ok(params.clone()), |keep| params.masked(keep, sphere))
-}
-
-/// With strict settings, refuses a doubtful sphere.
-fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(), Failure> {
-    match sphere.warnings.first().filter(|_| params.strict) {
-        Some(warning) => Err(Failure::Argument(format!("the sphere: {warning}"))),
-        None => Ok(()),
-    }
-}
-
-/// Returns the target of a fit. If no triangles are given for a surface, the triangles of the sphere are used.
-fn target(
-    values: ArrayView2<'_, f64>,
-    triangles: Option<&[[u32; 3]]>,
-    surface: bool,
-    sphere: &Sphere,
-) -> Result<Target, Error> {
-    let (vertices, channels) = values.dim();
-    let triangles = triangles.unwrap_or(&sphere.faces);
-    let flat = copied(values);
-    if surface && channels == 3 && !triangles.is_empty() {
-        let mesh = Mesh::new(flat.as_chunks().0.to_vec(), triangles.to_vec());
-        return Ok(Target::from_mesh_with_gaps(&mesh, sphere)?);
-    }
-    let target = Target::from_signal_with_gaps(Signal::new(flat, vertices, channels), sphere)?;
-    let kind = if surface { Kind::Surface } else { Kind::Signal };
-    Ok(Target { kind, ..target })
-}
-
-/// Copies values on all threads of the current pool, because the system takes most of the time to provide new pages.
-fn copied(values: ArrayView2<'_, f64>) -> Vec<f64> {
-    const PART: usize = 1 << 16;
-    let Some(values) = values.as_slice() else {
-        return values.iter().copied().collect();
-    };
-    values.par_iter().with_min_len(PART).copied().collect()
+    let each = fits.into_iter().zip(doubtful).map(|(fit, doubts)| {
+        let mut found = fitted(py, sphere.clone(), fit, &report, None, surface);
+        found.3.extend(doubts.into_inner().unwrap_or_default().into_iter().map(|text| ("SpharmWarning", text)));
+        found
+    });
+    Ok(each.collect())
 }
 
 /// Returns the report of a fit as JSON, including the distances at the vertices.

@@ -12,9 +12,11 @@
 //! | `errors` | the library's errors as exceptions |
 //! | `arrays` | conversion between NumPy arrays and the library's types |
 //! | `surfaces` | reading, writing, mapping, resampling, comparing |
+//! | `metadata` | metadata of surfaces' files |
 //! | `repairs` | repairs of meshes |
 //! | `volumes` | labels of volumes, and their surfaces |
 //! | `fitting` | fits of one target or of many |
+//! | `targets` | targets of fits, and their checks |
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
 //! | `correspondences` | correspondence of groups; poses of single surfaces, and registration of a template to them |
@@ -40,6 +42,7 @@ mod errors;
 mod fitting;
 mod groups;
 mod memory;
+mod metadata;
 mod models;
 mod modes;
 mod moments;
@@ -54,6 +57,7 @@ mod sources;
 mod stores;
 mod studies;
 mod surfaces;
+mod targets;
 mod transforms;
 mod volumes;
 
@@ -91,6 +95,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(fitting::choose_degree, module)?)?;
     module.add_function(wrap_pyfunction!(fitting::solve, module)?)?;
     surfaces::register(module)?;
+    metadata::register(module)?;
     repairs::register(module)?;
     volumes::register(module)?;
     shapes::register(module)?;

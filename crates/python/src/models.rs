@@ -9,11 +9,11 @@ use spharm::harmonics::{Coefficients, Directions};
 use spharm::{Error, Kind, Model as Inner};
 
 use crate::arrays::{
-    Faces, FacesOut, Positions, PositionsOut, SeamIn, SeamOut, SphereArrays, mesh_arrays, positions, rows, seam_out,
-    triangles,
+    Faces, FacesOut, Positions, PositionsOut, SeamIn, SeamOut, SphereArrays, positions, rows, seam_out, triangles,
 };
 use crate::errors::Failure;
 use crate::run::run;
+use crate::surfaces::{SurfaceOut, surface_out};
 
 /// A model of a surface or signal. Objects of this class are immutable.
 #[pyclass(frozen, module = "spharm_rs._core")]
@@ -175,8 +175,8 @@ impl Model {
         Ok(values.into_pyarray(py))
     }
 
-    /// Evaluates the model's surface over a sphere, and returns vertices and triangles. Without a given sphere, the
-    /// model's own sphere is used, and cuts of handles are undone.
+    /// Evaluates the model's surface over a sphere, and returns vertices, triangles and the metadata that the model
+    /// preserves. Without a given sphere, the model's own sphere is used, and cuts of handles are undone.
     #[pyo3(signature = (sphere, faces, degree, *, threads = None))]
     fn surface<'py>(
         &self,
@@ -185,7 +185,7 @@ impl Model {
         faces: Option<Faces<'py>>,
         degree: usize,
         threads: Option<usize>,
-    ) -> PyResult<(PositionsOut<'py>, FacesOut<'py>)> {
+    ) -> PyResult<SurfaceOut<'py>> {
         let sphere = sphere.as_ref().map(|sphere| SphereArrays::new(sphere, faces.as_ref(), false)).transpose()?;
         let mesh = run(py, threads, None, |_| {
             let found = match sphere {
@@ -194,6 +194,6 @@ impl Model {
             };
             Ok(found.map_err(Error::from)?)
         })?;
-        Ok(mesh_arrays(py, mesh))
+        Ok(surface_out(py, mesh, None))
     }
 }

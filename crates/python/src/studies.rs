@@ -219,9 +219,11 @@ pub(crate) fn shape_test<'py>(
     })?;
     let result = PyDict::new(py);
     let array = |values: Vec<f64>| -> Bound<'py, PyArray1<f64>> { values.into_pyarray(py) };
+    // With variances by group, these are Aspin and Welch's v and G.
+    let [t, f] = if inference.variance_groups.is_some() { ["v", "G"] } else { ["t", "F"] };
     let (kind, freedom) = match found.kind {
-        Statistic::T { freedom } => ("t", vec![freedom]),
-        Statistic::F { between, within } => ("F", vec![between, within]),
+        Statistic::T { freedom } => (t, vec![freedom]),
+        Statistic::F { between, within } => (f, vec![between, within]),
         Statistic::TSquared { components, freedom } => ("T2", vec![components as f64, freedom]),
         _ => return Err(crate::errors::exception(py, Failure::Panic)),
     };

@@ -1,6 +1,6 @@
 //! Reads, writes, maps, resamples and compares surfaces.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -25,6 +25,7 @@ use spharm_cohort::{file_stem, is_model};
 use crate::arrays::{Faces, FacesOut, Positions, PositionsOut, SeamOut, mesh, mesh_arrays, positions, rows, seam_out};
 use crate::errors::Failure;
 use crate::memory::{check_distance, check_mapping, check_resampling};
+use crate::metadata::{Metadata, with_metadata};
 use crate::repairs::Changes;
 use crate::run::{run, run_owned};
 
@@ -65,26 +66,37 @@ fn stem(path: PathBuf) -> String {
     }
 }
 
+/// A surface as returned to Python: vertices, triangles, and the metadata of its file.
+pub(crate) type SurfaceOut<'py> = (PositionsOut<'py>, FacesOut<'py>, Option<Metadata>);
+
+/// Returns a mesh and its metadata; `path` is the file that it was read from.
+pub(crate) fn surface_out<'py>(py: Python<'py>, mut mesh: Mesh, path: Option<&Path>) -> SurfaceOut<'py> {
+    let metadata = Metadata::of(std::mem::take(&mut mesh.meta), path);
+    let (vertices, faces) = mesh_arrays(py, mesh);
+    (vertices, faces, metadata)
+}
+
 /// Reads a surface; with `gaps`, positions may be NaN or infinite.
 #[pyfunction]
 #[pyo3(signature = (path, *, gaps = false))]
-fn read_surface(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<(PositionsOut<'_>, FacesOut<'_>)> {
-    let read = move |_: &dyn Monitor| Ok(if gaps { read_mesh_with_gaps(path)? } else { read_mesh(path)? });
+fn read_surface(py: Python<'_>, path: PathBuf, gaps: bool) -> PyResult<SurfaceOut<'_>> {
+    let read = |_: &dyn Monitor| Ok(if gaps { read_mesh_with_gaps(&path)? } else { read_mesh(&path)? });
     let mesh = run(py, Some(1), None, read)?;
-    Ok(mesh_arrays(py, mesh))
+    Ok(surface_out(py, mesh, Some(&path)))
 }
 
 #[pyfunction]
-#[pyo3(signature = (path, vertices, faces, *, overwrite, double))]
+#[pyo3(signature = (path, vertices, faces, metadata, *, overwrite, double))]
 fn write_surface(
     py: Python<'_>,
     path: PathBuf,
     vertices: Positions<'_>,
     faces: Faces<'_>,
+    metadata: Option<Metadata>,
     overwrite: bool,
     double: bool,
 ) -> PyResult<()> {
-    let mesh = mesh("surface", &vertices, &faces)?;
+    let mesh = with_metadata(mesh("surface", &vertices, &faces)?, metadata);
     run(py, Some(1), None, move |_| Ok(write_mesh(path, &mesh, &WriteOptions { overwrite, double })?))
 }
 
@@ -253,16 +265,16 @@ fn parametrize<'py>(
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Mapped<'py>> {
     let (mesh, method) = (mesh("surface", &vertices, &faces)?, self::method(method, degree, area, seed)?);
-    let (found, handles, repair) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+    let (found, handles, repair, changes) = run_owned(py, threads, progress.as_ref(), move |monitor| {
         let mesh = Input::Mesh(mesh);
         check_mapping(&mesh, &method, memory)?;
         let mesh = Preparation::from(changes).apply(mesh, monitor)?;
         let (found, handles) = map(&mesh, &method, memory, monitor)?;
-        Ok((found, handles, mesh.mesh_repair().copied()))
+        Ok((found, handles, mesh.mesh_repair().copied(), mesh.changes(false)))
     })?;
     let details = [("handles", handles), ("mesh_repair", repair.map(|repair| json!(repair)))];
     let mut mapped = mapped(py, found, details);
-    mapped.4.extend(repair.map(|repair| repair.to_string()));
+    mapped.4.extend(changes);
     Ok(mapped)
 }
 

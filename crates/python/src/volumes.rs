@@ -1,11 +1,13 @@
 //! Reads labels of volumes, and maps their surfaces to the sphere.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use serde_json::json;
+use spharm::Monitor;
 use spharm::parametrize::volume::{
     Affine, ImageChoice, LabelSurface, LabelVolume, Repair, VolumeParams, VolumeReading, VoxelValues,
 };
@@ -26,22 +28,30 @@ pub(crate) fn reading((channel, time): (Option<usize>, Option<usize>), values: V
     VolumeReading { voxel_size: None, values, image: ImageChoice { channel, time } }
 }
 
-/// A volume: the path of a file, or an array of labels or of other values, (i, j, k), with its affine matrix, (4, 4).
+/// A volume: the path of a file with the voxel size that replaces the file's, and with the affine matrix of a file
+/// without a voxel size; or an array of labels or of other values, (i, j, k), with its affine matrix, (4, 4).
 #[derive(FromPyObject)]
 enum Volume<'py> {
-    File(PathBuf),
+    File(PathBuf, Option<[f64; 3]>, Option<PyReadonlyArray2<'py, f64>>),
     Labels(PyReadonlyArray3<'py, i32>, PyReadonlyArray2<'py, f64>),
     Values(PyReadonlyArray3<'py, f64>, PyReadonlyArray2<'py, f64>),
 }
 
-type Reader = Box<dyn FnOnce(&dyn spharm::Monitor) -> Result<LabelVolume, ParametrizeError> + Send>;
+type Reader = Box<dyn FnOnce(&dyn Monitor) -> Result<LabelVolume, ParametrizeError> + Send>;
 
 impl Volume<'_> {
     /// Returns a function that reads the volume without access to the interpreter's data.
     fn reader(self, reading: VolumeReading) -> PyResult<Reader> {
         // In NIfTI, the first index varies fastest.
         match self {
-            Self::File(path) => Ok(Box::new(move |monitor| LabelVolume::read_with(path, reading, monitor))),
+            Self::File(path, voxel_size, None) => {
+                let reading = VolumeReading { voxel_size, ..reading };
+                Ok(Box::new(move |monitor| LabelVolume::read_with(path, reading, monitor)))
+            }
+            Self::File(path, _, Some(matrix)) => {
+                let affine = affine(&matrix)?;
+                Ok(Box::new(move |monitor| with_affine(&path, reading, affine, monitor)))
+            }
             Self::Labels(values, matrix) => {
                 let (size, affine) = (values.as_array().dim().into(), affine(&matrix)?);
                 let labels: Vec<i32> = values.as_array().t().iter().copied().collect();
@@ -54,6 +64,31 @@ impl Volume<'_> {
             }
         }
     }
+}
+
+/// Reads a file without a voxel size, and gives it an affine matrix.
+fn with_affine(
+    path: &Path,
+    reading: VolumeReading,
+    affine: Affine,
+    monitor: &dyn Monitor,
+) -> Result<LabelVolume, ParametrizeError> {
+    match LabelVolume::read_with(path, reading, monitor) {
+        Err(ParametrizeError::NoVoxelSize { .. }) => {
+            let mut volume = of_unit_voxels(path, reading, monitor)?;
+            volume.affine = affine;
+            Ok(volume)
+        }
+        Err(error) => Err(error),
+        Ok(_) => {
+            let (what, expected) = ("affine", "None, because the volume file has its own affine");
+            Err(ParametrizeError::Argument { what, expected, found: "a matrix".to_owned() })
+        }
+    }
+}
+
+fn of_unit_voxels(path: &Path, reading: VolumeReading, monitor: &dyn Monitor) -> Result<LabelVolume, ParametrizeError> {
+    LabelVolume::read_with(path, VolumeReading { voxel_size: Some([1.0; 3]), ..reading }, monitor)
 }
 
 fn affine(matrix: &PyReadonlyArray2<'_, f64>) -> PyResult<Affine> {
@@ -93,16 +128,30 @@ fn parametrize_volume<'py>(
     let method = method_of(method, degree, area, seed)?;
     let surface = label_surface_of(py, label_surface, smooth_radius)?;
     let params = VolumeParams { label, surface, fix, handles: cut_handles };
-    let (found, handles, repairs) = run_owned(py, threads, progress.as_ref(), move |monitor| {
-        let surface = read(monitor)?.surface(&params, monitor)?;
+    let (found, details, warnings) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+        let volume = read(monitor)?;
+        let surface = volume.surface(&params, monitor)?;
+        let (path, label) = (volume.path().display().to_string(), surface.label);
+        let border =
+            format!("{path}: label {label} touches the border of the volume, which may have cut off a part of it");
+        let border = surface.at_border.then_some(border);
         let repair = surface.repair.as_ref();
         let lost = repair.filter(|_| cut_handles).and_then(Repair::no_handle_left);
-        let repairs: Vec<String> = repair.map(ToString::to_string).into_iter().chain(lost).collect();
-        let (found, handles) = map(&Input::Label(surface).without_handles(monitor)?, &method, memory, monitor)?;
-        Ok((found, handles, repairs))
+        let repairs = repair.map(ToString::to_string).into_iter().chain(lost);
+        let warnings: Vec<String> = volume.warnings().into_iter().chain(border).chain(repairs).collect();
+        let details = [
+            ("voxels", Some(json!(surface.voxels))),
+            ("at_border", Some(json!(surface.at_border))),
+            ("repair", repair.map(|repair| json!(repair))),
+        ];
+        drop(volume);
+        let surface = Input::Label(surface).without_handles(monitor)?;
+        let (found, handles) = map(&surface, &method, memory, monitor)?;
+        let warnings: Vec<String> = warnings.into_iter().chain(surface.handles().map(ToString::to_string)).collect();
+        Ok((found, details.into_iter().chain([("handles", handles)]).collect::<Vec<_>>(), warnings))
     })?;
-    let mut mapped = mapped(py, found, [("handles", handles)]);
-    mapped.4.extend(repairs);
+    let mut mapped = mapped(py, found, details);
+    mapped.4.extend(warnings);
     Ok(mapped)
 }
 
@@ -115,6 +164,11 @@ pub(crate) fn label_surface_of(py: Python<'_>, name: &str, radius: Option<f64>) 
 #[pyfunction]
 #[pyo3(signature = (volume, *, image))]
 fn labels(py: Python<'_>, volume: Volume<'_>, image: (Option<usize>, Option<usize>)) -> PyResult<BTreeMap<i64, usize>> {
-    let read = volume.reader(reading(image, VoxelValues::Labels))?;
+    let reading = reading(image, VoxelValues::Labels);
+    let read: Reader = match volume {
+        // The labels don't depend on the voxel size, so a file needn't have one.
+        Volume::File(path, ..) => Box::new(move |monitor| of_unit_voxels(&path, reading, monitor)),
+        array => array.reader(reading)?,
+    };
     run(py, Some(1), None, move |monitor| Ok(read(monitor)?.labels()))
 }

@@ -8,8 +8,11 @@
 //!
 //! ```text
 //! p_ij = exp(-|x_j - y_i - v_i|^2 / (2 sigma^2) + kappa (n_j . n_i - 1)) / (sum_i ... + c)
-//! (F^T diag(P 1) F + lambda sigma^2 I) a = F^T (P x - diag(P 1) y)
+//! (F^T diag(P 1) F + lambda (sigma / scale)^2 I) a = F^T (P x - diag(P 1) y)
 //! ```
+//!
+//! The square root of the template's area, `scale`, is the unit of lengths, so that results don't depend on the unit of
+//! the coordinates.
 //!
 //! The subject's points are samples of its surface: they show where the surface is, but not which of its points
 //! correspond to points of the template. Each point of the template is therefore pulled towards `x` with full strength
@@ -66,7 +69,8 @@ pub fn drift(
     let mut sigma = first;
     for (index, stage) in template.stages.iter().enumerate() {
         let targets = subject.spread(stage.spread.points.len(), 104_729 * (index + 1));
-        let (moved, last) = run_stage(stage, &mesh, free, (&targets, guides), (sigma, first), params, monitor)?;
+        let (moved, last) =
+            run_stage(stage, &mesh, free, (&targets, guides), (sigma, first, template.scale), params, monitor)?;
         mesh.vertices = moved;
         sigma = AGAIN * last;
     }
@@ -87,7 +91,7 @@ fn run_stage(
     mesh: &Mesh,
     free: &[bool],
     (targets, guides): (&SpreadPoints, &[Guide]),
-    (mut sigma, first): (f64, f64),
+    (mut sigma, first, scale): (f64, f64, f64),
     params: &RegisterParams,
     monitor: &dyn Monitor,
 ) -> Result<(Vec<Vec3>, f64), RegisterError> {
@@ -115,7 +119,7 @@ fn run_stage(
         let sums = expectation(&points, &normals, &kept, targets, sigma, params.kappa, outlier);
         let along = (sigma / (ALONG * first)).powi(2).min(1.0);
         let pulled = pulled(&sums, &points, &normals, along);
-        let stiffness = stage.stiffness * sigma * sigma;
+        let stiffness = stage.stiffness * (sigma / scale).powi(2);
         coefficients = maximisation(kernel, &start.points, &sums.shares, &pulled, &held, stiffness)?;
         let displacements = LowRank::displacements(kernel.rank, &kernel.points, &coefficients);
         points = start.points.iter().zip(displacements).map(|(y, v)| add(*y, v)).collect();

@@ -5,7 +5,7 @@
 pub struct DriftStage {
     /// Standard deviation of the Gaussian kernel, as a share of the square root of the template's area.
     pub width: f64,
-    /// Weight of the displacements' energy, lambda.
+    /// Weight of the displacements' energy, lambda, with the square root of the template's area as the unit of lengths.
     pub stiffness: f64,
     /// Number of points on the template, and of points on the subject. It is limited to half the number of the
     /// template's vertices.
@@ -57,7 +57,7 @@ impl Default for RegisterParams {
     fn default() -> Self {
         let stage = |width, stiffness, points| DriftStage { width, stiffness, points };
         Self {
-            drift: vec![stage(0.3, 2.0, 3000), stage(0.15, 1.0, 3000), stage(0.08, 0.5, 3000)],
+            drift: vec![stage(0.3, 5000.0, 3000), stage(0.15, 2500.0, 3000), stage(0.08, 1250.0, 3000)],
             near: 0.005,
             sigma: 0.06,
             kappa: 2.0,

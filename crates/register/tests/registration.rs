@@ -62,6 +62,17 @@ fn a_bump_that_moved_keeps_its_top() {
 }
 
 #[test]
+fn results_dont_depend_on_the_unit_of_length() {
+    let (before, after) = (with_bump(4, 0.0, 0.0), with_bump(3, 0.5, 0.3));
+    // Products with a power of two have no rounding errors.
+    let larger = |mesh: &Mesh| mesh.with_vertices(mesh.vertices.iter().map(|p| p.map(|x| 1024.0 * x)).collect());
+    let found = moved(&prepared(&before), &after);
+    let scaled = moved(&prepared(&larger(&before)), &larger(&after));
+    let back: Vec<Vec3> = scaled.vertices.iter().map(|p| p.map(|x| x / 1024.0)).collect();
+    assert!(root_mean_square(&found.vertices, &back) < 1e-9);
+}
+
+#[test]
 fn registered_vertices_lie_on_the_subject() {
     let subject = with_bump(5, 0.5, 0.4);
     let found = moved(&prepared(&with_bump(4, 0.0, 0.0)), &subject);

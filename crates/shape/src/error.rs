@@ -139,7 +139,7 @@ pub enum ShapeError {
         levels: [String; 2],
     },
     /// Welch's test was requested for something other than the difference between two groups.
-    #[error("Welch's test needs two groups without covariates; use pooled variances instead")]
+    #[error("Welch's test needs two groups without covariates")]
     NotTwoGroups,
     /// The number of columns isn't a multiple of the number of components per vertex.
     #[error("{columns} columns: expected a multiple of {components}, the components of a vertex")]

@@ -112,12 +112,14 @@ impl fmt::Display for MeasureWarning {
                 "the parameterisation is mirrored, so that its normals point inwards; outward normals are reported and \
                  used for curvatures",
             ),
-            Self::Squeezed { part } => write!(
-                f,
-                "on {:.2} % of the sphere, the area element of the map is less than a thousandth of its mean: \
-                 curvatures are unreliable there",
-                100.0 * part
-            ),
+            Self::Squeezed { part } => {
+                let share = if *part < 1e-4 { "less than 0.01".to_owned() } else { format!("{:.2}", 100.0 * part) };
+                write!(
+                    f,
+                    "on {share} % of the sphere, the area element of the map is less than a thousandth of its mean: \
+                     curvatures are unreliable there"
+                )
+            }
         }
     }
 }
@@ -297,5 +299,17 @@ impl Grid {
             azimuths.iter().map(move |(sin, cos)| [sine * cos, sine * sin, cosine])
         };
         rings.flat_map(ring).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_share_of_the_sphere_is_not_rounded_to_zero() {
+        let text = |part: f64| MeasureWarning::Squeezed { part }.to_string();
+        assert!(text(2e-5).starts_with("on less than 0.01 % of the sphere, "), "{}", text(2e-5));
+        assert!(text(0.0123).starts_with("on 1.23 % of the sphere, "), "{}", text(0.0123));
     }
 }

@@ -161,9 +161,9 @@ pub enum TestWarning {
     /// Two groups differ in size and in variance.
     #[error(
         "the variance of {wide} ({wide_subjects} subjects) is {ratio:.1} times that of {narrow} ({narrow_subjects}): p values \
-         assume equal variances and are {}; use Welch's test, which allows unequal variances{}",
+         assume equal variances and are {}; use {} unequal variances",
         if *.wide_subjects < *.narrow_subjects { "too small" } else { "too large" },
-        if *.covariates { " (of two groups without covariates)" } else { "" }
+        if *.two_groups { "Welch's test, which allows" } else { "variance groups, which allow" }
     )]
     UnequalVariances {
         /// Name of the group with the larger variance.
@@ -176,9 +176,15 @@ pub enum TestWarning {
         narrow_subjects: usize,
         /// Larger variance divided by the smaller one, both summed over all vertices.
         ratio: f64,
-        /// Whether the design has columns in addition to the two groups' columns.
-        covariates: bool,
+        /// Whether the design consists of the two groups alone, so that Welch's test applies.
+        two_groups: bool,
     },
+    /// Rows of a block depend on each other, and the design doesn't account for it.
+    #[error(
+        "p, q and margins assume independent rows, but the rows of a block depend on each other: use the p values of \
+         relabellings"
+    )]
+    DependentRows,
     /// The relabellings are too few for any result to be significant.
     #[error(
         "the smallest p that {relabellings} relabellings can give is {floor:.2e}, above the level {level}: no vertex can be \
@@ -250,17 +256,20 @@ pub fn test(
         (None, None) => linear::statistics(values, components, contrast, &model, params.confidence)?,
     };
     let mut warnings = Vec::new();
-    let flat = statistic.iter().filter(|value| value.is_nan()).count();
     let of = statistic.len();
+    let flat: Vec<usize> = (0..of).filter(|v| statistic[*v].is_nan()).collect();
     let known = |values: Vec<f64>, other: f64| -> Vec<f64> {
         values.into_iter().map(|value| if value.is_nan() { other } else { value }).collect()
     };
     let (statistic, p) = (known(statistic, 0.0), known(p, 1.0));
-    if flat > 0 {
-        warnings.push(TestWarning::NoVariance { vertices: flat, of });
+    if !flat.is_empty() {
+        warnings.push(TestWarning::NoVariance { vertices: flat.len(), of });
     }
     if !params.welch && prepared.is_none() {
         warnings.extend(variances::unequal(values, design, contrast));
+    }
+    if params.blocks.as_ref().is_some_and(|blocks| !blocks.are_in(design)) {
+        warnings.push(TestWarning::DependentRows);
     }
     let mut family_wise = None;
     if let Some(asked) = &params.permutations {
@@ -269,12 +278,15 @@ pub fn test(
             (None, Some((prepared, of))) => permutation::Compared::VarianceGroups(prepared, of),
             (None, None) => permutation::Compared::Pooled,
         };
-        let tested = (&model, &compared, &kind);
+        let tested = (design, &model, &compared, &kind);
         family_wise = permutation::family_wise(values, components, tested, (asked, params), monitor)?;
         if let Some(clusters) = family_wise.as_mut().and_then(|found| found.clusters.as_mut()) {
             // The statistic of each cluster is replaced by the map's value at its peak, because the two are computed in
             // different ways and differ in the last bits.
             clusters.clusters.iter_mut().for_each(|cluster| cluster.statistic = statistic[cluster.peak]);
+        }
+        if let Some(found) = &mut family_wise {
+            flat.iter().for_each(|v| (found.p[*v], found.pointwise[*v]) = (1.0, 1.0));
         }
         match &family_wise {
             Some(FamilyWise { floor, relabellings, exact, .. }) if *floor > params.level => {

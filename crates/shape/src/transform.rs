@@ -9,7 +9,7 @@ use spharm_harmonics::{Coefficients, Directions};
 use spharm_model::Model;
 use spharm_monitor::Monitor;
 pub use spharm_surface::Similarity;
-use spharm_surface::{Kind, Mesh};
+use spharm_surface::{Hemisphere, Kind, Mesh};
 
 use crate::error::ShapeError;
 use crate::extent::{finite, surface};
@@ -94,7 +94,8 @@ impl Transform {
     ///
     /// The provenance records each call: `transform` lists the [`to_json`](Self::to_json) of all transforms applied.
     /// Settings and distances of the fit are removed, because they don't apply to the transformed model. If the
-    /// surface was moved, its position in a volume is removed too.
+    /// surface was moved, its position in a volume is removed too. If the surface, or the sphere of a signal, was
+    /// mirrored, left and right are exchanged in the anatomical structure.
     ///
     /// # Errors
     ///
@@ -105,6 +106,7 @@ impl Transform {
         if moves && model.kind() != Kind::Surface {
             return Err(ShapeError::NotASurface { channels: model.coefficients.channels() });
         }
+        let mirrors = if model.kind() == Kind::Surface { self.similarity.mirrors() } else { self.antipodal };
         let mut model = model.clone();
         if self.rotation != Rotation::IDENTITY || self.antipodal {
             model.coefficients = turn(&model.coefficients, &self.rotation, self.antipodal, monitor)?;
@@ -128,6 +130,13 @@ impl Transform {
         if moves {
             provenance.geometry = None;
             provenance.scale = provenance.scale.map(|scale| scale * self.similarity.scale);
+        }
+        if mirrors {
+            let mirrored = |structure: String| Hemisphere::mirrored_structure(&structure);
+            provenance.anatomical_structure_primary = provenance.anatomical_structure_primary.take().map(mirrored);
+            if let Some(sphere) = &mut model.sphere {
+                sphere.anatomical_structure.clone_from(&provenance.anatomical_structure_primary);
+            }
         }
         let step = self.to_json();
         let done = provenance.other.entry("transform").or_insert_with(|| serde_json::json!([]));
@@ -265,6 +274,25 @@ mod tests {
         let at_once = first.then(&second).apply(&surface, &Silent).unwrap();
         let apart = in_turn.values() - at_once.values();
         assert!(apart.iter().all(|difference| difference.abs() < 1e-11));
+    }
+
+    /// A mirrored surface or signal belongs to the other hemisphere. A rotation, and an inverted sphere under a surface
+    /// that isn't mirrored, change nothing.
+    #[test]
+    fn mirror_images_belong_to_the_other_hemisphere() {
+        let flat = Transform { similarity: Similarity::default(), ..Transform::reflection() };
+        let turn = Transform { rotation: some_pose(1).rotation, ..Transform::default() };
+        for (kind, transform, expected) in [
+            (Kind::Surface, Transform::reflection(), "CortexLeft"),
+            (Kind::Surface, flat, "CortexRight"),
+            (Kind::Signal, flat, "CortexLeft"),
+            (Kind::Signal, turn, "CortexRight"),
+        ] {
+            let mut model = Model::new(Sphere::icosphere(1), blob(4, 1), kind);
+            model.provenance.anatomical_structure_primary = Some("CortexRight".to_owned());
+            let provenance = transform.apply_model(&model, &Silent).unwrap().provenance;
+            assert_eq!(provenance.anatomical_structure_primary.as_deref(), Some(expected), "{kind:?}");
+        }
     }
 
     #[test]

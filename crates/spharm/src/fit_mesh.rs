@@ -32,19 +32,23 @@ pub struct Preparation {
     pub cut_handles: bool,
 }
 
-/// Largest share of a mesh's area that a repair may drop as separate pieces, unless [`Preparation::largest_repair`]
-/// allows more.
+/// Largest share of a mesh's area that a repair may drop as separate pieces, or lose by welding, unless
+/// [`Preparation::largest_repair`] allows more.
 pub const DROPPED: f64 = 0.05;
 /// Largest share of a mesh's area that a repair may add by filling holes, unless [`Preparation::largest_repair`] allows
 /// more.
 pub const FILLED: f64 = 0.25;
 
+/// Returns the shares of the area that a repair loses, drops and adds, each with its usual limit.
+fn shares(repair: &MeshRepair) -> [(f64, f64); 3] {
+    [(repair.lost_area, DROPPED), (repair.dropped_area, DROPPED), (repair.filled_area, FILLED)]
+}
+
 /// Returns the smallest [`largest_repair`](Preparation::largest_repair) that allows a repair, rounded up to whole per
 /// cent; `None` if the usual limits allow it.
 #[must_use]
 pub fn percent_to_allow(repair: &MeshRepair) -> Option<u32> {
-    let shares = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
-    let large = shares.into_iter().filter(|(share, usual)| share > usual).map(|(share, _)| share);
+    let large = shares(repair).into_iter().filter(|(share, usual)| share > usual).map(|(share, _)| share);
     large.reduce(f64::max).map(|share| (100.0 * share).ceil() as u32)
 }
 
@@ -74,8 +78,7 @@ impl Preparation {
         }
         let surface = if self.fix { surface.mended(monitor)? } else { surface };
         if let Some(repair) = surface.mesh_repair() {
-            let limits = [(repair.dropped_area, DROPPED), (repair.filled_area, FILLED)];
-            let limits = limits.map(|(share, usual)| (share, self.largest_repair.unwrap_or(0.0).max(usual)));
+            let limits = shares(repair).map(|(share, usual)| (share, self.largest_repair.unwrap_or(0.0).max(usual)));
             if let Some((_, most)) = limits.into_iter().find(|(share, most)| share.is_nan() || share > most) {
                 let succeeds = surface.mesh().is_some_and(|mesh| defects(mesh).0.is_empty());
                 return Err(ParametrizeError::LargeRepair { repair: Box::new(*repair), most, succeeds }.into());

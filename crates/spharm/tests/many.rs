@@ -4,7 +4,8 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use spharm::generate::{Cortex, cortex};
-use spharm::{Error, FitParams, Silent, Sphere, Target, fit, fit_each, fit_many, fit_with};
+use spharm::{Error, FitParams, Silent, SolverError, Sphere, Target, fit, fit_each, fit_many, fit_with};
+use spharm_store::{BuildParams, build};
 use spharm_surface::Signal;
 
 const COUNT: usize = 70;
@@ -72,6 +73,40 @@ fn targets_are_read_at_once_only_where_the_memory_has_room() {
     let Err(Error::Memory { needed, .. }) = most_at_once(1) else { panic!("it is too little") };
     assert_eq!(most_at_once(needed).expect("fits"), 1);
     assert!(most_at_once(1 << 30).expect("fits") > 1);
+}
+
+/// A fit's report has the optimality of its own columns, and the report of the batch has the largest.
+#[test]
+fn each_target_of_a_batch_has_its_own_optimality() {
+    let sphere = sphere();
+    let read = |number: usize| {
+        let power = number as i32 + 3;
+        let values = sphere.directions.as_slice().iter().map(|u| (u[0] + 0.3 * u[2]).powi(power)).collect();
+        Target::from_signal(Signal::new(values, 642, 1), &sphere).map_err(Error::from)
+    };
+    let keep = |_: usize, fit: spharm::Fit| Ok::<_, Error>(fit.report.optimality.expect("a least-squares fit"));
+    let (found, report) = fit_many(&sphere, 3, &read, &params(), &keep, &Silent).expect("fits");
+    assert_eq!(report.batches.len(), 1);
+    assert_eq!(report.batches[0].optimality(), found.iter().copied().reduce(f64::max));
+    assert!(found[0] != found[1] || found[1] != found[2], "{found:?}");
+}
+
+/// The smallest budget for NLSF is that of computing the Gram matrix from moments.
+#[test]
+fn the_stated_need_of_nlsf_is_the_smallest_budget_that_works() {
+    let (sphere, folder) = (Sphere::icosphere(4), tempfile::tempdir().expect("a folder"));
+    let params = BuildParams { max_degree: 20, ..BuildParams::default() };
+    build(folder.path(), &sphere.directions, &params, &Silent).expect("a store");
+    let n = sphere.directions.len();
+    let target = Target::from_signal(Signal::new(vec![1.0; n], n, 1), &sphere).expect("a signal");
+    let params = FitParams::irf(20, folder.path()).with_method(spharm::Method::Nlsf).with_threads(1);
+    let needed = |memory| match fit(&sphere, &target, &params.clone().with_memory(memory)) {
+        Ok(_) => None,
+        Err(Error::Solver(SolverError::Budget { needed, .. })) => Some(needed),
+        Err(error) => panic!("{error}"),
+    };
+    let least = needed(1 << 20).expect("too little memory");
+    assert_eq!((needed(least - 1), needed(least)), (Some(least), None));
 }
 
 #[derive(Debug)]

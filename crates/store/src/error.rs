@@ -128,6 +128,16 @@ pub enum StoreError {
         /// Keys of the schemes in the store.
         available: Vec<SchemeKey>,
     },
+    /// The store has the basis at these directions only with values of another scalar type.
+    #[error("{}: the store has the basis at these directions in {}, not in {}", .store.display(), .found.name(), .wanted.name())]
+    OtherScalar {
+        /// Path of the store.
+        store: PathBuf,
+        /// The requested scalar type.
+        wanted: Scalar,
+        /// The scalar type in the store.
+        found: Scalar,
+    },
     /// A folder contains no schemes.
     #[error("{}: this folder holds no schemes", .store.display())]
     NoSchemes {
@@ -186,7 +196,7 @@ pub enum StoreError {
         free: u64,
     },
     /// The memory budget is too small for the computation.
-    #[error("a memory budget of {budget} bytes is too small; at least {needed} bytes ({} MiB) are needed", needed.div_ceil(1 << 20))]
+    #[error("a memory budget of {} is too small; at least {} MiB are needed", size(*.budget), .needed.div_ceil(1 << 20))]
     Budget {
         /// The budget in bytes.
         budget: usize,
@@ -248,6 +258,11 @@ impl StoreError {
     pub(crate) fn is_not_found(&self) -> bool {
         matches!(self, Self::Io { source, .. } if source.kind() == io::ErrorKind::NotFound)
     }
+}
+
+/// Formats a size as MiB, or as bytes if it is below 1 MiB.
+fn size(bytes: usize) -> String {
+    if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{} MiB", bytes >> 20) }
 }
 
 fn keys_there(keys: &[SchemeKey]) -> String {
@@ -313,6 +328,8 @@ mod tests {
         };
         assert!(degree(Some(2)).ends_with("has degrees 0 to 2, but degree 3 is missing"));
         assert!(degree(None).ends_with("has no degree 0"));
+        let budget = StoreError::Budget { budget: 70 << 20, needed: (80 << 20) + 1 };
+        assert_eq!(budget.to_string(), "a memory budget of 70 MiB is too small; at least 81 MiB are needed");
         let space = StoreError::Space { path: store(), what: "basis", needed: 2_500_000_000, free: 1_000_000_000 };
         let expected = "the basis needs 2500000000 bytes (2.5 GB), but the disk has 1000000000 free (1.0 GB)";
         assert!(space.to_string().ends_with(expected), "{space}");

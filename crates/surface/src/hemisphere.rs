@@ -14,11 +14,42 @@ pub enum Hemisphere {
 
 impl Hemisphere {
     /// Returns the hemisphere of a file: from its metadata (GIfTI's `AnatomicalStructurePrimary`, such as
-    /// `CortexLeft`), otherwise from its name (`lh.pial`, `sub-01_hemi-L_white.surf.gii`). `None` if neither contains
-    /// it.
+    /// `CortexLeft`), otherwise from its name (`lh.pial`, `sub-01.lh.thickness.spharm.npz`,
+    /// `sub-01_hemi-L_white.surf.gii`). `None` if neither contains it.
     #[must_use]
     pub fn of(anatomical_structure: Option<&str>, path: Option<&Path>) -> Option<Self> {
         anatomical_structure.and_then(Self::of_structure).or_else(|| Self::of_name(path?))
+    }
+
+    /// Returns the hemisphere of a side with this name, such as `lh`, `left` or `L`, in upper or lower case. `None` for
+    /// other names.
+    #[must_use]
+    pub fn of_side(name: &str) -> Option<Self> {
+        match name.to_lowercase().as_str() {
+            "lh" | "left" | "l" | "hemi-l" => Some(Self::Left),
+            "rh" | "right" | "r" | "hemi-r" => Some(Self::Right),
+            _ => None,
+        }
+    }
+
+    /// Returns the other hemisphere.
+    #[must_use]
+    pub fn opposite(self) -> Self {
+        match self {
+            Self::Left => Self::Right,
+            Self::Right => Self::Left,
+        }
+    }
+
+    /// Returns the anatomical structure of a mirror image: `CortexLeft` for `CortexRight`. Structures without a side,
+    /// such as `Cortex`, don't change.
+    #[must_use]
+    pub fn mirrored_structure(structure: &str) -> String {
+        match (structure.strip_suffix("Left"), structure.strip_suffix("Right")) {
+            (Some(of), _) => format!("{of}Right"),
+            (_, Some(of)) => format!("{of}Left"),
+            _ => structure.to_owned(),
+        }
     }
 
     /// Returns the hemisphere's cortex as a value of GIfTI's `AnatomicalStructurePrimary`.
@@ -40,15 +71,12 @@ impl Hemisphere {
 
     fn of_name(path: &Path) -> Option<Self> {
         let name = path.file_name()?.to_str()?;
-        // A BIDS name consists of parts separated by `_`; the hemisphere is one of them.
-        let part = |wanted: &str| name.split(['_', '.']).any(|part| part == wanted);
-        if name.starts_with("lh.") || part("hemi-L") {
-            Some(Self::Left)
-        } else if name.starts_with("rh.") || part("hemi-R") {
-            Some(Self::Right)
-        } else {
-            None
-        }
+        // The hemisphere is a part of the name. FreeSurfer separates parts by `.`, BIDS by `_`.
+        name.split(['_', '.']).find_map(|part| match part {
+            "lh" | "hemi-L" => Some(Self::Left),
+            "rh" | "hemi-R" => Some(Self::Right),
+            _ => None,
+        })
     }
 }
 
@@ -71,7 +99,22 @@ mod tests {
         assert_eq!(of(Some("CortexRight"), "lh.pial"), Some(Hemisphere::Right));
         assert_eq!(of(Some("Cortex"), "a/lh.pial"), Some(Hemisphere::Left));
         assert_eq!(of(None, "sub-01_hemi-R_white.surf.gii"), Some(Hemisphere::Right));
+        assert_eq!(of(None, "sub-01.lh.thickness.spharm.npz"), Some(Hemisphere::Left));
+        assert_eq!(of(None, "s1_rh.spharm.npz"), Some(Hemisphere::Right));
         assert_eq!(of(None, "hippo_l.obj"), None);
+        assert_eq!(of(None, "rhombus.obj"), None);
         assert_eq!(Hemisphere::of(None, None), None);
+    }
+
+    #[test]
+    fn sides_have_hemispheres_and_mirror_images_the_opposite_structure() {
+        for (left, right) in [("lh", "rh"), ("Left", "right"), ("L", "R"), ("hemi-L", "hemi-R")] {
+            let [left, right] = [left, right].map(Hemisphere::of_side);
+            assert_eq!((left, right), (Some(Hemisphere::Left), left.map(Hemisphere::opposite)));
+        }
+        assert_eq!(Hemisphere::of_side("affected"), None);
+        for (structure, image) in [("CortexRight", "CortexLeft"), ("CortexLeft", "CortexRight"), ("Cortex", "Cortex")] {
+            assert_eq!(Hemisphere::mirrored_structure(structure), image);
+        }
     }
 }

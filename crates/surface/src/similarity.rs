@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Vec3, add, scale};
+use crate::hemisphere::Hemisphere;
 use crate::matrix3::{IDENTITY, Matrix3, determinant, product, times, transposed};
 use crate::mesh::Mesh;
 
@@ -70,8 +71,8 @@ impl Similarity {
     }
 
     /// Returns a mesh with its vertices moved. A reflection also reverses the triangles' winding, so that they still
-    /// face outwards. Unless the similarity is the identity, metadata about the mesh's position in a volume are
-    /// dropped, since they are no longer valid.
+    /// face outwards, and exchanges left and right in the anatomical structure. Unless the similarity is the identity,
+    /// metadata about the mesh's position in a volume are dropped, since they are no longer valid.
     #[must_use]
     pub fn apply_mesh(&self, mesh: &Mesh) -> Mesh {
         let mut moved = mesh.with_vertices(mesh.vertices.iter().map(|v| self.apply(*v)).collect());
@@ -82,6 +83,8 @@ impl Similarity {
         }
         if self.mirrors() {
             moved.faces.iter_mut().for_each(|face| face.swap(1, 2));
+            let structure = &mut moved.meta.anatomical_structure_primary;
+            *structure = structure.take().map(|structure| Hemisphere::mirrored_structure(&structure));
         }
         moved
     }
@@ -117,9 +120,11 @@ mod tests {
 
     #[test]
     fn the_outside_of_a_mirrored_mesh_stays_outside() {
-        let ball = icosphere(1);
-        for mirror in [false, true] {
+        let mut ball = icosphere(1);
+        ball.meta.anatomical_structure_primary = Some("CortexRight".to_owned());
+        for (mirror, structure) in [(false, "CortexRight"), (true, "CortexLeft")] {
             let moved = some(mirror).apply_mesh(&ball);
+            assert_eq!(moved.meta.anatomical_structure_primary.as_deref(), Some(structure));
             for face in &moved.faces {
                 let corners = face.map(|v| moved.vertices[v as usize]);
                 let out = sub(corners[0], some(mirror).translation);

@@ -8,7 +8,7 @@ use crate::hemisphere::Hemisphere;
 use crate::io::{mesh_with_gaps, read_input, read_input_with_gaps, signal_with_gaps};
 use crate::mesh::{Input, Kind, Mesh, Meta, Signal};
 use crate::sphere::Sphere;
-use crate::topology::{Topology, different_triangles};
+use crate::topology::{Topology, different_triangles, signed_volume, signed_volume_of};
 
 /// A surface or a signal: c values for each vertex of a [`Sphere`].
 #[derive(Debug, Clone)]
@@ -41,6 +41,12 @@ pub enum TargetWarning {
         /// The sphere's hemisphere.
         sphere: Hemisphere,
     },
+    /// The triangles face outwards on the surface but inwards on the sphere, or vice versa. The model is then inside
+    /// out.
+    Reversed {
+        /// Path of the sphere's file, or `None` if the sphere was made in memory.
+        sphere: Option<PathBuf>,
+    },
 }
 
 impl fmt::Display for TargetWarning {
@@ -53,6 +59,14 @@ impl fmt::Display for TargetWarning {
                 write!(
                     f,
                     "this file belongs to the {target} hemisphere, but the sphere belongs to the {sphere} hemisphere"
+                )
+            }
+            Self::Reversed { sphere } => {
+                let name = sphere.as_ref().map_or(String::new(), |path| format!(" {}", path.display()));
+                write!(
+                    f,
+                    "the sphere{name} reverses the orientation of the surface; is this the sphere of the other \
+                     hemisphere?"
                 )
             }
         }
@@ -110,6 +124,27 @@ impl Target {
         Self::of_signal(signal, sphere, None)
     }
 
+    /// Returns a surface or a signal as a target, like [`from_mesh_with_gaps`](Self::from_mesh_with_gaps) and
+    /// [`from_signal_with_gaps`](Self::from_signal_with_gaps). If `path` is given, it is the file that the input was
+    /// read from, and its name may determine the target's hemisphere.
+    ///
+    /// # Errors
+    ///
+    /// The errors of these two functions.
+    pub fn with_gaps(input: Input, path: Option<&Path>, sphere: &Sphere) -> Result<Self, SurfaceError> {
+        let target = match input {
+            Input::Mesh(mesh) => {
+                mesh_with_gaps(path.unwrap_or(Path::new("the surface")), &mesh)?;
+                Self::of_mesh(mesh, sphere, path)?
+            }
+            Input::Signal(signal) => {
+                signal_with_gaps(path.unwrap_or(Path::new("the signal")), &signal)?;
+                Self::of_signal(signal, sphere, path)?
+            }
+        };
+        Ok(Self { path: path.map(Path::to_owned), ..target })
+    }
+
     /// Checks that the values are finite at all vertices, except those for which `unread` (n) is true.
     ///
     /// # Errors
@@ -139,6 +174,8 @@ impl Target {
         let mut warnings = other_hemisphere(mesh.meta.anatomical_structure_primary.as_deref(), path, sphere);
         if !topology.is_sphere() {
             warnings.push(TargetWarning::NotClosed(topology));
+        } else if is_reversed(&mesh, sphere) {
+            warnings.push(TargetWarning::Reversed { sphere: sphere.path.clone() });
         }
         let values = mesh.vertices.into_flattened();
         Ok(Self { path: None, values, channels: 3, kind: Kind::Surface, meta: mesh.meta, warnings })
@@ -162,6 +199,14 @@ fn other_hemisphere(structure: Option<&str>, path: Option<&Path>, sphere: &Spher
         (Some(target), Some(sphere)) if target != sphere => vec![TargetWarning::OtherHemisphere { target, sphere }],
         _ => Vec::new(),
     }
+}
+
+/// Returns whether a sphere reverses the orientation of a closed surface with the same triangles: the volumes that the
+/// triangles enclose on both have different signs. The surface's triangles are used for both, because the sphere's may
+/// wind the other way. If a position isn't finite, the result is false.
+fn is_reversed(mesh: &Mesh, sphere: &Sphere) -> bool {
+    let of_sphere = || signed_volume_of(sphere.directions.as_slice(), &mesh.faces);
+    !sphere.faces.is_empty() && signed_volume(mesh) * of_sphere() < 0.0
 }
 
 fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), SurfaceError> {
@@ -254,6 +299,39 @@ mod tests {
             let warnings = Target::from_mesh(&surface, &sphere).unwrap().warnings;
             let expected = TargetWarning::OtherHemisphere { target: Hemisphere::Left, sphere: Hemisphere::Right };
             assert_eq!(warnings, if differ { vec![expected] } else { Vec::new() }, "{structure}");
+        }
+    }
+
+    #[test]
+    fn a_sphere_that_turns_a_surface_inside_out_is_a_warning() {
+        let (surface, outward) = cortex(&Cortex { subdivisions: 2, variant: 0 });
+        let mirrored = outward.with_vertices(outward.vertices.iter().map(|&[x, y, z]| [-x, y, z]).collect());
+        let inside_out = surface.with_vertices(surface.vertices.iter().map(|&[x, y, z]| [x, -y, z]).collect());
+        let warnings = |surface: &Mesh, sphere: &Mesh| {
+            let sphere = Sphere { path: Some("rh.sphere".into()), ..Sphere::from_mesh(sphere).unwrap() };
+            Target::from_mesh(surface, &sphere).unwrap().warnings
+        };
+        let expected = vec![TargetWarning::Reversed { sphere: Some("rh.sphere".into()) }];
+        assert_eq!(warnings(&surface, &mirrored), expected);
+        assert_eq!(warnings(&inside_out, &outward), expected);
+        assert!(expected[0].to_string().starts_with("the sphere rh.sphere reverses the orientation of the surface; "));
+        assert!(warnings(&surface, &outward).is_empty());
+        assert!(warnings(&inside_out, &mirrored).is_empty(), "both wind inwards");
+        // The winding of the surface's own triangles doesn't matter, only that of the map.
+        let mut rewound = surface;
+        rewound.faces.iter_mut().for_each(|face| face.swap(0, 1));
+        assert!(warnings(&rewound, &outward).is_empty());
+    }
+
+    #[test]
+    fn the_name_of_a_file_determines_the_hemisphere_of_its_contents() {
+        let (mesh, sphere) = cortex(&Cortex { subdivisions: 1, variant: 0 });
+        let sphere = Sphere { path: Some("rh.sphere".into()), ..Sphere::from_mesh(&sphere).unwrap() };
+        let signal = Signal::new(vec![f64::NAN; 42], 42, 1);
+        for input in [Input::Mesh(mesh), Input::Signal(signal)] {
+            let target = Target::with_gaps(input, Some(Path::new("lh.x")), &sphere).unwrap();
+            let expected = TargetWarning::OtherHemisphere { target: Hemisphere::Left, sphere: Hemisphere::Right };
+            assert_eq!((target.warnings, target.path), (vec![expected], Some("lh.x".into())));
         }
     }
 

@@ -88,8 +88,8 @@ fn a_killed_build_leaves_nothing_half_written() {
     let store = |round: usize| folder.path().join(format!("store{round}"));
     // With the smallest budget the factor is computed out of core, so tiles are written throughout the build.
     let line = fail(builder(&store(0), &sphere, 30).args(["--memory", "1MiB"]));
-    let least = line.split("at least ").nth(1).and_then(|rest| rest.split(' ').next());
-    let least = least.expect("a size").to_owned();
+    let least = line.split("at least ").nth(1).and_then(|rest| rest.split_once(" MiB"));
+    let least = format!("{}MiB", least.expect("a size").0);
     let build = |store: &Path| {
         let mut command = builder(store, &sphere, 30);
         command.args(["--memory", &least, "--factor-dtype", "f32", "-q"]);

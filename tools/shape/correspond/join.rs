@@ -19,8 +19,8 @@ use super::{Cli, member_json, rows};
 
 /// Maximum number of existing members used to refine a new member's correspondence.
 const REFERENCES: usize = 300;
-/// Fraction of a surface that may lack a counterpart without a warning, for the new member and for the template.
-const LACKING: f64 = 0.05;
+/// Maximum number of existing members of a group without refinement, with which a new member is compared.
+const COMPARED: usize = 8;
 
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
@@ -29,7 +29,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     }
     let files = GroupFiles::open(group)?;
     let template = files.template()?;
-    let members = if template.refined { files.coefficients(REFERENCES)? } else { Vec::new() };
+    let members = files.coefficients(if template.refined { REFERENCES } else { COMPARED })?;
     let surfaces: Vec<&Surface> = cli.shard.unwrap_or_default().of(surfaces).collect();
     let mut params = CorrespondParams::up_to(template.mean.max_degree()).with_refinement(None);
     params.pose = cli.poses();
@@ -41,7 +41,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
         pool.install(|| Joining::new(template.clone(), &members, params.pose, params.register.clone(), monitor))?;
     let one = |surface: &&Surface| -> Result<Option<Added>> {
         spharm::Monitor::check(monitor)?;
-        let found = added(cli, surface, &joining, template.masked.len(), monitor);
+        let found = added(cli, surface, &joining, monitor);
         spharm::Monitor::step(monitor, 1);
         found.with_context(|| surface.path.display().to_string())
     };
@@ -82,13 +82,7 @@ struct Added {
 }
 
 /// Adds a surface; returns `None` if an earlier run added it.
-fn added(
-    cli: &Cli,
-    surface: &Surface,
-    joining: &Joining,
-    directions: usize,
-    monitor: &ConsoleMonitor,
-) -> Result<Option<Added>> {
+fn added(cli: &Cli, surface: &Surface, joining: &Joining, monitor: &ConsoleMonitor) -> Result<Option<Added>> {
     let (input, name) = (surface.record()?, surface.name.clone());
     if !cli.report.force
         && let Some(origin) = GroupFiles::origin(&cli.output_dir, &name)?
@@ -104,7 +98,8 @@ fn added(
     }
     let add = if surface.mirrored { Joining::add_mirrored } else { Joining::add };
     let found = add(joining, &surface.read()?, monitor)?;
-    let of_member = warnings_of(&found.report, directions);
+    // Only warnings about equal members name another member.
+    let of_member: Vec<String> = found.warnings.iter().map(|of| of.of_member(|_| String::new())).collect();
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();
     let origin =
         MemberOrigin { name: name.clone(), input: Some(input), mirrored: surface.mirrored, warnings: of_member };
@@ -121,25 +116,4 @@ fn left_over(folder: &Path, name: &str) -> bool {
     };
     let [model, _, record] = GroupFiles::of_member(folder, name);
     !record.exists() && ours(model)
-}
-
-fn warnings_of(found: &MemberReport, directions: usize) -> Vec<String> {
-    let mut warnings = Vec::new();
-    if found.unreached > LACKING {
-        warnings.push(format!(
-            "the mean of the group doesn't reach {:.1} % of this surface (largest distance {:.4}): the surface may be \
-             of another kind, or have parts that the group lacks",
-            100.0 * found.unreached,
-            found.cover_farthest
-        ));
-    }
-    let share = found.without_counterpart as f64 / directions.max(1) as f64;
-    if share > LACKING {
-        warnings.push(format!(
-            "{:.1} % of the group's points have no counterpart on this surface; the positions of these points are \
-             guesses",
-            100.0 * share
-        ));
-    }
-    warnings
 }

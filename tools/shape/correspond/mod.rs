@@ -69,11 +69,11 @@ pub(super) struct Cli {
     /// column `mirrored` (yes or no) replaces --mirrored.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks", "mirrored"], help_heading = INPUT)]
     table: Option<PathBuf>,
-    /// Label of the volumes; only needed if a volume has several labels
+    /// Label of the volumes; only needed if a volume has several labels. Rows of a table may have their own
     ///
     /// A label's surface is smoothed within half a voxel, because otherwise the template would follow the steps between
     /// voxels.
-    #[arg(long, value_name = "N", conflicts_with = "table", help_heading = INPUT)]
+    #[arg(long, value_name = "N", help_heading = INPUT)]
     label: Option<i64>,
     #[command(flatten, next_help_heading = INPUT)]
     volume: VolumeArgs,

@@ -15,8 +15,9 @@ pub(crate) const SUBDIVISIONS: u32 = 5;
 ///
 /// Compares two groups of models, --a and --b, or tests an --effect or the --mean of a table of subjects, with
 /// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
-/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences;
-/// for rows that depend on each other in other ways, give --blocks.
+/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences
+/// (first mirror the models of one side if they are left and right: `spharm shape rotate --mirror`); for rows that
+/// depend on each other in other ways, give --blocks.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -102,8 +103,9 @@ pub(crate) struct Cli {
     ///
     /// The other vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their
     /// statistic is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg,
-    /// fsaverage/label/lh.cortex.label excludes the medial wall. The folder of a group made by `spharm shape
-    /// correspond`, or its group.json, excludes the places that exist only on the template, such as lids of its holes.
+    /// fsaverage/label/lh.cortex.label excludes the medial wall; FreeSurfer's labels and annotations need their own
+    /// --sphere. The folder of a group made by `spharm shape correspond`, or its group.json, excludes the places that
+    /// exist only on the template, such as lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Vec<PathBuf>,
     /// File of regions whose names describe the peaks of clusters: FreeSurfer's .annot, or GIfTI labels of the sphere's
@@ -137,8 +139,10 @@ pub(crate) struct Cli {
     /// of repeated measurements.
     #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "minus", help_heading = METHOD)]
     pub(super) blocks: Option<String>,
-    /// Exchange whole blocks of the same size, keeping the order of observations in each block, rather than
-    /// observations within blocks
+    /// Exchange whole blocks of the same size rather than observations within blocks
+    ///
+    /// Observations of two blocks correspond by the columns of the design that vary within blocks, such as the visit,
+    /// or else by their order in the table.
     #[arg(long, requires = "blocks", help_heading = METHOD)]
     pub(super) whole_blocks: bool,
     /// Column of the table whose levels may differ in variance: the statistic is Aspin and Welch's v, or G for more

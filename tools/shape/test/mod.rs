@@ -1,13 +1,14 @@
 //! `shape test`: tests groups, covariates and means at every vertex of a common sampling.
 
 mod args;
+mod hemispheres;
 mod measures;
 mod places;
 mod question;
 mod regions;
 mod results;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
@@ -20,8 +21,8 @@ use spharm_cli::inputs::read_sphere;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::check_outputs;
 use spharm_cli::output::{OutputFile, prepare};
+use spharm_surface::Signal;
 use spharm_surface::io::{Output, WriteOptions, read_annotation, write_mesh, write_signal_of};
-use spharm_surface::{Hemisphere, Signal};
 
 pub(super) use self::args::Cli;
 pub(crate) use self::args::SUBDIVISIONS;
@@ -70,6 +71,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let spatial = cli.tfce || cli.cluster.is_some();
     if cli.permutations == 0 && (spatial || cli.blocks.is_some() || cli.errors.is_some()) {
         let text = "--blocks, --errors, --tfce and --cluster need relabellings: give --permutations 1 or more";
+        return Err(Usage::conflict(text).into());
+    }
+    if cli.variance_groups.is_some() && cli.signal == What::Position {
+        let text = "--variance-groups needs `--signal normal` or `--signal value`, found `--signal position`";
         return Err(Usage::conflict(text).into());
     }
     if cli.surface.is_some() && cli.signal != What::Value {
@@ -154,9 +159,10 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Ok((group, mean, found, measured))
     })?;
     let positions = cli.signal == What::Position;
+    let sides = hemispheres::warnings(cli, &sphere, &study.paths, &group.hemispheres);
     study.notes().iter().for_each(|note| console.note(note));
-    let tested: Vec<String> =
-        study.warnings.iter().cloned().chain(found.warnings.iter().map(|of| advised(of, positions))).collect();
+    let of_test = found.warnings.iter().map(|of| advised(of, positions));
+    let tested: Vec<String> = study.warnings.iter().cloned().chain(sides).chain(of_test).collect();
     tested.iter().for_each(|warning| console.warn(warning));
     let options = WriteOptions { overwrite: cli.report.force, double: false };
     let maps = results::maps(&found, mask.as_deref());
@@ -169,13 +175,13 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         stale.extend(others);
         match maps.iter().find(|(written, _)| *written == name) {
             Some((_, values)) => {
-                write_signal_of(&file, &Signal::new(values.clone(), values.len(), 1), structure, &options)?
+                write_signal_of(&file, &Signal::new(values.clone(), values.len(), 1), structure.as_deref(), &options)?
             }
             None => stale.push(file),
         }
     }
     if let Some(mean) = &mut mean {
-        mean.meta.anatomical_structure_primary = structure.map(str::to_owned);
+        mean.meta.anatomical_structure_primary = structure;
         write_mesh(&mean_file, mean, &options)?;
     } else {
         stale.push(mean_file);
@@ -207,22 +213,19 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
 
 /// Returns the anatomical structure of the vertices, such as `CortexLeft`, as recorded by the sampling, or else by the
 /// first model.
-fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<&'static str> {
-    let of_model = || {
-        let made = Model::read(models.first()?).ok()?.provenance;
-        Hemisphere::of(made.anatomical_structure_primary.as_deref(), made.sphere.as_deref().map(Path::new))
-    };
-    sphere.hemisphere().or_else(of_model).map(Hemisphere::cortex)
+fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<String> {
+    let of_model = || Model::read(models.first()?).ok()?.anatomical_structure();
+    sphere.hemisphere().map(|of| of.cortex().to_owned()).or_else(of_model)
 }
 
 /// Returns the text of a warning, with the option that remedies the problem, if there is one.
 fn advised(warning: &TestWarning, positions: bool) -> String {
     match warning {
-        TestWarning::UnequalVariances { covariates: false, .. } => {
+        TestWarning::UnequalVariances { two_groups: true, .. } => {
             format!("{warning} (give --welch, or welch = true in a study)")
         }
-        TestWarning::UnequalVariances { covariates: true, .. } if !positions => {
-            format!("{warning} (with covariates, give --variance-groups, or variance_groups in a study)")
+        TestWarning::UnequalVariances { two_groups: false, .. } if !positions => {
+            format!("{warning} (give --variance-groups COLUMN, or variance_groups in a study)")
         }
         _ => warning.to_string(),
     }

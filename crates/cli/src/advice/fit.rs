@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use spharm::machine::available_memory;
 use spharm::{Error, FitParams, Method, Smoothness};
 use spharm_cohort::rerun::Refusal;
 
@@ -11,12 +12,24 @@ use crate::names::NameTemplate;
 pub(super) fn of_fit(error: &Error) -> Option<String> {
     match error {
         Error::HoldOut { fraction, .. } => Some(format!("--hold-out {fraction} is too small")),
-        Error::Memory { .. } => Some("give a budget with --memory".to_owned()),
+        Error::Memory { needed, .. } => Some(of_memory(*needed)),
         Error::Degree { .. } => Some("give a lower --max-degree".to_owned()),
-        Error::Limit { .. } => Some("give a smaller number of threads with --threads N".to_owned()),
         Error::NotConverged(_) => Some("without --strict this is only a warning".to_owned()),
         _ => None,
     }
+}
+
+/// Returns the advice on a budget that is too small: names the free memory if that doesn't suffice either.
+fn of_memory(needed: usize) -> String {
+    let free = available_memory();
+    if free >= needed {
+        return "give a budget with --memory".to_owned();
+    }
+    format!(
+        "only {} MiB are free; use a machine with more free memory, or raise the memory limit of the process (ulimit) \
+         or of its control group",
+        free >> 20
+    )
 }
 
 /// Returns the advice on an existing output that must not be replaced.
@@ -41,4 +54,16 @@ pub fn of_oscillation(params: &FitParams) -> String {
         _ => "--method lsq, ",
     };
     format!("use {smoother}a lower --max-degree, or a sphere that gives large triangles more area")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_that_the_free_memory_limits_is_explained() {
+        let advice = |needed| of_fit(&Error::Memory { budget: 1, needed }).unwrap();
+        assert!(advice(1 << 10).contains("--memory"));
+        assert!(advice(usize::MAX).contains("MiB are free") && advice(usize::MAX).contains("ulimit"));
+    }
 }

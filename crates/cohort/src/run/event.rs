@@ -118,12 +118,13 @@ pub enum Event<'a> {
     },
     /// Rows over one sphere have been fitted together, or a single row over its own sphere.
     Fitted(&'a ManyReport),
-    /// A warning about a row. Other rows may cause the same warning.
+    /// A warning about a row, such as a repair that drops a large part of a label. Other rows may cause the same
+    /// warning.
     RowWarning(&'a str),
     /// A warning that isn't about a single row.
     Warning(&'a str),
-    /// A warning about the cohort, reported at the end of the run: equal inputs, or models that reproduce the
-    /// staircase of voxels.
+    /// A warning about the cohort, reported at the end of the run: equal inputs, models that reproduce the staircase of
+    /// voxels, or voxel sizes that may be wrong.
     CohortWarning(&'a str),
     /// A note that isn't a warning.
     Note(&'a str),

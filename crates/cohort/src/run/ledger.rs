@@ -62,15 +62,23 @@ impl<'a> Ledger<'a> {
         self.finish(number, row, entry, model, Outcome::Failed(error))
     }
 
-    /// Records all rows in progress as interrupted.
-    pub(super) fn interrupted(&self, cohort: &Cohort) -> Result<(), CohortError> {
+    /// Records all rows in progress when `error` has ended the run: as failed if the error concerns all rows, otherwise
+    /// as interrupted, with the error unless it is a signal. Failures to write the table are ignored.
+    pub(super) fn ended(&self, cohort: &Cohort, error: &RunError) {
         let numbers: Vec<usize> = lock(&self.inner).under_way.keys().copied().collect();
         for number in numbers {
             let row = &cohort.rows[number];
-            let entry = Entry::new(&row.id, State::Interrupted);
-            self.finish(number, row, entry, &row.model(&cohort.folder), Outcome::Interrupted)?;
+            let model = row.model(&cohort.folder);
+            if error.concerns_all() {
+                let _ = self.failed(number, row, &model, error);
+                continue;
+            }
+            let mut entry = Entry::new(&row.id, State::Interrupted);
+            if !error.is_interrupted() {
+                entry.error = format!("the run ended before this row was finished: {}", self.observer.line(error));
+            }
+            let _ = self.finish(number, row, entry, &model, Outcome::Interrupted);
         }
-        Ok(())
     }
 
     /// Returns whether a row's outcome has been recorded.

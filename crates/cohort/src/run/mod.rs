@@ -112,11 +112,10 @@ pub fn run_reading(
     let ledger = Ledger::new(observer, cohort.rows.len(), params.status.as_deref())?;
     let work = Work::new(cohort, params, reader, monitor, &ledger);
     let result = work.all();
-    if result.is_err() {
-        // An error while recording the interrupted rows is ignored: the error that ended the run is returned.
-        let _ = ledger.interrupted(cohort);
+    if let Err(error) = &result {
+        ledger.ended(cohort, error);
     }
     let doubts = lock(&work.inputs).warnings().into_iter().chain(steps_of_labels(&lock(&work.steps)));
-    doubts.for_each(|warning| observer.event(&Event::CohortWarning(&warning)));
+    doubts.chain(reader.warnings()).for_each(|warning| observer.event(&Event::CohortWarning(&warning)));
     result
 }

@@ -134,8 +134,13 @@ impl Work<'_> {
         if let (Some(_), Input::Label(_)) = (params.area, surface) {
             return Err(RunError::AreaOfLabel { input: item.record.to_string() });
         }
+        let repair = surface.label().and_then(|label| label.repair);
         for change in surface.changes(self.params.preparation.cut_handles) {
-            observer.event(&Event::Warning(&format!("{}: {change}", item.record)));
+            let text = format!("{}: {change}", item.record);
+            observer.event(&match repair.is_some_and(|repair| repair.is_large_loss()) {
+                true => Event::RowWarning(&text),
+                false => Event::Warning(&text),
+            });
         }
         let reuse = self.params.if_exists.keeps();
         let mapped = item.files.map(surface, &item.record, params, reuse, item.replace, monitor);

@@ -232,25 +232,30 @@ impl<'a> Work<'a> {
         match fitted {
             Ok(()) | Err(NoFit::Skip) => Ok(()),
             Err(NoFit::Stop(error)) => Err(error),
-            Err(NoFit::Row(error) | NoFit::Group(error)) if !self.params.keep_going => Err(error),
-            Err(NoFit::Row(error) | NoFit::Group(error)) => {
-                let name = path.display().to_string();
-                let error = error.of(&name);
-                for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
-                    let row = &self.cohort.rows[number];
-                    let model = row.model(&self.cohort.folder);
-                    // If a row's sphere has another path but the same contents, the row's error names the row's path.
-                    match row.sphere.as_ref().filter(|own| *own != path) {
-                        Some(own) => {
-                            let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
-                            self.ledger.failed(number, row, &model, &RunError::Sphere(line))?;
-                        }
-                        None => self.ledger.failed(number, row, &model, &error)?,
-                    }
-                }
-                Ok(())
+            Err(NoFit::Row(error) | NoFit::Group(error)) if error.is_interrupted() => Err(error),
+            Err(NoFit::Row(error) | NoFit::Group(error)) => self.group_failed(path, group, error),
+        }
+    }
+
+    /// Records that the rows of a group failed, except those that are finished. Returns the error if it ends the run.
+    fn group_failed(&self, path: &Path, group: &Group, error: RunError) -> Result<(), RunError> {
+        let name = path.display().to_string();
+        let error = if self.params.keep_going { error.of(&name) } else { error };
+        for &number in group.rows.iter().filter(|&&number| !self.ledger.is_finished(number)) {
+            let row = &self.cohort.rows[number];
+            let model = row.model(&self.cohort.folder);
+            // If a row's sphere has another path but the same contents, the row's error names the row's path.
+            let own = row.sphere.as_ref().filter(|own| *own != path).map(|own| {
+                let line = self.ledger.observer.line(&error).replace(&name, &own.display().to_string());
+                RunError::Sphere(line)
+            });
+            let noted = self.ledger.failed(number, row, &model, own.as_ref().unwrap_or(&error));
+            if self.params.keep_going {
+                noted?;
             }
         }
+        // Return the error of the group, even if recording it failed too.
+        if self.params.keep_going { Ok(()) } else { Err(error) }
     }
 
     fn note_left_out(&self, part: &mask::Part, sphere: &Sphere) {

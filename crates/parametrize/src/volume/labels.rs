@@ -21,6 +21,8 @@ pub struct LabelVolume {
     path: PathBuf,
     /// Matrix from voxel coordinates to mm.
     pub affine: Affine,
+    /// The voxel size in the file, if the caller's size contradicts it.
+    replaced: Option<[f64; 3]>,
     size: [usize; 3],
     found: Runs,
     extents: BTreeMap<i32, Extent>,
@@ -30,6 +32,11 @@ pub struct LabelVolume {
 
 /// The path that a volume made in memory has in error messages.
 const IN_MEMORY: &str = "the volume";
+
+/// Relative difference from which two voxel sizes contradict each other.
+const CONTRADICTION: f64 = 0.01;
+/// Ratio of a voxel's longest side to its shortest side from which the voxel size is probably wrong.
+const LARGEST_RATIO: f64 = 10.0;
 
 /// Settings for reading a volume from a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -79,9 +86,11 @@ impl LabelVolume {
             return Err(ParametrizeError::Argument { what, expected, found: format!("{size:?}") });
         }
         let path = path.as_ref();
-        let found = read(&Source { path, voxel_size, values, image, monitor })?;
+        let (found, replaced) = read(&Source { path, voxel_size, values, image, monitor })?;
         monitor.check()?;
-        Ok(Self::of(path.to_owned(), found, values))
+        let size = found.affine.voxel_size();
+        let replaced = replaced.filter(|file| (0..3).any(|axis| (size[axis] / file[axis] - 1.0).abs() > CONTRADICTION));
+        Ok(Self { replaced, ..Self::of(path.to_owned(), found, values) })
     }
 
     /// Returns a volume made in memory. `values` has an integer for each voxel, with x varying fastest.
@@ -134,7 +143,7 @@ impl LabelVolume {
         let extents = labels.extents();
         let body = extents.get(&1).copied();
         let grey = body.and_then(|Extent { low, high, .. }| Grey::around(&values, size, low, high, meaning));
-        Self { path, affine, size, found: labels, extents, grey }
+        Self { path, affine, replaced: None, size, found: labels, extents, grey }
     }
 
     /// Returns the path of the file, or "the volume" for a volume made in memory.
@@ -147,6 +156,23 @@ impl LabelVolume {
     #[must_use]
     pub fn voxel_size(&self) -> [f64; 3] {
         self.affine.voxel_size()
+    }
+
+    /// Returns warnings about the voxel size: the caller's size contradicts the file's, or the sides of a voxel differ
+    /// by a large factor.
+    #[must_use]
+    pub fn warnings(&self) -> Vec<String> {
+        let (path, size) = (self.path.display(), self.voxel_size());
+        let replaced = self
+            .replaced
+            .map(|file| format!("{path}: the given voxel size {} replaces {} of the file", sides(size), sides(file)));
+        let [shortest, longest] = [size.into_iter().reduce(f64::min), size.into_iter().reduce(f64::max)];
+        let ratio = longest.unwrap_or(1.0) / shortest.unwrap_or(1.0);
+        let uneven = (ratio > LARGEST_RATIO).then(|| {
+            let size = sides(size);
+            format!("{path}: the sides of the voxels differ by a factor of {ratio:.0} ({size}); check the voxel size")
+        });
+        replaced.into_iter().chain(uneven).collect()
     }
 
     /// Returns each label except 0 (the background), with its number of voxels.
@@ -201,6 +227,11 @@ impl LabelVolume {
         });
         Ok(mask)
     }
+}
+
+/// Returns the sides of a voxel with up to four significant digits, such as `0.2 x 0.2 x 0.5`.
+fn sides(size: [f64; 3]) -> String {
+    size.map(|side| format!("{side:.3e}").parse::<f64>().unwrap_or(side).to_string()).join(" x ")
 }
 
 /// Lists labels with their numbers of voxels, at most 5, for an error message.

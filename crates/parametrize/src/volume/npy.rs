@@ -33,7 +33,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         return Err(source.wrong("a NumPy array", found));
     }
     source.image(1, 1)?;
-    let affine = source.affine(None, "a NumPy array")?;
+    let affine = source.affine(Err("a NumPy array"))?;
     // In C order the last axis, z, varies fastest.
     let stored = if header.fortran { [x, y, z] } else { [z, y, x] };
     let layout = Layout { size: stored, scalar, little_endian: header.little, scaling: None };

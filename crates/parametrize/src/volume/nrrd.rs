@@ -131,7 +131,8 @@ fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<Affine, Parametriz
     let Some(directions) = header.get("spacedirections") else {
         let spacings: Option<Vec<f64>> =
             header.get("spacings").and_then(|spacings| words(spacings).map(|x| x.parse().ok()).collect());
-        return source.affine(spacings.and_then(|spacings| spacings.try_into().ok()), "an NRRD file without spacings");
+        let sizes: Option<[f64; 3]> = spacings.and_then(|spacings| spacings.try_into().ok());
+        return source.affine(sizes.ok_or("an NRRD file without spacings"));
     };
     let signs = match header.get("space").map(str::to_ascii_lowercase).as_deref() {
         None | Some("right-anterior-superior" | "ras" | "3d-right-handed" | "scanner-xyz") => [1.0, 1.0, 1.0],

@@ -24,8 +24,9 @@ pub fn is_volume(path: &Path) -> bool {
     ENDINGS.iter().any(|ending| name.ends_with(ending))
 }
 
-/// Reads a volume in the format indicated by the file's first bytes.
-pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
+/// Reads a volume in the format indicated by the file's first bytes. Also returns the file's voxel size if the caller's
+/// size replaces it.
+pub(super) fn read(source: &Source<'_>) -> Result<(Volume, Option<[f64; 3]>), ParametrizeError> {
     let bytes = load(source.path)?;
     let mut volume = if bytes.starts_with(&[0x1f, 0x8b]) {
         let most = (bytes.len() as u64).saturating_mul(MOST_EXPANSION);
@@ -37,10 +38,12 @@ pub(super) fn read(source: &Source<'_>) -> Result<Volume, ParametrizeError> {
     } else {
         stream(source, &bytes[..], bytes.len() as u64)?
     };
-    if let Some(size) = source.voxel_size {
+    let replaced = source.voxel_size.map(|size| {
+        let found = volume.affine.voxel_size();
         volume.affine = volume.affine.with_voxel_size(size);
-    }
-    Ok(volume)
+        found
+    });
+    Ok((volume, replaced))
 }
 
 /// Reads a NIfTI, FreeSurfer or NumPy file as a stream. NIfTI files begin with the header's size, in either byte order;

@@ -33,6 +33,11 @@ pub enum HandleRepair {
     Filled,
 }
 
+/// Share of a label's voxels from which dropped pieces count as a large loss.
+const LARGE_LOSS: f64 = 0.05;
+/// Number of large dropped pieces from which a label is probably a mask of many bodies.
+const MANY_BODIES: usize = 3;
+
 /// The changes that a repair made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
@@ -41,6 +46,12 @@ pub struct Repair {
     pub pieces_dropped: usize,
     /// Number of voxels of the dropped pieces.
     pub voxels_dropped: usize,
+    /// Number of dropped pieces that have at least a quarter as many voxels as the largest piece.
+    #[serde(skip)]
+    pub large_pieces_dropped: usize,
+    /// Number of the label's voxels before the repair.
+    #[serde(skip)]
+    pub voxels_before: usize,
     /// Number of cavities filled.
     pub cavities_filled: usize,
     /// Number of voxels of the filled cavities.
@@ -60,6 +71,19 @@ impl Repair {
     #[must_use]
     pub fn voxels(&self) -> usize {
         self.voxels_dropped + self.voxels_filled + self.voxels_changed
+    }
+
+    /// Returns the dropped pieces' share of the label's voxels, from 0 to 1.
+    #[must_use]
+    pub fn share_dropped(&self) -> f64 {
+        self.voxels_dropped as f64 / self.voxels_before.max(1) as f64
+    }
+
+    /// Returns whether the dropped pieces have more than 5 % of the label's voxels, so that the label or its
+    /// segmentation may be wrong.
+    #[must_use]
+    pub fn is_large_loss(&self) -> bool {
+        self.share_dropped() > LARGE_LOSS
     }
 
     /// Returns a message that the repair has removed the handles that the caller wanted to cut; `None` if there were no
@@ -88,21 +112,32 @@ impl std::fmt::Display for Repair {
         let mut changes = Vec::new();
         if self.pieces_dropped > 0 {
             let pieces = count(self.pieces_dropped, "piece", "pieces");
-            changes.push(format!("{pieces} dropped ({})", voxels(self.voxels_dropped)));
+            let share = match self.is_large_loss() {
+                true => format!(", {:.0} % of the label", 100.0 * self.share_dropped()),
+                false => String::new(),
+            };
+            changes.push(format!("{pieces} dropped ({}{share})", voxels(self.voxels_dropped)));
         }
         if self.cavities_filled > 0 {
             let cavities = count(self.cavities_filled, "cavity", "cavities");
             changes.push(format!("{cavities} filled ({})", voxels(self.voxels_filled)));
         }
         if self.voxels_changed > 0 {
-            let changed = voxels(self.voxels_changed);
-            let contacts = "places where voxels touch only at an edge or a corner";
-            changes.push(match self.handles_removed {
-                0 => format!("{changed} {done} to remove {contacts}"),
-                handles => format!("{changed} {done} to remove {} and {contacts}", count(handles, "handle", "handles")),
-            });
+            // Removing a mere contact between voxels changes voxels without removing a handle.
+            let removed = match self.handles_removed {
+                0 => "contacts at edges or corners".to_owned(),
+                handles => count(handles, "handle", "handles"),
+            };
+            changes.push(format!("{removed} removed ({} {done})", voxels(self.voxels_changed)));
         }
-        write!(f, "the volume was repaired: {}", changes.join(", "))
+        write!(f, "the volume was repaired: {}", changes.join(", "))?;
+        if self.large_pieces_dropped >= MANY_BODIES {
+            f.write_str(
+                "; if the volume is a mask of many bodies, give each body its own label first, for example with \
+                 skimage.measure.label or scipy.ndimage.label",
+            )?;
+        }
+        Ok(())
     }
 }
 
@@ -124,6 +159,8 @@ pub fn repair(mask: &Mask, monitor: &dyn Monitor) -> Result<(Mask, Repair), Inte
     let repair = Repair {
         pieces_dropped: dropped.len(),
         voxels_dropped: dropped.iter().sum(),
+        large_pieces_dropped: dropped.iter().filter(|&&size| 4 * size >= found.sizes[0]).count(),
+        voxels_before: found.sizes.iter().sum(),
         cavities_filled: hollow.sizes.len(),
         voxels_filled: hollow.sizes.iter().sum(),
         handles_removed: QuadMesh::around(&whole).handles(),
@@ -294,6 +331,27 @@ mod tests {
             let changed = mended.inside.iter().zip(&mask.inside).filter(|(a, b)| a != b).count();
             assert!(changed <= report.voxels(), "{seed}: {changed} {report:?}");
         }
+    }
+
+    #[test]
+    fn a_mask_of_many_bodies_is_named() {
+        let cubes = |number: usize| {
+            let mask = Mask::new([5 * number, 4, 4], |[x, y, z]| (1..4).contains(&(x % 5)) && y > 0 && z > 0);
+            repair(&mask, &Silent).unwrap().1
+        };
+        let two = cubes(2);
+        assert!((two.share_dropped(), two.is_large_loss(), two.large_pieces_dropped) == (0.5, true, 1), "{two:?}");
+        assert_eq!(two.to_string(), "the volume was repaired: 1 piece dropped (27 voxels, 50 % of the label)");
+        let many = cubes(5).to_string();
+        assert!(many.contains("80 % of the label") && many.contains("skimage.measure.label"), "{many}");
+        // A speck is no loss.
+        let speck = Mask::new([9; 3], |at| at.iter().all(|&x| x > 2) || at == [0; 3]);
+        let (_, repair) = repair(&speck, &Silent).unwrap();
+        assert!(
+            repair.pieces_dropped == 1 && !repair.is_large_loss() && repair.large_pieces_dropped == 0,
+            "{repair:?}"
+        );
+        assert!(repair.to_string().ends_with("1 piece dropped (1 voxel)"), "{repair}");
     }
 
     #[test]

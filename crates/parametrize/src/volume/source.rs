@@ -26,13 +26,17 @@ pub(super) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Returns the matrix for a format without positions, from the file's voxel size `found`, if any. The caller's
-    /// size takes precedence.
-    pub(super) fn affine(&self, found: Option<[f64; 3]>, format: &'static str) -> Result<Affine, ParametrizeError> {
-        let size = self
-            .voxel_size
-            .or(found)
-            .ok_or_else(|| ParametrizeError::NoVoxelSize { path: self.path.to_owned(), format })?;
+    /// Returns the matrix for a format without positions, from the file's voxel size, or the reason why the file has
+    /// none. The caller's size replaces a missing or invalid size here, and a valid size after the file has been read.
+    pub(super) fn affine(&self, found: Result<[f64; 3], &'static str>) -> Result<Affine, ParametrizeError> {
+        let is_valid = |size: [f64; 3]| size.iter().all(|x| x.is_finite() && *x > 0.0);
+        let size = match (found, self.voxel_size) {
+            (Ok(size), given) => given.filter(|_| !is_valid(size)).unwrap_or(size),
+            (Err(_), Some(given)) => given,
+            (Err(format), None) => {
+                return Err(ParametrizeError::NoVoxelSize { path: self.path.to_owned(), format });
+            }
+        };
         let affine = Affine::of_voxel_size(size);
         if !affine.is_valid() {
             return Err(self.wrong("voxels of finite, nonzero volume", format!("sizes {size:?}")));

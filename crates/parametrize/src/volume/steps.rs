@@ -15,6 +15,9 @@ use super::surface::VolumeSurface;
 /// Resolved length, in voxels, below which a model follows the voxels' steps.
 const VOXELS: f64 = 1.5;
 
+/// Lowest suitable degree of a label that is large enough for a shape.
+const LOWEST: usize = 4;
+
 /// Warning that a model resolves the voxels of its surface.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct VoxelSteps {
@@ -59,13 +62,20 @@ impl VolumeSurface {
     }
 }
 
+/// Advice on labels that are too small.
+const LEAVE_OUT: &str = "`spharm volumes --min-voxels N` leaves out small labels";
+
 impl fmt::Display for VoxelSteps {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { max_degree, resolved, voxel, suitable_degree } = self;
+        let advice = match *suitable_degree {
+            ..LOWEST => format!("the label is too small for a shape: {LEAVE_OUT}"),
+            degree => format!("use degrees up to {degree}"),
+        };
         write!(
             f,
             "a model of degree {max_degree} follows the voxels' steps: it resolves lengths of {resolved:.3}, less than \
-             {VOXELS} voxels of size {voxel:.3}, which biases area and sphericity; use degrees up to {suitable_degree}"
+             {VOXELS} voxels of size {voxel:.3}, which biases area and sphericity; {advice}"
         )
     }
 }
@@ -80,10 +90,19 @@ pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     let (_, first) = found.first()?;
     let names: Vec<&str> = found.iter().take(NAMED).map(|(name, _)| name.as_str()).collect();
     let more = if found.len() > NAMED { ", ..." } else { "" };
-    let lowest = found.iter().map(|(_, steps)| steps.suitable_degree).min().unwrap_or(0);
+    let small = found.iter().filter(|(_, steps)| steps.suitable_degree < LOWEST).count();
+    let lowest = found.iter().map(|(_, steps)| steps.suitable_degree).filter(|degree| *degree >= LOWEST).min();
+    let advice = match (lowest, small) {
+        (Some(lowest), 0) => format!("use degrees up to {lowest}"),
+        (Some(lowest), _) => {
+            let few = format!("{small} of the labels are too small for a shape: {LEAVE_OUT}");
+            format!("{few}; for the others, use degrees up to {lowest}")
+        }
+        (None, _) => format!("the labels are too small for a shape: {LEAVE_OUT}"),
+    };
     Some(format!(
         "models of degree {} follow the voxels' steps of {} labels ({}{more}): they resolve lengths of less than \
-         {VOXELS} voxels, which biases area and sphericity; use degrees up to {lowest}",
+         {VOXELS} voxels, which biases area and sphericity; {advice}",
         first.max_degree,
         found.len(),
         names.join(", ")
@@ -139,5 +158,21 @@ mod tests {
         let many: Vec<(String, VoxelSteps)> = (0..9).map(|n| (format!("s{n}"), steps)).collect();
         let text = steps_of_labels(&many).unwrap();
         assert!(text.contains("9 labels (s0, s1, s2, s3, s4, ...)") && text.contains("degrees up to 8"), "{text}");
+    }
+
+    #[test]
+    fn labels_too_small_for_a_shape_get_no_degree() {
+        let small = ellipsoid([1.2; 3], [1.0; 3]).steps(8).unwrap();
+        assert!(small.suitable_degree < LOWEST, "{small:?}");
+        assert!(small.to_string().ends_with(&format!("the label is too small for a shape: {LEAVE_OUT}")), "{small}");
+        let large = ellipsoid([4.0; 3], [1.0; 3]).steps(12).unwrap();
+        let text = |found: &[VoxelSteps]| {
+            let named: Vec<(String, VoxelSteps)> = found.iter().map(|steps| ("s".to_owned(), *steps)).collect();
+            steps_of_labels(&named).unwrap()
+        };
+        let both = text(&[small, small]);
+        assert!(both.contains("the labels are too small") && !both.contains("degrees up to"), "{both}");
+        let mixed = text(&[small, large, large]);
+        assert!(mixed.contains("1 of the labels are too small") && mixed.ends_with("degrees up to 8"), "{mixed}");
     }
 }

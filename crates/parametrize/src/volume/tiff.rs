@@ -22,6 +22,19 @@ use crate::error::ParametrizeError;
 /// Largest number of bytes of a page: 32,768 x 32,768 values of 8 bits.
 const LARGEST_PAGE: u64 = 1 << 30;
 
+/// Descriptions of files whose OME-XML lacks the size of the voxels along x, y or z.
+const OME_WITHOUT_SIZE: [&str; 3] = [
+    "a TIFF file with OME-XML without PhysicalSizeX",
+    "a TIFF file with OME-XML without PhysicalSizeY",
+    "a TIFF file with OME-XML without PhysicalSizeZ",
+];
+/// Descriptions of files whose OME-XML has the size of the voxels along x, y or z in an unknown unit.
+const OME_WITHOUT_UNIT: [&str; 3] = [
+    "a TIFF file with OME-XML with an unknown PhysicalSizeXUnit",
+    "a TIFF file with OME-XML with an unknown PhysicalSizeYUnit",
+    "a TIFF file with OME-XML with an unknown PhysicalSizeZUnit",
+];
+
 /// Returns whether a file begins like a TIFF or BigTIFF file.
 pub(super) fn is_tiff(bytes: &[u8]) -> bool {
     [b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"].iter().any(|magic| bytes.starts_with(*magic))
@@ -30,8 +43,8 @@ pub(super) fn is_tiff(bytes: &[u8]) -> bool {
 /// The data about the entire stack in the first page's description.
 #[derive(Debug, PartialEq)]
 struct Description {
-    /// Size of the voxels in micrometres.
-    voxel_size: Option<[f64; 3]>,
+    /// Size of the voxels in micrometres, or a description of the file that says why it has no size.
+    voxel_size: Result<[f64; 3], &'static str>,
     /// Number of slices, if the description has it.
     slices: Option<usize>,
     channels: usize,
@@ -44,7 +57,14 @@ struct Description {
 
 impl Description {
     /// The description of a file of one image.
-    const ONE: Self = Self { voxel_size: None, slices: None, channels: 1, times: 1, order: *b"ZCT", elsewhere: false };
+    const ONE: Self = Self {
+        voxel_size: Err("a TIFF file without OME-XML or ImageJ's spacing"),
+        slices: None,
+        channels: 1,
+        times: 1,
+        order: *b"ZCT",
+        elsewhere: false,
+    };
 
     /// Returns the indices of a page's slice, channel and time in a file of `slices` slices.
     fn place(&self, page: usize, slices: usize) -> [usize; 3] {
@@ -82,7 +102,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         let found = "a description that puts pages in another order or in other files".to_owned();
         return Err(source.wrong("pages in this file, in the order given by DimensionOrder", found));
     }
-    let affine = source.affine(description.voxel_size, "a TIFF file without OME-XML or ImageJ's spacing")?;
+    let affine = source.affine(description.voxel_size)?;
     let (width, height) = decoder.dimensions().map_err(broken)?;
     let plane = u64::from(width) * u64::from(height);
     let mut found = Collector::new(source, [width as usize, height as usize, 0]);
@@ -196,12 +216,13 @@ fn of_ome(text: &str) -> Option<Description> {
         Some(found.normalized_value(quick_xml::XmlVersion::Implicit1_0).ok()?.into_owned())
     };
     let count = |axis: char| get(format!("Size{axis}")).and_then(|n| n.parse::<usize>().ok());
-    let length = |axis: char| {
-        let size: f64 = get(format!("PhysicalSize{axis}"))?.parse().ok()?;
-        let unit = get(format!("PhysicalSize{axis}Unit")).map_or(Some(1.0), |unit| micrometres(&unit))?;
-        Some(size * unit)
+    let length = |axis: usize| {
+        let name = ["PhysicalSizeX", "PhysicalSizeY", "PhysicalSizeZ"][axis];
+        let size = get(name.to_owned()).and_then(|size| size.parse::<f64>().ok()).ok_or(OME_WITHOUT_SIZE[axis])?;
+        let unit = get(format!("{name}Unit")).map_or(Some(1.0), |unit| micrometres(&unit));
+        unit.map(|unit| size * unit).ok_or(OME_WITHOUT_UNIT[axis])
     };
-    let voxel_size = (|| Some([length('X')?, length('Y')?, length('Z')?]))();
+    let voxel_size = length(0).and_then(|x| Ok([x, length(1)?, length(2)?]));
     let order = get("DimensionOrder".to_owned()).and_then(|order| order.strip_prefix("XY")?.as_bytes().try_into().ok());
     let is_complete = |order: &[u8; 3]| b"ZCT".iter().all(|axis| order.contains(axis));
     let description = Description {
@@ -245,9 +266,11 @@ fn places_differ(reader: &mut Reader<&[u8]>, description: &Description) -> bool 
 fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
     let get = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix('='));
     let count = |key: &str| get(key).and_then(|n| n.trim().parse::<usize>().ok());
-    let unit = get("unit").and_then(micrometres);
-    let spacing = get("spacing").and_then(|x| x.trim().parse::<f64>().ok());
-    let voxel_size = (|| Some([pitches[0]? * unit?, pitches[1]? * unit?, spacing?.abs() * unit?]))();
+    let unit = get("unit").and_then(micrometres).ok_or("an ImageJ TIFF file without a known unit of length");
+    let spacing =
+        get("spacing").and_then(|x| x.trim().parse::<f64>().ok()).ok_or("an ImageJ TIFF file without spacing");
+    let pitch = |axis: usize| pitches[axis].ok_or("an ImageJ TIFF file without resolution");
+    let voxel_size = unit.and_then(|unit| Ok([pitch(0)? * unit, pitch(1)? * unit, spacing?.abs() * unit]));
     let (channels, times) = (count("channels").unwrap_or(1).max(1), count("frames").unwrap_or(1).max(1));
     let images = count("images").filter(|_| channels == 1 && times == 1);
     Description { voxel_size, slices: count("slices").or(images), channels, times, order: *b"CZT", elsewhere: false }
@@ -284,13 +307,26 @@ mod tests {
         let found = of_imagej(imagej, [Some(0.1), Some(0.1)]);
         assert_eq!(
             found,
-            Description { voxel_size: Some([0.1, 0.1, 0.5]), slices: Some(9), order: *b"CZT", ..Description::ONE }
+            Description { voxel_size: Ok([0.1, 0.1, 0.5]), slices: Some(9), order: *b"CZT", ..Description::ONE }
         );
         let found = of_imagej("ImageJ=1\nimages=6\nchannels=2\nslices=3", [None; 2]);
         assert_eq!((0..7).map(|page| found.place(page, 3)[1]).collect::<Vec<_>>(), [0, 1, 0, 1, 0, 1, usize::MAX]);
         let ome = "<OME><Image><Pixels SizeC='2' SizeT='2' SizeZ='3' DimensionOrder='XYTZC'/></Image></OME>";
         let found = of_ome(ome).unwrap();
         assert_eq!(found.place(7, 3), [0, 1, 1]);
-        assert_eq!(of_imagej("ImageJ=1\nunit=pixel\nspacing=1", [Some(1.0); 2]).voxel_size, None);
+    }
+
+    #[test]
+    fn descriptions_tell_what_the_size_lacks() {
+        let lacks = |description: Description, what: &str| {
+            assert!(description.voxel_size.is_err_and(|format| format.ends_with(what)), "{what}");
+        };
+        lacks(of_imagej("ImageJ=1\nunit=pixel\nspacing=1", [Some(1.0); 2]), "without a known unit of length");
+        lacks(of_imagej("ImageJ=1\nunit=um", [Some(1.0); 2]), "without spacing");
+        lacks(of_imagej("ImageJ=1\nunit=um\nspacing=1", [None; 2]), "without resolution");
+        let ome = |sizes: &str| of_ome(&format!("<OME><Image><Pixels {sizes}/></Image></OME>")).unwrap();
+        lacks(ome("PhysicalSizeX='1' PhysicalSizeY='1'"), "with OME-XML without PhysicalSizeZ");
+        lacks(ome("PhysicalSizeX='1' PhysicalSizeXUnit='pixel'"), "with OME-XML with an unknown PhysicalSizeXUnit");
+        lacks(Description::ONE, "without OME-XML or ImageJ's spacing");
     }
 }

@@ -185,6 +185,19 @@ fn tiff_stacks() {
     let path = folder.0.path().join("c.tif");
     check(&LabelVolume::read_with(&path, of_size(SIZE), &Silent).unwrap(), [0.0; 3], [0.4, 0.3, 0.6]);
     assert!(LabelVolume::read_with(&path, of_size([1.0, 0.0, 1.0]), &Silent).is_err());
+    // A warning says if a given size contradicts that of the file, or is unlikely.
+    let warnings = |name: &str, size: [f64; 3]| {
+        LabelVolume::read_with(folder.0.path().join(name), of_size(size), &Silent).unwrap().warnings()
+    };
+    assert!(warnings("c.tif", SIZE).is_empty() && warnings("b.tif", [0.2, 0.301, 0.6]).is_empty());
+    let replaced = warnings("b.tif", [0.2, 0.2, 0.5]);
+    assert!(replaced.len() == 1 && replaced[0].ends_with("size 0.2 x 0.2 x 0.5 replaces 0.2 x 0.3 x 0.6 of the file"));
+    let uneven = warnings("c.tif", [2e-5, 2e-5, 0.5]);
+    assert!(
+        uneven.len() == 1
+            && uneven[0].contains("c.tif: the sides of the voxels differ by a factor of 25000 (0.00002 x")
+    );
+    folder.refused("g.tif", &tiff(&ome.replace("PhysicalSizeZ", "Other"), 2), "without PhysicalSizeZ doesn't record");
     folder.refused("d.tif", &tiff(ome, 3), "one page per slice");
     folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time point");
     let whole = tiff(imagej, 2);

@@ -16,9 +16,16 @@
 //! v and G are the statistics that are compared between relabellings. If groups share a coefficient, `(X^T W X)^-1` is
 //! the covariance of weighted estimates instead of that of B. Standard errors, margins and uncorrected p values are
 //! therefore based on the covariance of `C B`, `V = sum_g s_g^2 U^T Q_g^T Q_g U`, with `s_g^2 = |E_g|^2 / sum of R_ii`
-//! and `C B = U^T Q^T y`. As in Welch's test (`welch`), `(C B)^T V^-1 (C B) / q` is F with q and
-//! `(q + q^2) / sum_g (tr (V_g V^-1)^2 + (tr V_g V^-1)^2) / sum of R_ii` degrees of freedom. For two groups all of
-//! these are Welch's.
+//! and `C B = U^T Q^T y`. With `V_g` the term of group g, `f_g` its sum of `R_ii`, `a_g = tr (V_g V^-1)^2` and
+//! `b_g = (tr V_g V^-1)^2`,
+//!
+//! ```text
+//! (C B)^T V^-1 (C B) / (q k),   k = 1 + 2 / (q (q + 2)) sum_g (q a_g - b_g) / f_g
+//! ```
+//!
+//! is approximately F with q and `q (q + 2) / sum_g (2 a_g + b_g) / f_g` degrees of freedom. For a one-way layout this
+//! is B. L. Welch, "On the comparison of several mean values", Biometrika 38 (1951), for one variance group it is F
+//! exactly, and for one row it is the square of Aspin and Welch's t.
 //!
 //! # Relabellings
 //!
@@ -282,11 +289,15 @@ impl AspinWelch {
         if !covariance.factorise(0.0) {
             return (variance, f64::NAN, f64::INFINITY);
         }
-        let wald = covariance.quotient(estimate) / q as f64;
-        let spread =
-            |group: (&VarianceGroup, &f64)| covariance.squared_traces(|i, j| of_group(group, i, j)) / group.0.freedom;
-        let sum: f64 = self.groups.iter().zip(&variances).map(spread).sum();
-        (variance, wald, (q + q * q) as f64 / sum)
+        let rows = q as f64;
+        let (mut excess, mut spread) = (0.0, 0.0);
+        for group in self.groups.iter().zip(&variances) {
+            let [a, b] = covariance.squared_traces(|i, j| of_group(group, i, j));
+            excess += (rows * a - b) / group.0.freedom;
+            spread += (2.0 * a + b) / group.0.freedom;
+        }
+        let scale = 1.0 + 2.0 * excess / (rows * (rows + 2.0));
+        (variance, covariance.quotient(estimate) / (rows * scale), rows * (rows + 2.0) / spread)
     }
 }
 

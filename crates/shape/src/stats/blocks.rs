@@ -9,15 +9,18 @@ use std::collections::BTreeMap;
 use std::collections::HashMap;
 use std::hash::Hash;
 
-use ndarray::ArrayView2;
+use ndarray::{ArrayView2, Axis};
+
+use super::design::{Design, orthonormalise};
 
 /// Relabellings that blocks allow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Exchange {
     /// Observations are exchanged only within their block, and signs are flipped independently.
     Within,
-    /// Whole blocks of the same size are exchanged, keeping the order of their observations, and all signs of a block
-    /// are flipped together.
+    /// Whole blocks of the same size are exchanged, and all signs of a block are flipped together. Observations
+    /// correspond by the columns of the design that vary within blocks, such as the visit, if the blocks have equal
+    /// values there; otherwise by their order in the table.
     Whole,
 }
 
@@ -61,6 +64,17 @@ impl Blocks {
         self.exchange
     }
 
+    /// Returns whether the design has a level for each block of several observations, so that its errors don't contain
+    /// the blocks' differences.
+    pub(crate) fn are_in(&self, design: &Design) -> bool {
+        let (basis, _) = orthonormalise(design.matrix());
+        (0..self.count()).all(|block| {
+            let members: Vec<usize> = (0..self.of.len()).filter(|i| self.of[*i] == block).collect();
+            let along: f64 = basis.select(Axis(0), &members).sum_axis(Axis(0)).iter().map(|sum| sum * sum).sum();
+            members.len() == 1 || along > members.len() as f64 - 1e-6
+        })
+    }
+
     /// Returns the sets of units that can be exchanged with each other. Each observation belongs to one unit.
     pub(crate) fn sets(&self) -> Vec<Vec<Unit>> {
         let mut blocks: Vec<Unit> = vec![Vec::new(); self.count()];
@@ -74,6 +88,47 @@ impl Blocks {
             }
         }
     }
+}
+
+/// Sorts the observations of whole blocks, so that corresponding observations of all blocks have the same position. `x`
+/// (n, p) is the design.
+pub(crate) fn aligned(mut sets: Vec<Vec<Unit>>, x: ArrayView2<'_, f64>) -> Vec<Vec<Unit>> {
+    let varies = |column: &usize| {
+        let differs = |unit: &Unit| unit.iter().any(|i| x[[*i as usize, *column]] != x[[unit[0] as usize, *column]]);
+        sets.iter().flatten().any(differs)
+    };
+    let columns: Vec<usize> = (0..x.ncols()).filter(varies).collect();
+    let values = |i: u32| columns.iter().map(|column| x[[i as usize, *column]]).collect::<Vec<f64>>();
+    // The slopes of several levels have a column each, which is zero for other levels; their sum is the same in all.
+    let sum = |i: u32| vec![values(i).iter().sum::<f64>()];
+    for set in &mut sets {
+        if !sort_by(set, values) {
+            sort_by(set, sum);
+        }
+    }
+    sets
+}
+
+/// Sorts the observations of each unit by a key, if the units have equal keys; returns whether they have.
+fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) -> bool {
+    let order = |a: &Vec<f64>, b: &Vec<f64>| {
+        a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne()).unwrap_or(std::cmp::Ordering::Equal)
+    };
+    let sorted: Vec<Vec<(Vec<f64>, u32)>> = set
+        .iter()
+        .map(|unit| {
+            let mut keyed: Vec<(Vec<f64>, u32)> = unit.iter().map(|i| (key(*i), *i)).collect();
+            keyed.sort_by(|a, b| order(&a.0, &b.0));
+            keyed
+        })
+        .collect();
+    let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-9 * a.abs().max(1.0));
+    let equal = |unit: &Vec<(Vec<f64>, u32)>| unit.iter().zip(&sorted[0]).all(|(a, b)| close(&a.0, &b.0));
+    if !sorted.iter().all(equal) {
+        return false;
+    }
+    set.iter_mut().zip(sorted).for_each(|(unit, sorted)| *unit = sorted.into_iter().map(|(_, i)| i).collect());
+    true
 }
 
 /// Numbers names from 0 in the order of their first occurrence, for example to define variance groups.
@@ -106,6 +161,8 @@ pub(crate) fn free(observations: usize) -> Vec<Vec<Unit>> {
 
 #[cfg(test)]
 mod tests {
+    use ndarray::Array2;
+
     use super::*;
 
     #[test]
@@ -116,5 +173,28 @@ mod tests {
         assert_eq!(within.iter().map(Vec::len).collect::<Vec<_>>(), [2, 1, 2, 3]);
         let whole = Blocks::new(names, Exchange::Whole).sets();
         assert_eq!(whole, [vec![vec![1]], vec![vec![0, 2], vec![3, 4]], vec![vec![5, 6, 7]]]);
+    }
+
+    #[test]
+    fn observations_correspond_by_the_columns_that_vary_within_blocks() {
+        let names = ["a", "a", "b", "b", "c", "c"];
+        let sets = || Blocks::new(names, Exchange::Whole).sets();
+        let matrix = |rows: [[f64; 2]; 6]| Array2::from_shape_fn((6, 2), |(i, k)| rows[i][k]);
+        // The first column is the group, the second one the visit.
+        let visits = matrix([[1.0, 0.5], [1.0, -0.5], [0.0, -0.5], [0.0, 0.5], [0.0, 0.5], [0.0, -0.5]]);
+        assert_eq!(aligned(sets(), visits.view()), [vec![vec![1, 0], vec![2, 3], vec![5, 4]]]);
+        // Each column is the slope of a group.
+        let slopes = matrix([[1.0, 0.0], [-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
+        assert_eq!(aligned(sets(), slopes.view()), [vec![vec![1, 0], vec![2, 3], vec![5, 4]]]);
+        // With values of their own, the blocks keep the order of the table.
+        let ages = matrix([[1.0, 33.0], [1.0, 30.0], [0.0, 51.0], [0.0, 54.0], [0.0, 70.0], [0.0, 71.0]]);
+        assert_eq!(aligned(sets(), ages.view()), sets());
+    }
+
+    #[test]
+    fn blocks_are_in_a_design_that_has_their_levels() {
+        let blocks = Blocks::new(["a", "a", "b", "b", "c"], Exchange::Within);
+        assert!(!blocks.are_in(&Design::groups(&[2, 3]).unwrap()));
+        assert!(blocks.are_in(&Design::groups(&[2, 2, 1]).unwrap()));
     }
 }

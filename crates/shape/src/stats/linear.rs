@@ -341,9 +341,9 @@ impl Small {
         b.iter().map(|value| value * value).sum()
     }
 
-    /// Returns `tr (S M^-1)^2 + (tr S M^-1)^2` for the factorised matrix M and the symmetric matrix S whose elements
-    /// `element` returns.
-    pub(crate) fn squared_traces(&self, element: impl Fn(usize, usize) -> f64) -> f64 {
+    /// Returns `tr (S M^-1)^2` and `(tr S M^-1)^2` for the factorised matrix M and the symmetric matrix S whose
+    /// elements `element` returns.
+    pub(crate) fn squared_traces(&self, element: impl Fn(usize, usize) -> f64) -> [f64; 2] {
         // B = L^-1 S L^-T has the same traces of powers as S M^-1.
         let d = self.size;
         let mut b: Vec<Vec<f64>> = (0..d).map(|i| (0..d).map(|j| element(i, j)).collect()).collect();
@@ -351,7 +351,7 @@ impl Small {
         let mut columns: Vec<Vec<f64>> = (0..d).map(|j| b.iter().map(|row| row[j]).collect()).collect();
         columns.iter_mut().for_each(|column| self.whiten(column));
         let trace: f64 = (0..d).map(|i| columns[i][i]).sum();
-        columns.iter().flatten().map(|value| value * value).sum::<f64>() + trace * trace
+        [columns.iter().flatten().map(|value| value * value).sum(), trace * trace]
     }
 
     /// Replaces b by `L^-1 b`, with L the Cholesky factor.

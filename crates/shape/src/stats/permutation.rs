@@ -25,7 +25,8 @@ use spharm_monitor::{Monitor, Stage};
 use super::TestParams;
 use super::arrangements::{Arrangements, Relabelling, identity};
 use super::aspin_welch::AspinWelch;
-use super::blocks::{Blocks, Exchange, Unit, are_equal, free};
+use super::blocks::{Exchange, Unit, aligned, are_equal, free};
+use super::design::Design;
 use super::explained::Explained;
 use super::linear::Statistic;
 use super::projection::Projection;
@@ -100,7 +101,7 @@ pub(crate) enum Compared<'a> {
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,
-    (model, compared, kind): (&Projection, &Compared<'_>, &Statistic),
+    (design, model, compared, kind): (&Design, &Projection, &Compared<'_>, &Statistic),
     (params, test): (&PermutationParams, &TestParams),
     monitor: &dyn Monitor,
 ) -> Result<Option<FamilyWise>, ShapeError> {
@@ -112,13 +113,17 @@ pub(crate) fn family_wise(
             return Err(ShapeError::Setting { name, found: found.to_string(), expected });
         }
     }
+    let blocks = test.blocks.as_ref();
+    let sets = match blocks {
+        Some(blocks) if blocks.exchange() == Exchange::Whole => aligned(blocks.sets(), design.matrix()),
+        Some(blocks) => blocks.sets(),
+        None => free(values.nrows()),
+    };
     let chosen = match compared {
-        Compared::Pooled => Resampling::choose(model),
+        Compared::Pooled => Resampling::choose(model, &sets),
         Compared::Welch(_) | Compared::VarianceGroups(..) => Resampling::SignFlips,
     };
     let resampling = test.errors.unwrap_or(chosen);
-    let blocks = test.blocks.as_ref();
-    let sets = blocks.map_or_else(|| free(values.nrows()), Blocks::sets);
     let share = match compared {
         Compared::Pooled => {
             let residuals = model.residual(values);
@@ -146,8 +151,7 @@ pub(crate) fn family_wise(
         return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
     }
     let arrangements = Arrangements::new(rows.view(), sets, resampling, params.count, params.exact_up_to, params.seed);
-    let floor =
-        if arrangements.exact { smallest(&arrangements, model, groups) } else { 1.0 / arrangements.count as f64 };
+    let floor = smallest(&arrangements, model, groups);
     if floor >= 1.0 {
         if asked {
             return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
@@ -262,7 +266,7 @@ fn units_are_equal(sets: &[Vec<Unit>], rows: &Array2<f64>) -> bool {
     sets.iter().all(|set| set.iter().all(|unit| are_equal(unit, &set[0], rows.view())))
 }
 
-/// Returns the smallest possible p value: the fraction of all relabellings that have the same statistics as the
+/// Returns the smallest possible p value: the fraction of the relabellings that have the same statistics as the
 /// original labels.
 fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[usize]>) -> f64 {
     // Whole variance groups may be swapped, so that each has the variance of another.

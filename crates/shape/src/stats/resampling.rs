@@ -10,6 +10,7 @@ use std::str::FromStr;
 
 use ndarray::ArrayView2;
 
+use super::blocks::Unit;
 use super::projection::Projection;
 
 /// Kind of relabelling.
@@ -46,13 +47,15 @@ impl Resampling {
     }
 
     /// Chooses the kind of relabelling for a contrast: permutations if the reduced model has a constant, otherwise
-    /// sign flips. If the estimate depends on few subjects, sign flips are too few, and both kinds are combined.
-    pub(crate) fn choose(model: &Projection) -> Self {
+    /// sign flips. If the estimate depends on few of the units that `sets` contains, sign flips are too few, and both
+    /// kinds are combined.
+    pub(crate) fn choose(model: &Projection, sets: &[Vec<Unit>]) -> Self {
         if model.keeps_constant() {
             return Self::Permutations;
         }
-        let support = support(model.effect.view());
-        if support < MIN_SUPPORT && support < 0.9 * model.effect.nrows() as f64 { Self::Both } else { Self::SignFlips }
+        let units: Vec<&Unit> = sets.iter().flatten().collect();
+        let support = support(model.effect.view(), &units);
+        if support < MIN_SUPPORT && support < 0.9 * units.len() as f64 { Self::Both } else { Self::SignFlips }
     }
 }
 
@@ -70,15 +73,16 @@ impl FromStr for Resampling {
     }
 }
 
-/// Minimum effective number of subjects on which an estimate depends for sign flips to be used alone. With fewer
-/// subjects, sign flips give fewer than 1,000 distinct statistics. For example, for the mean of 5 of 24 subjects there
-/// are 16 distinct statistics, and the family-wise error is 0.01 instead of 0.05.
+/// Minimum effective number of units (subjects, or whole blocks) on which an estimate depends for sign flips to be used
+/// alone. With fewer units, sign flips give fewer than 1,000 distinct statistics. For example, for the mean of 5 of 24
+/// subjects there are 16 distinct statistics, and the family-wise error is 0.01 instead of 0.05.
 const MIN_SUPPORT: f64 = 11.0;
 
-/// Returns the effective number of subjects on which an estimate depends, `(sum h)^2 / sum h^2` with the subjects'
-/// leverages h; it is n for a mean of n subjects.
-fn support(effect: ArrayView2<'_, f64>) -> f64 {
-    let leverage = effect.rows().into_iter().map(|row| row.iter().map(|value| value * value).sum::<f64>());
+/// Returns the effective number of units on which an estimate depends, `(sum h)^2 / sum h^2` with the units' leverages
+/// h; it is n for a mean of n units of the same size.
+fn support(effect: ArrayView2<'_, f64>, units: &[&Unit]) -> f64 {
+    let of_row = |i: &u32| effect.row(*i as usize).iter().map(|value| value * value).sum::<f64>();
+    let leverage = units.iter().map(|unit| unit.iter().map(of_row).sum::<f64>());
     let (sum, squares) = leverage.fold((0.0, 0.0), |(sum, squares), h| (sum + h, squares + h * h));
     sum * sum / squares
 }
@@ -88,10 +92,11 @@ mod tests {
     use ndarray::{Array2, array};
 
     use super::*;
+    use crate::stats::blocks::{Blocks, Exchange, free};
     use crate::stats::{Contrast, Design};
 
     fn of(design: &Design, weights: Array2<f64>) -> Resampling {
-        Resampling::choose(&Projection::new(design, &Contrast { weights }).unwrap())
+        Resampling::choose(&Projection::new(design, &Contrast { weights }).unwrap(), &free(design.subjects()))
     }
 
     #[test]
@@ -108,5 +113,9 @@ mod tests {
         assert_eq!(of(&slope, array![[0.0, 1.0]]), Permutations);
         // The contrast is the mean of a small group in a design with a large group.
         assert_eq!(of(&Design::groups(&[5, 19]).unwrap(), array![[1.0, 0.0]]), Both);
+        // The mean of 12 rows is the mean of 4 of 8 blocks.
+        let model = Projection::new(&Design::groups(&[12, 12]).unwrap(), &Contrast { weights: array![[1.0, 0.0]] });
+        let blocks = Blocks::new((0..24).map(|i| i / 3), Exchange::Whole);
+        assert_eq!(Resampling::choose(&model.unwrap(), &blocks.sets()), Both);
     }
 }

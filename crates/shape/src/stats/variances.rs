@@ -1,6 +1,6 @@
 //! Detects groups of unequal size and variance, for which pooled variances give wrong p values.
 
-use ndarray::ArrayView2;
+use ndarray::{ArrayView1, ArrayView2};
 
 use super::TestWarning;
 use super::design::{Contrast, Design, orthonormalise};
@@ -8,53 +8,85 @@ use super::projection::without;
 
 /// Ratio above which the sizes and the variances of two groups must differ for a warning.
 const RATIO: f64 = 1.5;
+/// Largest number of groups that are compared. More distinct values are those of a continuous effect.
+const MOST_GROUPS: usize = 12;
 
-/// Compares the total residual variances of two groups in values (n, V d). Returns a warning if both sizes and
-/// variances differ by more than the factor [`RATIO`]. Returns `None` if the contrast isn't a difference of two groups.
+/// Subjects with equal values in the tested columns.
+struct Group {
+    name: String,
+    members: Vec<usize>,
+    variance: f64,
+}
+
+/// Compares the total residual variances of groups in values (n, V d). Groups are the subjects with equal values in the
+/// columns that the contrast tests: levels, or the values of a column with two values. Returns a warning about the two
+/// groups with the largest ratio of variances whose sizes differ by more than the factor [`RATIO`], if their variances
+/// do, too.
 pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &Contrast) -> Option<TestWarning> {
-    let columns = two_groups(design, contrast)?;
+    let mut groups = groups(design, contrast)?;
     let x = design.matrix();
-    let members = columns.map(|column| (0..x.nrows()).filter(|i| x[[*i, column]] == 1.0).collect::<Vec<_>>());
-    let sizes = [members[0].len(), members[1].len()];
-    let more = |a: f64, b: f64| a.max(b) > RATIO * a.min(b);
-    if !more(sizes[0] as f64, sizes[1] as f64) {
-        return None;
-    }
     let (basis, _) = orthonormalise(x);
     let residuals = without(basis.view(), values.to_owned());
-    let variances = [0, 1].map(|group| {
+    for group in &mut groups {
         let (mut squares, mut freedom) = (0.0, 0.0);
-        for &i in &members[group] {
+        for &i in &group.members {
             squares += residuals.row(i).iter().map(|value| value * value).sum::<f64>();
             freedom += 1.0 - basis.row(i).iter().map(|value| value * value).sum::<f64>();
         }
-        if freedom > 1e-9 { squares / freedom } else { f64::NAN }
-    });
-    // The variance of a group without degrees of freedom is NaN.
-    if !more(variances[0], variances[1]) || variances.iter().any(|variance| variance.is_nan()) {
-        return None;
+        // The variance of a group without degrees of freedom is NaN, which is never larger than another.
+        group.variance = if freedom > 1e-9 { squares / freedom } else { f64::NAN };
     }
-    let (wide, narrow) = if variances[0] > variances[1] { (0, 1) } else { (1, 0) };
-    let name = |group: usize| design.names()[columns[group]].clone();
+    let more = |a: f64, b: f64| a > RATIO * b;
+    let size = |group: &Group| group.members.len() as f64;
+    let differ = |a: &Group, b: &Group| more(size(a), size(b)) || more(size(b), size(a));
+    let pairs = groups.iter().flat_map(|wide| groups.iter().map(move |narrow| (wide, narrow)));
+    let pairs = pairs.filter(|(wide, narrow)| more(wide.variance, narrow.variance) && differ(wide, narrow));
+    let (wide, narrow) =
+        pairs.max_by(|a, b| (a.0.variance / a.1.variance).total_cmp(&(b.0.variance / b.1.variance)))?;
     Some(TestWarning::UnequalVariances {
-        wide: name(wide),
-        wide_subjects: sizes[wide],
-        narrow: name(narrow),
-        narrow_subjects: sizes[narrow],
-        ratio: variances[wide] / variances[narrow],
-        covariates: x.ncols() > 2,
+        wide: wide.name.clone(),
+        wide_subjects: wide.members.len(),
+        narrow: narrow.name.clone(),
+        narrow_subjects: narrow.members.len(),
+        ratio: wide.variance / narrow.variance,
+        two_groups: groups.len() == 2 && design.two_groups().is_some(),
     })
 }
 
-/// Returns the columns of the two groups if the contrast is their difference and each subject is in one of them,
-/// otherwise `None`. The errors of subjects outside both groups would be part of the pooled variance.
-fn two_groups(design: &Design, contrast: &Contrast) -> Option<[usize; 2]> {
+/// Returns the groups of subjects with equal values in the tested columns; `None` if these values are those of a
+/// continuous effect or of a mean.
+fn groups(design: &Design, contrast: &Contrast) -> Option<Vec<Group>> {
     let (x, weights) = (design.matrix(), &contrast.weights);
-    if weights.nrows() != 1 {
+    let columns: Vec<usize> = (0..x.ncols()).filter(|at| weights.column(*at).iter().any(|w| *w != 0.0)).collect();
+    let tested = x.select(ndarray::Axis(1), &columns);
+    let mut groups: Vec<(usize, Group)> = Vec::new();
+    for (i, row) in tested.rows().into_iter().enumerate() {
+        let equal = groups.iter().position(|(first, _)| tested.row(*first) == row);
+        match equal {
+            Some(group) => groups[group].1.members.push(i),
+            None if groups.len() == MOST_GROUPS => return None,
+            None => groups.push((i, Group { name: String::new(), members: vec![i], variance: f64::NAN })),
+        }
+    }
+    let indicate = tested.iter().all(|value| *value == 0.0 || *value == 1.0);
+    let two_numbers = columns.len() == 1 && groups.len() == 2;
+    if groups.len() < 2 || !(indicate || two_numbers) {
         return None;
     }
-    let columns: Vec<usize> = (0..x.ncols()).filter(|column| weights[[0, *column]] != 0.0).collect();
-    let &[a, b] = &columns[..] else { return None };
-    let indicate = x.rows().into_iter().all(|row| matches!((row[a], row[b]), (1.0, 0.0) | (0.0, 1.0)));
-    (indicate && weights[[0, a]] == -weights[[0, b]]).then_some([a, b])
+    let least = tested.iter().copied().fold(f64::INFINITY, f64::min);
+    for (first, group) in &mut groups {
+        group.name = match indicate {
+            true => level(tested.row(*first), &columns, design),
+            false if tested[[*first, 0]] == least => format!("subjects with the lower {}", design.names()[columns[0]]),
+            false => format!("subjects with the higher {}", design.names()[columns[0]]),
+        };
+    }
+    Some(groups.into_iter().map(|(_, group)| group).collect())
+}
+
+/// Returns the name of the level that a row of ones and zeros indicates.
+fn level(row: ArrayView1<'_, f64>, columns: &[usize], design: &Design) -> String {
+    let ones = row.iter().zip(columns).filter(|(value, _)| **value == 1.0);
+    let names: Vec<&str> = ones.map(|(_, column)| design.names()[*column].as_str()).collect();
+    if names.is_empty() { "the other subjects".to_owned() } else { names.join(" and ") }
 }

@@ -159,7 +159,7 @@ impl Vertex {
 /// Returns Krishnamoorthy and Yu's degrees of freedom, given the factorised matrix C.
 fn freedom(halves: &[Half; 2], factor: &Small) -> f64 {
     let d = halves[0].mean.len();
-    let spread = |half: &Half| factor.squared_traces(|i, j| half.error(i, j)) / (half.n - 1.0);
+    let spread = |half: &Half| factor.squared_traces(|i, j| half.error(i, j)).iter().sum::<f64>() / (half.n - 1.0);
     let sum: f64 = halves.iter().map(spread).sum();
     (d + d * d) as f64 / sum
 }

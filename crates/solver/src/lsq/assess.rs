@@ -13,7 +13,8 @@ use crate::cholesky::CholeskyFactor;
 use crate::residual::ResidualNorms;
 
 impl LsqSolver<'_> {
-    /// Creates the report on a solution. `groups` gives the columns of each target, for the norms of its residual.
+    /// Creates the report on a solution. `groups` gives the columns of each target, for its optimality and the
+    /// norms of its residual.
     pub(super) fn report(
         &mut self,
         cg: &Cg,
@@ -53,6 +54,7 @@ impl LsqSolver<'_> {
             refinements: solution.refinements.unwrap_or(0),
             steps,
             optimality,
+            optimalities: cg.optimalities(groups),
             stop,
             condition: self.condition(cg),
             shift,

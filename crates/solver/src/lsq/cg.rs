@@ -20,6 +20,7 @@
 
 mod groups;
 
+use std::ops::Range;
 use std::time::Instant;
 
 use ndarray::Array2;
@@ -141,6 +142,13 @@ impl Cg {
     /// Returns the largest relative gradient of all columns, plus the estimated error of the gradient.
     pub(crate) fn optimality(&self) -> f64 {
         relative(&norms(&self.gradient), &self.scale) + self.doubt
+    }
+
+    /// Returns the largest relative gradient of the columns of each group, plus the estimated error of the gradient.
+    pub(crate) fn optimalities(&self, groups: &[Range<usize>]) -> Vec<f64> {
+        let norms = norms(&self.gradient);
+        let of = |group: &Range<usize>| relative(&norms[group.clone()], &self.scale[group.clone()]) + self.doubt;
+        groups.iter().map(of).collect()
     }
 
     /// Iterates until a stopping rule applies.

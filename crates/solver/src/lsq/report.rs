@@ -29,6 +29,9 @@ pub struct LsqReport {
     /// have an estimated error that is small compared with the tolerance, the optimality is the relative gradient of
     /// these iterations plus the estimated error.
     pub optimality: f64,
+    /// The same for the columns of each target; empty without samples.
+    #[serde(skip)]
+    pub optimalities: Vec<f64>,
     /// Reason why the fit ended.
     pub stop: Stop,
     /// Estimated condition number of the basis matrix, with its weights and penalty, or a bound on it if the density

@@ -6,13 +6,16 @@ use spharm_monitor::{Monitor, OnlyCancel};
 use spharm_register::{RegisterParams, Registered, Subject, Template, register};
 use spharm_shape::groupwise::{FinishedGroup, GroupwiseParams};
 use spharm_surface::geometry::Vec3;
-use spharm_surface::pose::{PoseParams, PoseSurface, pose};
+use spharm_surface::pose::{
+    GroupPoseWarning, NEARER_MIRRORED, OF_ANOTHER_KIND, PoseParams, PoseSearch, PoseSurface, pose,
+};
 use spharm_surface::{Kind, Mesh, Similarity};
 
 use super::GroupTemplate;
 use super::fits::{Fitted, record_motion};
 use super::params::CorrespondParams;
-use super::report::MemberReport;
+use super::report::{CorrespondWarning, MemberReport};
+use super::rounds::of_cover;
 use super::subjects::Subjects;
 use super::together::{to_mean, weights};
 use crate::Error;
@@ -30,13 +33,20 @@ pub struct NewMember {
     pub reached: Vec<bool>,
     /// Report on the registration of the surface.
     pub report: MemberReport,
+    /// Reasons to check the surface; the index of the member is 0.
+    pub warnings: Vec<CorrespondWarning>,
 }
+
+/// Number of members whose distances from the mean are compared with a new member's.
+const USUAL: usize = 8;
 
 /// Data of a group, prepared once for all new members.
 pub struct Joining {
     group: GroupTemplate,
     template: Template,
     pose: PoseSurface,
+    /// Median distance of the group's members from the mean; `None` if no members were given.
+    usual: Option<f64>,
     params: CorrespondParams,
     /// Statistics of a refined group, used to refine the points of new members.
     finished: Option<FinishedGroup>,
@@ -45,7 +55,7 @@ pub struct Joining {
 impl Joining {
     /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
     /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by the
-    /// mean and the modes of `members`.
+    /// mean and the modes of `members`. New members are compared with some of them for warnings.
     ///
     /// # Errors
     ///
@@ -73,7 +83,8 @@ impl Joining {
         } else {
             None
         };
-        Ok(Self { group, template, pose: surface, params, finished })
+        let usual = usual(members, &group, &surface, monitor)?;
+        Ok(Self { group, template, pose: surface, usual, params, finished })
     }
 
     /// Adds the mirror image (x to -x) of a surface, as [`add`](Self::add) adds the surface itself. The similarity
@@ -127,10 +138,52 @@ impl Joining {
             model_rms: fitted.rms[0],
             ..MemberReport::new(posed.distance, &cover)
         };
+        let mut warnings = self.doubts(surface, posed.distance, &quiet)?;
+        warnings.extend(of_cover(&[report], &self.group.masked));
         let mut models = fitted.models(&self.group.sphere, &[similarity]);
         let (Some(model), Some(places)) = (models.pop(), fitted.places.into_iter().next()) else {
             return Err(Error::NoArea);
         };
-        Ok(NewMember { model, similarity, places, reached, report })
+        Ok(NewMember { model, similarity, places, reached, report, warnings })
     }
+
+    /// Returns a warning if a surface is much farther from the mean than the group's members, or if its mirror image is
+    /// nearer than the surface itself, which is at the given distance.
+    fn doubts(&self, surface: &Mesh, distance: f64, monitor: &dyn Monitor) -> Result<Vec<CorrespondWarning>, Error> {
+        let warnings = |warning| Ok(vec![CorrespondWarning::Pose(warning)]);
+        if let Some(median) = self.usual.filter(|usual| distance > OF_ANOTHER_KIND * usual) {
+            return warnings(GroupPoseWarning::Far { member: 0, distance, median });
+        }
+        if self.params.pose.mirror {
+            return Ok(Vec::new());
+        }
+        let image = Similarity::reflection().apply_mesh(surface);
+        let image = PoseSurface::new(&image).ok_or(Error::NoArea)?;
+        // The mirror image has no pose of its own, so all are searched.
+        let any = PoseParams { search: PoseSearch::Any, ..self.params.pose };
+        let mirrored = pose(&image, &self.pose, &any, monitor)?.distance;
+        if mirrored < NEARER_MIRRORED * distance {
+            return warnings(GroupPoseWarning::Mirrored { member: 0, distance, mirrored });
+        }
+        Ok(Vec::new())
+    }
+}
+
+/// Returns the median distance of at most [`USUAL`] members, evenly spaced in the list, from the mean.
+fn usual(
+    members: &[Coefficients],
+    group: &GroupTemplate,
+    mean: &PoseSurface,
+    monitor: &dyn Monitor,
+) -> Result<Option<f64>, Error> {
+    let near = PoseParams { search: PoseSearch::Near, ..PoseParams::default() };
+    let mut distances = Vec::new();
+    for member in members.iter().step_by(members.len().div_ceil(USUAL).max(1)) {
+        let model = Model::without_sphere(member.clone(), Kind::Surface);
+        let shape = model.reconstruct(&group.sphere, member.max_degree())?;
+        let shape = PoseSurface::new(&shape).ok_or(Error::NoArea)?;
+        distances.push(pose(&shape, mean, &near, &OnlyCancel(monitor))?.distance);
+    }
+    distances.sort_unstable_by(f64::total_cmp);
+    Ok(distances.get(distances.len() / 2).copied())
 }

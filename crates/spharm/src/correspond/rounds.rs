@@ -242,7 +242,7 @@ fn without_counterpart(found: &Registered, masked: &[bool]) -> usize {
 }
 
 /// Returns warnings for members that the template doesn't cover completely, or that lack parts of the template.
-fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning> {
+pub(super) fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<CorrespondWarning> {
     let all = masked.iter().filter(|masked| !**masked).count().max(1) as f64;
     let mut warnings = Vec::new();
     for (member, found) in members.iter().enumerate() {

@@ -71,7 +71,7 @@ pub(crate) struct Solved {
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     /// Warnings that apply to all targets of the batch.
     pub(crate) warnings: Vec<FitWarning>,
-    /// Results of each target, if targets were solved one after another. Empty if targets were solved together.
+    /// Results of each target by the full least squares. Empty for other methods.
     pub(crate) per_target: Vec<PerTarget>,
     /// Values (p, c) of each target's model at the centres of p triangles. Empty if the method doesn't compute them.
     pub(crate) at_centres: Vec<Array2<f64>>,

@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::{
-    BlockOperator, ChunkedRows, DiskOperator, GramMatrix, IrfParams, IrfSolver, Method as Blocks, Operator, irf,
-    moment_gram, moment_gram_bytes,
+    BlockOperator, ChunkedRows, DiskOperator, GramMatrix, IrfParams, IrfSolver, Method as Blocks, Operator,
+    SolverError, irf, moment_gram, moment_gram_bytes,
 };
 use spharm_store::Scalar;
 use spharm_transform::MomentGram;
@@ -170,8 +170,26 @@ impl<'o> Planner<'o> {
         }
         match (1..=most).rev().find(|&together| plan(together).is_ok()) {
             Some(together) => Ok(together),
-            // The error of the plan states the memory that suffices for one surface.
-            None => Ok(plan(1).map(|_| 1)?),
+            None => match plan(1) {
+                Err(SolverError::Budget { budget, needed, granularity }) => {
+                    let needed = self.least_by_moments(job, channels).map_or(needed, |least| least.min(needed));
+                    Err(SolverError::Budget { budget, needed, granularity }.into())
+                }
+                found => Ok(found.map(|_| 1)?),
+            },
+        }
+    }
+
+    /// Returns the smallest budget in bytes for fits of one surface with Gram matrices computed from moments. Returns
+    /// `None` if the Gram matrices can't be computed from moments.
+    fn least_by_moments(&self, job: &Job<'_>, channels: usize) -> Option<usize> {
+        let max_degree = job.params.max_degree;
+        let making = moment_gram_bytes(self.operator.rows(), max_degree).ok().filter(|_| job.scalar == Scalar::F64)?;
+        let params = self.params(job, 1, channels, false, Some(MomentGram::bytes(max_degree)));
+        // The error of a plan without memory states the memory that suffices.
+        match irf::plan(self.operator, channels, &IrfParams { memory: 0, ..params }) {
+            Err(SolverError::Budget { needed, .. }) => Some(needed.max(job.held(1, channels) + making)),
+            _ => None,
         }
     }
 

@@ -14,7 +14,7 @@ use spharm_solver::{
 use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
-use super::batches::{Batch, Run, Solved};
+use super::batches::{Batch, PerTarget, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
@@ -185,6 +185,7 @@ impl<'a> Equations<'a> {
         warnings.extend(FitWarning::of_lsq(&report, self.params.tolerance, self.smooth_by_default));
         converged(self.params, &warnings)?;
         note_solution(&report, self.monitor);
+        let of_target = |&optimality: &f64| PerTarget { optimality, warnings: Vec::new() };
         Ok(Solved {
             coefficients,
             sweeps: vec![(false, report.residuals.clone())],
@@ -192,7 +193,7 @@ impl<'a> Equations<'a> {
             denoised,
             surface_distances: Vec::new(),
             warnings,
-            per_target: Vec::new(),
+            per_target: report.optimalities.iter().map(of_target).collect(),
             at_centres: Vec::new(),
             report: BatchReport::LeastSquares { report, gcv },
         })
@@ -210,7 +211,7 @@ impl<'a> Equations<'a> {
         let (within, mut residual, started) = (NestedMonitor(self.monitor), plain.residual, Instant::now());
         let mut standard_errors = self.params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
         let mut denoised = Vec::new();
-        for parts in plain.batch.parts() {
+        for (target, parts) in plain.batch.parts().enumerate() {
             let mut of_target = Vec::new();
             for part in parts {
                 let columns = s![.., part.clone()];
@@ -224,6 +225,9 @@ impl<'a> Equations<'a> {
                 }
                 set_columns(coefficients, &part, fit.coefficients.values().view());
                 set_columns(&mut residual, &part, fit.residual.view());
+                if let Some(optimality) = report.optimalities.get_mut(target) {
+                    *optimality = optimality.max(fit.report.optimality);
+                }
                 merge(report, fit.report);
                 of_target.push(denoiser.assess(job, plain.targets.slice(columns), found, &within)?);
             }

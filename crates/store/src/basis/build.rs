@@ -4,13 +4,14 @@
 //! recurrence state and the values of one chunk, so the memory doesn't grow with the number of directions, n. Degrees
 //! are built in groups. All files of a group are open at the same time. While one group is computed, the files of the
 //! previous group are synced to disk and given their final names. A build that is killed thus loses at most the last
-//! three groups. The price is that each group repeats the recurrence for all degrees below the group, at a quarter of
-//! the cost of computing the files of those degrees.
+//! three groups; a build that fails still publishes the groups that are computed. The price is that each group repeats
+//! the recurrence for all degrees below the group, at a quarter of the cost of computing the files of those degrees.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::sync_channel;
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Mutex, PoisonError};
+use std::vec::IntoIter;
 
 use spharm_harmonics::{Directions, Recurrence, Sweep};
 use spharm_monitor::{Interrupted, Level, Monitor, Stage};
@@ -137,6 +138,42 @@ struct Published {
     bytes: u64,
 }
 
+impl Published {
+    /// Publishes files and syncs the folder. After an error, `files` has the files that are left.
+    fn publish(&mut self, folder: &Path, files: &mut IntoIter<DegreeWriter>) -> Result<(), StoreError> {
+        for writer in files {
+            match writer.publish()? {
+                Some(len) => (self.built, self.bytes) = (self.built + 1, self.bytes + len),
+                None => self.by_others += 1,
+            }
+        }
+        folder::sync(folder)
+    }
+
+    /// Publishes all groups from a queue. After an error, sets `failed` and waits for the end of the queue. By then the
+    /// computation has removed its unfinished files, which may have filled the disk. Then publishes the other files and
+    /// returns the error.
+    fn publish_all(
+        mut self,
+        folder: &Path,
+        computed: &Receiver<Vec<DegreeWriter>>,
+        failed: &AtomicBool,
+    ) -> Result<Self, StoreError> {
+        for group in computed {
+            let mut files = group.into_iter();
+            if let Err(error) = self.publish(folder, &mut files) {
+                failed.store(true, Ordering::Relaxed);
+                let mut left = files.chain(computed.iter().flatten()).collect::<Vec<_>>().into_iter();
+                while !left.as_slice().is_empty() {
+                    let _ = self.publish(folder, &mut left);
+                }
+                return Err(error);
+            }
+        }
+        Ok(self)
+    }
+}
+
 /// Computes the groups of degrees one after another. While a group is computed, another thread syncs and publishes the
 /// previous one.
 fn compute_and_publish(
@@ -144,30 +181,20 @@ fn compute_and_publish(
     folder: &Path,
     headers: &[Header],
 ) -> Result<Published, StoreError> {
+    // Set when publishing fails; the computation then stops after its group.
+    let failed = &AtomicBool::new(false);
     std::thread::scope(|scope| {
         // The queue holds one group, so at most three groups of files are open: one being computed, one waiting in the
         // queue, one being synced to disk.
         let (to_disk, computed) = sync_channel::<Vec<DegreeWriter>>(1);
-        let publisher = scope.spawn(move || -> Result<Published, StoreError> {
-            let mut published = Published::default();
-            for group in computed {
-                for writer in group {
-                    match writer.publish()? {
-                        Some(len) => (published.built, published.bytes) = (published.built + 1, published.bytes + len),
-                        None => published.by_others += 1,
-                    }
-                }
-                folder::sync(folder)?;
-            }
-            Ok(published)
-        });
+        let publisher = scope.spawn(move || Published::default().publish_all(folder, &computed, failed));
         let mut result = Ok(());
         for group in groups(headers) {
             result = computation.run(folder, group).and_then(|writers| {
-                // The receiver only disconnects if publishing has failed; the publisher's error is returned below.
+                // The receiver only disconnects if the publisher has panicked; the panic is resumed below.
                 to_disk.send(writers).map_err(|_| Interrupted.into())
             });
-            if result.is_err() {
+            if result.is_err() || failed.load(Ordering::Relaxed) {
                 break;
             }
         }
@@ -264,5 +291,34 @@ impl Computation<'_> {
                 self.monitor.step(raw.len() as u64);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_monitor::Silent;
+
+    use super::*;
+
+    /// If a file can't be published, the other computed files are published.
+    #[test]
+    fn finished_files_are_published_after_an_error() {
+        let folder = tempfile::tempdir().unwrap();
+        let directions = Directions::fibonacci(20).unwrap();
+        let params = BuildParams { max_degree: 3, threads: 1, ..BuildParams::default() };
+        let key = SchemeKey::of(&directions, params.scalar);
+        let plan = Plan::new(folder.path(), key, directions.len(), &params).unwrap();
+        let headers = plan.headers(key, &params);
+        let recurrence = Recurrence::new(3).unwrap();
+        // Another builder has published a damaged file since the plan was made.
+        std::fs::write(folder.path().join("A_1"), "damaged").unwrap();
+        let (codec, threads, monitor) = (params.codec, 1, &Silent);
+        let computation = Computation { directions: &directions, recurrence: &recurrence, codec, threads, monitor };
+        let error = compute_and_publish(&computation, folder.path(), &headers).err().unwrap();
+        assert!(matches!(error, StoreError::Corrupt { .. }), "{error}");
+        let mut names: Vec<_> =
+            std::fs::read_dir(folder.path()).unwrap().map(|item| item.unwrap().file_name()).collect();
+        names.sort();
+        assert_eq!(names, ["A_0", "A_1", "A_2", "A_3"]);
     }
 }

@@ -64,7 +64,8 @@ impl Scheme {
     ///
     /// # Errors
     ///
-    /// The errors of [`open`](Self::open); [`StoreError::Io`] if the store can't be opened.
+    /// The errors of [`open`](Self::open); [`StoreError::OtherScalar`] if the store has only the basis of the other
+    /// scalar type; [`StoreError::Io`] if the store can't be opened.
     pub fn open_at(
         store: &Path,
         directions: &Directions,
@@ -73,7 +74,16 @@ impl Scheme {
     ) -> Result<Self, StoreError> {
         let open = |scalar| Self::open(store, SchemeKey::of(directions, scalar), directions.len(), max_degree);
         match scalar {
-            Some(scalar) => open(scalar),
+            Some(wanted) => open(wanted).map_err(|error| {
+                let found = if wanted == Scalar::F64 { Scalar::F32 } else { Scalar::F64 };
+                let other = folder::of_scheme(store, SchemeKey::of(directions, found));
+                match error {
+                    StoreError::NoSuchScheme { store, .. } if other.is_dir() => {
+                        StoreError::OtherScalar { store, wanted, found }
+                    }
+                    error => error,
+                }
+            }),
             None => match open(Scalar::F64) {
                 Err(double @ StoreError::NoSuchScheme { .. }) => match open(Scalar::F32) {
                     Err(StoreError::NoSuchScheme { .. }) => Err(double),

@@ -86,9 +86,15 @@ pub(crate) fn decode<C: Contents>(header: &HeaderBytes, path: &Path) -> Result<C
     }
     let found = u32_at(header, VERSION_AT);
     if found != version {
+        // If the hash matches a header of the expected version, only the version field is damaged.
+        let mut mended = *header;
+        put(&mut mended, VERSION_AT, &version.to_le_bytes());
+        if is_intact(&mended) {
+            return Err(StoreError::corrupt(path, "version", version, found));
+        }
         return Err(StoreError::Version { path: path.to_path_buf(), expected: version, found });
     }
-    if blake3::hash(&header[..HASH_AT]).as_bytes() != &header[HASH_AT..] {
+    if !is_intact(header) {
         return Err(StoreError::corrupt(path, "header", "bytes that match the stored hash", "other bytes"));
     }
     let header_len = u32_at(header, HEADER_LEN_AT);
@@ -99,4 +105,9 @@ pub(crate) fn decode<C: Contents>(header: &HeaderBytes, path: &Path) -> Result<C
         return Err(StoreError::corrupt(path, "reserved bytes", "zeros", "other bytes"));
     }
     C::decode_fields(header, path)
+}
+
+/// Returns whether the bytes of a header match its hash.
+fn is_intact(header: &HeaderBytes) -> bool {
+    blake3::hash(&header[..HASH_AT]).as_bytes() == &header[HASH_AT..]
 }

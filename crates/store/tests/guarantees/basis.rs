@@ -41,7 +41,7 @@ fn what_is_built_is_what_is_read() {
 fn double_precision_is_opened_before_single() {
     let (folder, double) = store(&params());
     let open = |scalar| Scheme::open_at(folder.path(), &directions(), scalar, MAX_DEGREE);
-    assert!(matches!(open(Some(Scalar::F32)), Err(StoreError::NoSuchScheme { .. })));
+    assert!(matches!(open(Some(Scalar::F32)), Err(StoreError::OtherScalar { found: Scalar::F64, .. })));
     let single = BuildParams { scalar: Scalar::F32, ..params() };
     let single = build(folder.path(), &directions(), &single, &Silent).expect("a build").key;
     assert_eq!(open(None).expect("a scheme").key(), double);

@@ -98,7 +98,7 @@ fn what_the_format_or_the_budget_has_no_room_for_is_refused_before_anything_is_m
         panic!("a byte is enough")
     };
     let below = refused(&BuildParams { memory: needed - 1, ..params() });
-    assert!(below.to_string().contains(&format!("at least {needed} bytes")), "{below}");
+    assert!(below.to_string().contains(&format!("at least {} MiB", needed.div_ceil(1 << 20))), "{below}");
     let report = build(folder.path(), &directions(), &BuildParams { memory: needed, ..params() }, &Silent);
     let report = report.expect("what the refusal named");
     assert_eq!((report.threads, report.memory), (1, needed));

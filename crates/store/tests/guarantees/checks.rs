@@ -73,6 +73,7 @@ fn nothing(_: &mut Forged) {}
 const LIES: &[Lie] = &[
     Lie { what: "magic number", change: |f| f.header[0] ^= 1, seal: all },
     Lie { what: "version is 2", change: |f| f.header[8] = 2, seal: all },
+    Lie { what: "version: expected 1", change: |f| f.header[8] = 2, seal: nothing },
     Lie { what: "header length", change: |f| f.header[13] ^= 1, seal: all },
     Lie { what: "reserved bytes", change: |f| f.header[4000] = 1, seal: all },
     // In these entries, the hash of the header, table or footer is wrong. No other check on opening covers the changed

@@ -160,6 +160,12 @@ pub(crate) fn name_without_gz(path: &Path) -> String {
     name.strip_suffix(".gz").unwrap_or(&name).to_owned()
 }
 
+/// Returns a name without an ending in upper or lower case; `None` if the name has another ending.
+pub(super) fn without_ending<'a>(name: &'a str, ending: &str) -> Option<&'a str> {
+    let (stem, found) = name.split_at_checked(name.len().checked_sub(ending.len())?)?;
+    found.eq_ignore_ascii_case(ending).then_some(stem)
+}
+
 /// Returns whether a file with this name is gzipped as a whole.
 pub(super) fn is_gzipped(path: &Path) -> bool {
     let name = lower_name(path);

@@ -9,7 +9,7 @@
 use std::collections::HashMap;
 
 use super::flaw::{Flaw, bounded, shown};
-use super::polygon::fan;
+use super::polygon::Triangles;
 use super::text::{lines, next_number, next_position, number, words};
 use crate::mesh::Mesh;
 
@@ -23,7 +23,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     if !is_metamesh(bytes) {
         return Err(Flaw::new("`ObjectType = Scene` or `ObjectType = Mesh`", shown(bytes)));
     }
-    let mut mesh = Mesh::default();
+    let (mut vertices, mut faces) = (Vec::new(), Triangles::default());
     let mut places: HashMap<i64, u32> = HashMap::new();
     let (mut points, mut cells, mut cell_type): (u64, u64, &[u8]) = (0, 0, b"TRI");
     let mut lines = lines(bytes);
@@ -35,7 +35,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 return Err(Flaw::unsupported(format!("an object {}", shown(value)), "save the surface as a mesh"));
             }
             // A second mesh begins here; only the first is read.
-            b"ObjectType" if !mesh.faces.is_empty() => break,
+            b"ObjectType" if !faces.is_empty() => break,
             b"BinaryData" | b"CompressedData" if value.eq_ignore_ascii_case(b"true") => {
                 return Err(Flaw::unsupported("binary data", "write the file as text (BinaryData = False)"));
             }
@@ -49,12 +49,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             b"Points" => {
                 // The shortest line of a point, "0 0 0 0" and a newline, has 8 bytes.
                 let points = bounded(points, 8, bytes.len(), "points")?;
-                mesh.vertices.reserve(points);
+                vertices.reserve(points);
                 for place in 0..points {
                     let (at, line) = lines.next().ok_or_else(|| Flaw::new("a point", "the end of the file"))?;
                     let mut words = words(line);
                     places.insert(next_number(&mut words, "a point's number", at)?, place as u32);
-                    mesh.vertices.push(next_position(&mut words, at)?);
+                    vertices.push(next_position(&mut words, at)?);
                 }
             }
             b"CellType" => cell_type = value,
@@ -65,14 +65,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 for _ in 0..cells {
                     let (at, line) = lines.next().ok_or_else(|| Flaw::new("a cell", "the end of the file"))?;
                     if polygons {
-                        face(line, at, &places, &mut mesh.faces)?;
+                        face(line, at, &places, &mut faces)?;
                     }
                 }
             }
             _ => {}
         }
     }
-    Ok(mesh)
+    Ok(faces.into_mesh(vertices))
 }
 
 /// Returns the key and the value of a line `Key = value`.
@@ -92,13 +92,13 @@ fn is_identity(key: &[u8], value: &[u8]) -> bool {
     }
 }
 
-fn face(line: &[u8], at: usize, places: &HashMap<i64, u32>, faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+fn face(line: &[u8], at: usize, places: &HashMap<i64, u32>, faces: &mut Triangles) -> Result<(), Flaw> {
     let corner = |word: &[u8]| {
         let place = number::<i64>(word).and_then(|point| places.get(&point).copied());
         place.ok_or_else(|| Flaw::new(format!("a point's number on line {at}"), shown(word)))
     };
     let corners: Vec<u32> = words(line).skip(1).map(corner).collect::<Result<_, _>>()?;
-    if fan(&corners, faces) {
+    if faces.polygon(&corners) {
         Ok(())
     } else {
         Err(Flaw::new(format!("at least three corners on line {at}"), corners.len().to_string()))

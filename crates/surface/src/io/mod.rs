@@ -5,7 +5,7 @@
 //! | FreeSurfer | `lh.pial`, `rh.curv`, ... | triangle surfaces, new-format curv | as read |
 //! | FreeSurfer | `.mgh`, `.mgz` | signals: a frame per channel | as read |
 //! | GIfTI | `.gii`, `.surf.gii`, `.func.gii`, `.shape.gii` | all encodings except external files | GZipBase64Binary |
-//! | Wavefront | `.obj` | polygons, negative indices | ASCII |
+//! | Wavefront | `.obj` | polygons, negative indices, continued lines | ASCII |
 //! | Stanford | `.ply` | ASCII, both binaries, polygons, strips | little-endian binary |
 //! | Geomview | `.off` | ASCII, polygons, with colours or normals | ASCII |
 //! | STL | `.stl` | ASCII, binary; equal vertices welded | binary |
@@ -21,6 +21,9 @@
 //!
 //! A file of any of these formats may be gzipped (`.gz`). [`FORMATS`] is the table of formats; [`check_output`] checks
 //! whether an output's name implies a suitable format.
+//!
+//! Polygons are cut into triangles: into a fan, or into ears where a fan would fold, as for concave polygons of at most
+//! 4096 corners. A byte order mark at the start of a file is skipped.
 //!
 //! A count in a header is compared with the size of the file before memory is allocated for it. A file is read
 //! completely; its contents take at most a few times its size in memory. The size of decompressed data is compared with
@@ -80,6 +83,7 @@ pub(crate) use check::{indices as check_indices, mesh_with_gaps, signal as check
 pub(crate) use choose::name_without_gz;
 pub use choose::{Output, check_output, is_named_mesh, is_named_signal, to_write_mesh, to_write_signal};
 pub use formats::FORMATS;
+pub use gifti::gifti_metadata;
 pub use leftovers::remove_leftovers;
 pub use load::MOST_EXPANSION;
 pub use mask::read_mask;
@@ -216,8 +220,10 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
     if let Some(format) = volume::kind(&bytes) {
         return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
     }
-    let format = choose::of_file(path, &bytes)?;
-    let input = (format.read)(&bytes).map_err(|flaw| flaw.at(path, format.name))?;
+    // Spreadsheets and programs for Windows write a byte order mark before text in UTF-8.
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    let format = choose::of_file(path, bytes)?;
+    let input = (format.read)(bytes).map_err(|flaw| flaw.at(path, format.name))?;
     Ok(input)
 }
 
@@ -288,8 +294,9 @@ fn write_as<T>(
     contents: &T,
     structure: Option<&str>,
 ) -> Result<(), SurfaceError> {
-    let name = choose::name_without_gz(path);
-    let context = Context { double: options.double, name: &name, structure };
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let name = choose::without_ending(&name, ".gz").unwrap_or(&name);
+    let context = Context { double: options.double, name, structure };
     write_new(path, options.overwrite, |out| {
         let writer = writer.ok_or(io::ErrorKind::Unsupported)?;
         if !choose::is_gzipped(path) {

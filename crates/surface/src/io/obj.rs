@@ -1,23 +1,30 @@
 //! Reads and writes Wavefront OBJ: `v x y z`, `f a/b/c ...`. Everything else (normals, textures, groups, materials) is
-//! skipped.
+//! skipped. A backslash at the end of a line continues it on the next one.
 //!
 //! The crate tobj isn't used: it makes a separate model with separate vertices for each group, which loses the order of
 //! the vertices.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 
 use super::flaw::{Flaw, shown};
-use super::polygon::fan;
+use super::polygon::Triangles;
 use super::text::{lines, next_position, number, words};
 use crate::mesh::Mesh;
 
 /// Reads the positions and polygons of all groups, in the file's order.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut vertices = Vec::new();
-    let mut faces = Vec::new();
+    let mut faces = Triangles::default();
     let mut corners = Vec::new();
-    for (line_number, line) in lines(bytes) {
-        let mut words = words(line);
+    let mut lines = lines(bytes);
+    while let Some((line_number, line)) = lines.next() {
+        // Other lines aren't continued, because a comment or a file's name may end in a backslash.
+        let line = match words(line).next() {
+            Some(b"v" | b"f") => continued(line, &mut lines),
+            _ => continue,
+        };
+        let mut words = words(&line);
         match words.next() {
             // A weight or a colour may follow the position.
             Some(b"v") => vertices.push(next_position(&mut words, line_number)?),
@@ -26,7 +33,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                 for word in words.take_while(|word| !word.starts_with(b"#")) {
                     corners.push(index(word, vertices.len(), line_number)?);
                 }
-                if !fan(&corners, &mut faces) {
+                if !faces.polygon(&corners) {
                     return Err(Flaw::new(
                         format!("at least three corners on line {line_number}"),
                         corners.len().to_string(),
@@ -36,7 +43,24 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             _ => {}
         }
     }
-    Ok(Mesh::new(vertices, faces))
+    Ok(faces.into_mesh(vertices))
+}
+
+/// Returns a line with the lines that continue it.
+fn continued<'a>(line: &'a [u8], rest: &mut impl Iterator<Item = (usize, &'a [u8])>) -> Cow<'a, [u8]> {
+    let Some(start) = line.strip_suffix(b"\\") else { return Cow::Borrowed(line) };
+    let mut whole = start.to_vec();
+    for (_, line) in rest {
+        whole.push(b' ');
+        match line.strip_suffix(b"\\") {
+            Some(part) => whole.extend_from_slice(part),
+            None => {
+                whole.extend_from_slice(line);
+                break;
+            }
+        }
+    }
+    Cow::Owned(whole)
 }
 
 /// Parses a corner such as `7`, `7/1`, `7//3` or `-1`. Positive indices count from 1; negative ones count back from the
@@ -63,4 +87,20 @@ pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
         writeln!(out, "f {a} {b} {c}")?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_continued_and_end_at_carriage_returns_too() {
+        let text = "# in C:\\\nv 0 0 0\nv 1 \\\n  0 0\nv 0 1 0\nv 0 0 1\nf 1 2\\\n\\\n3\nf 1 2 3 4";
+        let plain = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 3 4\n";
+        let wanted = read(plain.as_bytes()).unwrap();
+        assert_eq!((wanted.vertices.len(), wanted.faces.len()), (4, 3));
+        for text in [text.to_owned(), text.replace('\n', "\r\n"), plain.replace('\n', "\r")] {
+            assert_eq!(read(text.as_bytes()).unwrap(), wanted, "{text:?}");
+        }
+    }
 }

@@ -6,7 +6,7 @@
 use std::io::{self, Write};
 
 use super::flaw::{Flaw, bounded, shown};
-use super::polygon::fan;
+use super::polygon::Triangles;
 use super::text::{lines, next_number, next_position, words};
 use crate::mesh::Mesh;
 
@@ -50,7 +50,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         vertices.push(next_position(&mut words(line), at)?);
     }
     let face_count = bounded(face_count, 8, bytes.len() + 1, "polygons")?;
-    let mut faces = Vec::with_capacity(face_count);
+    let mut faces = Triangles::default();
+    faces.reserve(face_count);
     let mut corners = Vec::new();
     for _ in 0..face_count {
         let (at, line) = next("a polygon")?;
@@ -61,11 +62,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         for _ in 0..count {
             corners.push(next_number(&mut words, "a vertex's index", at)?);
         }
-        if !fan(&corners, &mut faces) {
+        if !faces.polygon(&corners) {
             return Err(Flaw::new(format!("at least three corners on line {at}"), count.to_string()));
         }
     }
-    Ok(Mesh::new(vertices, faces))
+    Ok(faces.into_mesh(vertices))
 }
 
 /// Writes positions, in digits that read back exactly, and triangles.

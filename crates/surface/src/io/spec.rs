@@ -51,7 +51,7 @@ pub(super) type Writer<T> = fn(&mut dyn Write, &T, &Context<'_>) -> io::Result<(
 pub(super) struct Context<'a> {
     /// Whether 64-bit numbers were requested.
     pub(super) double: bool,
-    /// Name of the file in lower case, without `.gz`.
+    /// Name of the file, without `.gz`.
     pub(super) name: &'a str,
     /// Anatomical structure of the vertices, as a value of GIfTI's `AnatomicalStructurePrimary`. It is used if the
     /// contents don't specify a structure.

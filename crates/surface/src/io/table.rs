@@ -10,8 +10,6 @@ use crate::mesh::Signal;
 /// Reads a table with cells separated by `separator`. The first line is treated as column names if one of its cells
 /// isn't a number.
 pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
-    // Removes the byte-order mark that spreadsheets write.
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut values: Vec<f64> = Vec::new();
     let (mut vertices, mut channels) = (0, None);
     let mut first = true;

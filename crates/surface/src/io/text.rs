@@ -2,9 +2,11 @@
 
 use super::flaw::{Flaw, shown};
 
-/// Returns each line, without its line ending, and the line's number, counted from 1.
+/// Returns each line, without its line ending, and the line's number, counted from 1. Carriage returns end the lines of
+/// a file without newlines.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
-    bytes.split(|&b| b == b'\n').enumerate().map(|(i, line)| (i + 1, line.strip_suffix(b"\r").unwrap_or(line)))
+    let end = if bytes.contains(&b'\n') { b'\n' } else { b'\r' };
+    bytes.split(move |&b| b == end).enumerate().map(|(i, line)| (i + 1, line.strip_suffix(b"\r").unwrap_or(line)))
 }
 
 /// Returns the words of a line, separated by white space.

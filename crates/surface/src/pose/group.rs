@@ -60,9 +60,12 @@ pub struct GroupPoses {
 /// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of the
 /// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
 /// and 0.82 to 0.89 for hippocampi of the other side.
-const NEARER_MIRRORED: f64 = 0.94;
+pub const NEARER_MIRRORED: f64 = 0.94;
 /// Number of steps by which a mirror image moves towards the others.
 const MIRRORED_STEPS: usize = 3;
+/// If a half-turn of a member fits the others about as well as its mirror image, up to this factor, the member equals
+/// its mirror image and is turned.
+const TURNED: f64 = 1.03;
 
 /// Aligns a group of surfaces, as described in the module. This takes about 30 ms per surface on two threads. With
 /// `scale`, all members are scaled to the geometric mean of their sizes.
@@ -112,16 +115,23 @@ pub fn group_poses(
     motions.iter_mut().for_each(|motion| motion.orthogonal = kabsch(&motion.orthogonal, true));
     let distances = group.distances(&motions);
     let median = median(distances.clone());
-    let far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
+    let mut far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
     let mut others = doubts;
     if params.search == PoseSearch::Near {
         others.extend(group.elsewhere(template, &poses)?);
     }
     if !params.mirror {
-        others.extend(group.mirrored(&motions, template, &distances)?);
+        for warning in group.mirrored(&motions, template)? {
+            let doubtful = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Doubtful { .. });
+            others.retain(|other| other.member() != warning.member() || !(doubtful(other) && doubtful(&warning)));
+            others.push(warning);
+        }
     }
-    // An outlier has no right pose, so other warnings about it are dropped.
-    others.retain(|warning| !far.contains(&warning.member()));
+    // An outlier has no right pose, so other warnings about it are dropped, unless another pose is the explanation.
+    let is_elsewhere = |warning: &GroupPoseWarning| matches!(warning, GroupPoseWarning::Elsewhere { .. });
+    others.retain(|warning| is_elsewhere(warning) || !far.contains(&warning.member()));
+    let explained: Vec<usize> = others.iter().filter(|of| is_elsewhere(of)).map(GroupPoseWarning::member).collect();
+    far.retain(|member| !explained.contains(member));
     let named = far.iter().map(|&member| GroupPoseWarning::Far { member, distance: distances[member], median });
     let warnings = named.chain(others).collect();
     monitor.end();
@@ -204,19 +214,19 @@ impl Group<'_> {
         median(others.par_iter().map(distance).collect())
     }
 
-    /// Returns the mean squared distance of a member in a given pose from others in their poses. Nothing is trimmed,
-    /// because the part in which two ends of a body differ may be as small as the trimmed share. Distances are capped
-    /// at twice their median, to limit the effect of surfaces of other kinds.
-    fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity]) -> f64 {
+    /// Returns the mean squared distance of a member in a given pose from at most `most` others in their poses. Nothing
+    /// is trimmed, because the part in which two ends of a body differ may be as small as the trimmed share. Distances
+    /// are capped at twice their median, to limit the effect of surfaces of other kinds.
+    fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity], most: usize) -> f64 {
         let moving = &self.surfaces[member];
         let distance = |other: &usize| {
             let (fixed, own) = (&self.surfaces[*other], &motions[*other]);
             own.scale * whole(moving, fixed, Density::Some, &motion.then(&own.inverse()))
         };
-        let others: Vec<usize> = self.others(member, JUDGES).collect();
+        let others: Vec<usize> = self.others(member, most).collect();
         let found: Vec<f64> = others.par_iter().map(distance).collect();
-        let most = 2.0 * median(found.clone());
-        found.iter().map(|distance| distance.min(most).powi(2)).sum::<f64>() / found.len() as f64
+        let cap = 2.0 * median(found.clone());
+        found.iter().map(|distance| distance.min(cap).powi(2)).sum::<f64>() / found.len() as f64
     }
 
     /// Chooses a pose for each member: of two nearly equally good poses, the one in which the member is nearer to the
@@ -230,7 +240,8 @@ impl Group<'_> {
             for (member, other) in others.iter_mut().enumerate() {
                 let Some(other) = other else { continue };
                 self.monitor.check()?;
-                let [own, turned] = [&motions[member], &*other].map(|motion| self.judged(member, motion, &motions));
+                let [own, turned] =
+                    [&motions[member], &*other].map(|motion| self.judged(member, motion, &motions, JUDGES));
                 if turned < own {
                     std::mem::swap(&mut motions[member], other);
                     changed = true;
@@ -242,7 +253,7 @@ impl Group<'_> {
         }
         let doubt = |(member, other): (usize, &Option<Similarity>)| {
             let [own, turned] =
-                [&motions[member], other.as_ref()?].map(|motion| self.judged(member, motion, &motions).sqrt());
+                [&motions[member], other.as_ref()?].map(|motion| self.judged(member, motion, &motions, JUDGES).sqrt());
             let doubt = GroupPoseWarning::Doubtful { member, distance: own, second: turned };
             (turned < DOUBTFUL * own).then_some(doubt)
         };
@@ -276,34 +287,40 @@ impl Group<'_> {
     }
 
     /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
-    /// planes spanned by the typical member's principal axes, and in the typical member's centre.
-    fn mirrored(
-        &self,
-        motions: &[Similarity],
-        template: usize,
-        distances: &[f64],
-    ) -> Result<Vec<GroupPoseWarning>, Interrupted> {
+    /// planes spanned by the typical member's principal axes, and in the typical member's centre. A body that equals
+    /// its mirror image may fit better as a mirror image only because its pose is wrong; then a half-turn about one of
+    /// the axes fits as well, and the pose is doubtful. In a group of two sides, the median distance from the others
+    /// can't tell the sides apart, so mean distances are compared.
+    fn mirrored(&self, motions: &[Similarity], template: usize) -> Result<Vec<GroupPoseWarning>, Interrupted> {
         let typical = &self.surfaces[template];
         let axes = product(&typical.axes, &transposed(&motions[template].orthogonal));
         let centre = motions[template].apply(typical.centre);
-        let reflected = |signs: [f64; 3]| {
+        let changed = |signs: [f64; 3]| {
             let flipped = std::array::from_fn(|i| axes[i].map(|value| signs[i] * value));
             let orthogonal = product(&transposed(&axes), &flipped);
             Similarity { orthogonal, translation: sub(centre, times(&orthogonal, centre)), ..Similarity::default() }
         };
-        let reflections = [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(reflected);
+        let reflections = [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(changed);
+        let half_turns = [[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(changed);
         let one = |member: usize| -> Result<Option<GroupPoseWarning>, Interrupted> {
             self.monitor.check()?;
             let others = self.seen(member, motions, |_| true);
             let nearest = |start: &Similarity| {
                 let start = motions[member].then(start);
                 let motion = (0..MIRRORED_STEPS).fold(start, |motion, _| self.step(member, &motion, &others));
-                self.distance_of(member, &motion, motions)
+                self.judged(member, &motion, motions, OTHERS).sqrt()
             };
-            let mirrored = reflections.iter().map(nearest).fold(f64::INFINITY, f64::min);
-            let distance = distances[member];
-            let warning = GroupPoseWarning::Mirrored { member, distance, mirrored };
-            Ok((mirrored < NEARER_MIRRORED * distance).then_some(warning))
+            let least = |starts: &[Similarity]| starts.iter().map(nearest).fold(f64::INFINITY, f64::min);
+            let distance = self.judged(member, &motions[member], motions, OTHERS).sqrt();
+            let mirrored = least(&reflections);
+            if mirrored >= NEARER_MIRRORED * distance {
+                return Ok(None);
+            }
+            let second = least(&half_turns);
+            Ok(Some(match second <= TURNED * mirrored {
+                true => GroupPoseWarning::Doubtful { member, distance, second },
+                false => GroupPoseWarning::Mirrored { member, distance, mirrored },
+            }))
         };
         let found: Vec<_> = (0..motions.len()).into_par_iter().map(one).collect();
         Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())

@@ -65,8 +65,9 @@ impl GroupPoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Doubtful { distance, second, .. } => format!(
-                "{IN_DOUBT}: another pose fits the other surfaces nearly equally well, with a distance of {second:.4} \
-                 in place of {distance:.4}, so the surface may be the wrong way round"
+                "{IN_DOUBT}: another pose fits the other surfaces {}, with a distance of {second:.4} in place of \
+                 {distance:.4}, so the surface may be the wrong way round",
+                if second < distance { "better" } else { "nearly equally well" }
             ),
             Self::Far { distance, median, .. } => format!(
                 "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \

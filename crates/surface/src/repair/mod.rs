@@ -25,6 +25,9 @@ pub use wrap::Wrap;
 pub struct MeshRepair {
     /// Number of vertices merged with another vertex: at exactly the same position, or on rims at nearly the same.
     pub welded: usize,
+    /// Area lost by welding rims, and by dropping the triangles that are degenerate afterwards, as a fraction of the
+    /// area before.
+    pub lost_area: f64,
     /// Number of triangles dropped because they used a vertex twice.
     pub degenerate: usize,
     /// Number of triangles dropped because an earlier triangle has the same vertices.
@@ -58,19 +61,20 @@ impl MeshRepair {
         *self != Self::default()
     }
 
-    /// Returns a description of the pieces dropped and the holes filled, with their shares of the area.
+    /// Returns a description of the area lost by welding, the pieces dropped and the holes filled, with their shares of
+    /// the area.
     #[must_use]
     pub fn drops_and_fills(&self) -> String {
-        let [dropped, filled] = self.large();
-        [dropped, filled].into_iter().flatten().collect::<Vec<_>>().join(", ")
+        self.large().into_iter().flatten().collect::<Vec<_>>().join(", ")
     }
 
     /// Returns a description of all changes: phrases joined by commas, or "nothing".
     #[must_use]
     pub fn changes(&self) -> String {
-        let [dropped, filled] = self.large();
+        let [lost, dropped, filled] = self.large();
         let phrases = [
             phrase(self.welded, "vertex welded to another", "vertices welded to others"),
+            lost,
             phrase(self.degenerate, "degenerate triangle dropped", "degenerate triangles dropped"),
             phrase(self.repeated, "repeated triangle dropped", "repeated triangles dropped"),
             phrase(self.fins, "triangle of fins or inner walls dropped", "triangles of fins or inner walls dropped"),
@@ -85,12 +89,13 @@ impl MeshRepair {
         if phrases.is_empty() { "nothing".to_owned() } else { phrases.join(", ") }
     }
 
-    fn large(&self) -> [Option<String>; 2] {
+    fn large(&self) -> [Option<String>; 3] {
         let of = |count: usize, one: &str, many: &str, share: f64| {
             let text = phrase(count, one, many)?;
             Some(format!("{text} ({} % of the area)", percent(share)))
         };
         [
+            (self.lost_area >= 5e-5).then(|| format!("{} % of the area lost by welding", percent(self.lost_area))),
             of(self.pieces, "smaller piece dropped", "smaller pieces dropped", self.dropped_area),
             of(self.holes, "hole filled", "holes filled", self.filled_area),
         ]
@@ -98,9 +103,9 @@ impl MeshRepair {
 
     /// Sets `filled_area` to the fraction of the repaired mesh's area that belongs to filled holes.
     pub fn measure(&mut self, repaired: &Mesh) {
-        let area = |faces: &[[u32; 3]]| faces.iter().map(|face| area_of(&repaired.vertices, face)).sum::<f64>();
-        let (filled, all) = (&repaired.faces[repaired.faces.len() - self.filled..], area(&repaired.faces));
-        self.filled_area = if all > 0.0 { area(filled) / all } else { 0.0 };
+        let filled = &repaired.faces[repaired.faces.len() - self.filled..];
+        let [filled, all] = [filled, repaired.faces.as_slice()].map(|faces| area(&repaired.vertices, faces));
+        self.filled_area = if all > 0.0 { filled / all } else { 0.0 };
     }
 
     /// Returns each count with its name for reports.
@@ -122,14 +127,15 @@ impl MeshRepair {
 }
 
 impl Serialize for MeshRepair {
-    /// Serializes the counts by name, the shares of the area, `dropped_area` and `filled_area`, and `wrap` if there is
-    /// one.
+    /// Serializes the counts by name, the shares of the area, `lost_area`, `dropped_area` and `filled_area`, and `wrap`
+    /// if there is one.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let counts = self.counts();
-        let mut map = serializer.serialize_map(Some(counts.len() + 2 + usize::from(self.wrap.is_some())))?;
+        let mut map = serializer.serialize_map(Some(counts.len() + 3 + usize::from(self.wrap.is_some())))?;
         for (name, count) in counts {
             map.serialize_entry(name, &count)?;
         }
+        map.serialize_entry("lost_area", &self.lost_area)?;
         map.serialize_entry("dropped_area", &self.dropped_area)?;
         map.serialize_entry("filled_area", &self.filled_area)?;
         if let Some(wrap) = &self.wrap {
@@ -223,7 +229,13 @@ pub fn orient_outward(mesh: &Mesh) -> (Mesh, MeshRepair) {
 fn welded(mesh: &Mesh, found: &mut MeshRepair) -> Vec<[u32; 3]> {
     let mut faces = weld(mesh, found);
     drop_needless(&mut faces, found);
-    found.welded += rims::weld(&mesh.vertices, &mut faces);
+    let before = area(&mesh.vertices, &faces);
+    let on_rims = rims::weld(&mesh.vertices, &mut faces);
+    found.welded += on_rims;
+    if on_rims > 0 && before > 0.0 {
+        // Triangles without area are dropped below; those that now repeat others don't count.
+        found.lost_area = (1.0 - area(&mesh.vertices, &faces) / before).max(0.0);
+    }
     drop_needless(&mut faces, found);
     faces
 }
@@ -241,6 +253,11 @@ fn drop_needless(faces: &mut Vec<[u32; 3]>, found: &mut MeshRepair) {
         seen.insert(corners)
     });
     found.repeated += before - faces.len();
+}
+
+/// Returns the area of triangles.
+fn area(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
+    faces.iter().map(|face| area_of(vertices, face)).sum()
 }
 
 /// Returns the area of a triangle.

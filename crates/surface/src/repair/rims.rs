@@ -5,16 +5,23 @@ use std::collections::hash_map::Entry;
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::MeshRepair;
+use super::area_of;
 use super::sheets::{by_edge, sides, start};
 use crate::geometry::{Vec3, add, bounds, dot, face_normal, sub};
 
 /// Largest number of edges of a hole that [`repair`](super::repair) fills.
 pub const LARGEST_FAN: usize = 32;
-/// Distance up to which vertices of rims are welded, as a fraction of the mesh's diagonal.
+/// Distance up to which vertices of rims are welded, as a fraction of the mesh's [`size`].
 const NEAR: f64 = 1e-5;
 /// Second limit on the distance up to which vertices are welded, as a fraction of the shortest rim edge that is longer
 /// than the first limit. Only triangles with edges shorter than the first limit are then lost.
 const NEAR_OF_EDGE: f64 = 0.25;
+/// Share of the area that may lie beyond each side of the box around the bulk of a mesh.
+const OUTSIDE: f64 = 0.01;
+/// Largest size of a mesh, as a multiple of the diagonal of the box around its bulk.
+const MOST_OF_BULK: f64 = 2.0;
+/// Largest number of a cell along an axis. Numbers of cells far away must fit into 64 bits.
+const FARTHEST: f64 = 1e18;
 
 /// Returns the edges that belong to only one triangle, each in the opposite direction to that in the triangle.
 fn open_edges(faces: &[[u32; 3]]) -> Vec<(u32, u32)> {
@@ -49,14 +56,45 @@ pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     rims
 }
 
+/// Returns the diagonal of a mesh's bounding box; or twice that of its bulk, if this is smaller, as with specks far
+/// away. The box around the bulk leaves out 1 % of the area on each side.
+fn size(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
+    let at = |v: u32| vertices[v as usize];
+    let diagonal = |low: Vec3, high: Vec3| dot(sub(high, low), sub(high, low)).sqrt();
+    let (low, high) = bounds(faces.as_flattened().iter().map(|&v| at(v)));
+    let whole = diagonal(low, high);
+    let areas: Vec<f64> = faces.iter().map(|face| area_of(vertices, face)).collect();
+    let most = OUTSIDE * areas.iter().sum::<f64>();
+    // Returns the coordinate at which the triangles, in order of their smallest coordinates, exceed this area.
+    let quantile = |smallest: &dyn Fn(&[u32; 3]) -> f64| {
+        let mut ends: Vec<(f64, f64)> = faces.iter().map(smallest).zip(areas.iter().copied()).collect();
+        ends.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut before = 0.0;
+        let end = ends.iter().find(|(_, area)| {
+            before += area;
+            before > most
+        });
+        end.map_or(f64::NAN, |end| end.0)
+    };
+    let least = |face: &[u32; 3], side: f64, axis: usize| {
+        face.iter().map(|&v| side * at(v)[axis]).fold(f64::INFINITY, f64::min)
+    };
+    let low = [0, 1, 2].map(|axis| quantile(&|face| least(face, 1.0, axis)));
+    let high = [0, 1, 2].map(|axis| -quantile(&|face| least(face, -1.0, axis)));
+    let bulk = diagonal(low, high);
+    if bulk > 0.0 { whole.min(MOST_OF_BULK * bulk) } else { whole }
+}
+
 /// Welds vertices on rims that are nearer to each other than [`NEAR`], as happens if a mesh was converted with few
 /// digits. Returns the number of vertices merged with others.
 pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     let open = open_edges(faces);
+    if open.is_empty() {
+        return 0;
+    }
     let at = |v: u32| vertices[v as usize];
     let length = |a: Vec3, b: Vec3| dot(sub(a, b), sub(a, b)).sqrt();
-    let (low, high) = bounds(faces.as_flattened().iter().map(|&v| at(v)));
-    let most = NEAR * length(low, high);
+    let most = NEAR * size(vertices, faces);
     let lengths = open.iter().map(|&(a, b)| length(at(a), at(b))).filter(|length| *length > most);
     let near = most.min(NEAR_OF_EDGE * lengths.fold(f64::INFINITY, f64::min));
     if !(near.is_finite() && near > 0.0) {
@@ -64,7 +102,7 @@ pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     }
     let rim: BTreeSet<u32> = open.into_iter().flat_map(|(a, b)| [a, b]).collect();
     // A vertex within the distance is in the same cell of a grid or in one next to it.
-    let cell = |v: u32| [0, 1, 2].map(|k| ((at(v)[k] - low[k]) / near).floor() as i64);
+    let cell = |v: u32| at(v).map(|x| (x / near).floor().clamp(-FARTHEST, FARTHEST) as i64);
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let mut place: HashMap<u32, u32> = HashMap::new();
     for v in rim {

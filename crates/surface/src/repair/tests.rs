@@ -328,3 +328,35 @@ fn a_rim_with_the_shape_of_a_dart_is_filled_inside() {
     assert!(normals.iter().all(|z| *z > 0.0) || normals.iter().all(|z| *z < 0.0), "{normals:?}");
     assert!((normals.iter().sum::<f64>().abs() - 0.8).abs() < 1e-12, "{normals:?}");
 }
+
+/// A ball open at a triangle, with a speck 1e6 away, keeps all its triangles; the speck is the piece that is dropped.
+#[test]
+fn a_speck_far_away_does_not_change_the_distance_of_welding() {
+    let mut mesh = icosphere(3);
+    let hole = mesh.faces.remove(7);
+    let first = mesh.vertices.len() as u32;
+    let speck: [[f64; 3]; 3] = [[1e6, 0.0, 0.0], [1e6, 0.01, 0.0], [1e6, 0.0, 0.01]];
+    for far in [1.0, 1e30] {
+        let mut mesh = mesh.clone();
+        mesh.vertices.extend(speck.map(|[x, y, z]| [far * x, y, z]));
+        mesh.faces.push([first, first + 1, first + 2]);
+        let (mended, found) = repair(&mesh);
+        assert_eq!((mended.faces.len(), found.pieces, found.holes, found.welded), (1280, 1, 1, 0), "{found}");
+        assert!(mended.faces[1279].iter().all(|v| hole.contains(v)) && found.lost_area == 0.0, "{found}");
+    }
+}
+
+/// A triangle that is narrower than the distance of welding collapses.
+#[test]
+fn area_that_welding_loses_is_counted() {
+    let mut mesh = icosphere(2);
+    mesh.faces.pop();
+    let first = mesh.vertices.len() as u32;
+    mesh.vertices.extend([[3.0, 0.0, 0.0], [3.0, 1e-6, 0.0], [3.0, 0.0, 1.0]]);
+    mesh.faces.push([first, first + 1, first + 2]);
+    let (_, found) = repair(&mesh);
+    assert!(found.lost_area > 1e-9 && found.lost_area < 1e-7 && found.degenerate == 1, "{found:?}");
+    let large = MeshRepair { lost_area: 0.9375, welded: 3, ..MeshRepair::default() };
+    assert_eq!(large.drops_and_fills(), "93.8 % of the area lost by welding");
+    assert_eq!(large.changes(), "3 vertices welded to others, 93.8 % of the area lost by welding");
+}

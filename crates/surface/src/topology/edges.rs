@@ -58,20 +58,42 @@ impl Buckets {
     }
 }
 
+/// Returns the half-edges of all triangles that aren't degenerate, each as its lower vertex, its higher vertex and its
+/// number.
+fn half_edges(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, (u32, u32))> {
+    faces.iter().zip(0_u32..).filter(|(face, _)| !is_degenerate(**face)).flat_map(|(&[a, b, c], f)| {
+        [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((from, to), h)| (from.min(to), (from.max(to), h)))
+    })
+}
+
+/// Returns whether a surface has one side only: however its triangles are turned, they disagree across an edge.
+pub(super) fn is_one_sided(mesh: &Mesh) -> bool {
+    let faces = &mesh.faces;
+    let start = |h: u32| faces[(h / 3) as usize][(h % 3) as usize];
+    // Number f stands for triangle f as it is, and f + turned for the turned triangle.
+    let turned = faces.len() as u32;
+    let mut agreeing = UnionFind::new(2 * faces.len());
+    Buckets::new(mesh.vertices.len(), || half_edges(faces)).for_each_sorted(|_, bucket| {
+        for edge in bucket.chunk_by(|x, y| x.0 == y.0) {
+            let &[(_, g), (_, h)] = edge else { continue };
+            let (f, [same, other]) = (g / 3, [h / 3, h / 3 + turned]);
+            let [same, other] = if start(g) == start(h) { [other, same] } else { [same, other] };
+            agreeing.join(f, same);
+            agreeing.join(f + turned, other);
+        }
+    });
+    (0..turned).any(|f| agreeing.root(f) == agreeing.root(f + turned))
+}
+
 /// Counts edges of each kind, and vertices whose triangles form more than one fan. Degenerate faces are ignored.
 pub(super) fn count(mesh: &Mesh) -> EdgeCounts {
     let faces = &mesh.faces;
     let vertices = mesh.vertices.len();
-    let half_edges = || {
-        faces.iter().zip(0_u32..).filter(|(face, _)| !is_degenerate(**face)).flat_map(|(&[a, b, c], f)| {
-            [(a, b), (b, c), (c, a)].into_iter().zip(3 * f..).map(|((from, to), h)| (from.min(to), (from.max(to), h)))
-        })
-    };
     let start = |h: u32| faces[(h / 3) as usize][(h % 3) as usize];
 
     let mut counts = EdgeCounts::default();
     let mut corners = UnionFind::new(3 * faces.len());
-    Buckets::new(vertices, half_edges).for_each_sorted(|low, bucket| {
+    Buckets::new(vertices, || half_edges(faces)).for_each_sorted(|low, bucket| {
         for edge in bucket.chunk_by(|x, y| x.0 == y.0) {
             counts.edges += 1;
             match edge {

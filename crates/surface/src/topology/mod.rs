@@ -34,6 +34,8 @@ pub struct Topology {
     pub non_manifold_vertices: usize,
     /// Number of edges whose two triangles have the edge in the same direction, so one of them is reversed.
     pub inconsistent_edges: usize,
+    /// Whether the surface has one side only, so that turning triangles can't make all edges consistent.
+    pub one_sided: bool,
     /// Number of separate pieces. Different pieces have no vertex in common. Unreferenced vertices don't count as
     /// pieces.
     pub components: usize,
@@ -91,6 +93,7 @@ impl Topology {
             non_manifold_edges: edges.non_manifold,
             non_manifold_vertices: edges.non_manifold_vertices,
             inconsistent_edges: edges.inconsistent,
+            one_sided: edges.inconsistent > 0 && edges::is_one_sided(mesh),
             components,
             unreferenced_vertices,
             duplicate_faces: edges::duplicate_faces(mesh),
@@ -147,7 +150,7 @@ impl Topology {
                 "vertices join parts that touch only at these vertices",
             ),
             counted(
-                self.inconsistent_edges,
+                if self.one_sided { 0 } else { self.inconsistent_edges },
                 "edge has triangles of opposite orientation",
                 "edges have triangles of opposite orientation",
             ),
@@ -160,6 +163,9 @@ impl Topology {
         .collect();
         if self.faces == 0 {
             problems.push("there are no triangles".to_owned());
+        }
+        if self.one_sided {
+            problems.push("the surface has one side only, like a Möbius strip".to_owned());
         }
         if self.components > 1 {
             problems.push(format!("the surface is in {} separate pieces", self.components));
@@ -208,13 +214,17 @@ pub fn different_triangles(a: &[[u32; 3]], b: &[[u32; 3]]) -> usize {
 /// If a triangle's index is out of range.
 #[must_use]
 pub fn signed_volume(mesh: &Mesh) -> f64 {
+    signed_volume_of(&mesh.vertices, &mesh.faces)
+}
+
+/// Returns the volume enclosed by triangles over the given positions, like [`signed_volume`].
+pub(crate) fn signed_volume_of(vertices: &[[f64; 3]], faces: &[[u32; 3]]) -> f64 {
     // Positions are taken relative to a point of the surface, so that surfaces far from the origin lose no digits.
-    let origin = mesh.vertices.first().copied().unwrap_or_default();
-    let six_volumes: f64 = mesh
-        .faces
+    let origin = vertices.first().copied().unwrap_or_default();
+    let six_volumes: f64 = faces
         .iter()
         .map(|face| {
-            let [a, b, c] = face.map(|i| sub(mesh.vertices[i as usize], origin));
+            let [a, b, c] = face.map(|i| sub(vertices[i as usize], origin));
             dot(a, cross(b, c))
         })
         .sum();

@@ -114,10 +114,11 @@ fn gifti_is_written_as_nibabel_writes_it() {
     let matrix = text.split_once("<MatrixData>").unwrap().1.split_once("</MatrixData>").unwrap().0;
     assert_eq!(matrix.lines().count(), 4, "{matrix}");
     assert!(matrix.lines().all(|line| line.split_whitespace().count() == 4), "{matrix}");
-    for (name, intent) in [("a.shape.gii", "NIFTI_INTENT_SHAPE"), ("a.func.gii", "NIFTI_INTENT_NONE")] {
+    for (name, intent) in [("hemi-L_a.shape.gii", "NIFTI_INTENT_SHAPE"), ("hemi-L_a.Func.GII", "NIFTI_INTENT_NONE")] {
         let path = folder.path().join(name);
         write_signal(&path, &Signal::new(vec![1.0, 2.0], 2, 1), &WriteOptions::default()).unwrap();
-        assert!(fs::read_to_string(&path).unwrap().contains(intent), "{name}");
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(text.contains(intent) && text.contains("<Value>hemi-L_a</Value>"), "{text}");
     }
 }
 

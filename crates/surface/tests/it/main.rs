@@ -10,6 +10,7 @@ mod gltf;
 mod hostile;
 mod locator;
 mod metamesh;
+mod polygons;
 mod round_trip;
 mod shared_data;
 mod threemf;

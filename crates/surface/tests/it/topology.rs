@@ -81,6 +81,22 @@ fn a_turned_triangle() {
 }
 
 #[test]
+fn a_surface_with_one_side() {
+    // Seven triangles in a ring with a half twist; with 8 triangles the ring has two sides.
+    let strip = |n: u32| {
+        let faces = (0..n).map(|k| [k, (k + 1) % n, (k + 2) % n]).collect();
+        Topology::of(&Mesh::new((0..n).map(|k| [f64::from(k), 0.0, 0.0]).collect(), faces))
+    };
+    let one = strip(7);
+    assert!(one.one_sided && one.inconsistent_edges > 0);
+    let problems = one.problems().join("; ");
+    assert!(problems.contains("one side only") && !problems.contains("orientation"), "{problems}");
+    let two = strip(8);
+    assert!(!two.one_sided && two.inconsistent_edges > 0);
+    assert!(two.problems().join("; ").contains("opposite orientation"));
+}
+
+#[test]
 fn a_handle() {
     let topology = Topology::of(&torus(7, 5));
     assert_eq!((topology.genus(), topology.euler_characteristic), (Some(1), 0));

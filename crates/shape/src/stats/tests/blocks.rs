@@ -132,3 +132,52 @@ fn shared_slopes_of_unequal_variances_have_valid_p() {
     let rate = found.p.iter().filter(|p| **p < 0.05).count() as f64 / vertices as f64;
     assert!((0.035..0.065).contains(&rate), "{rate}");
 }
+
+#[test]
+fn several_contrasts_of_unequal_variances_are_welchs_analysis_of_variance() {
+    // The expected values are computed in NumPy and SciPy by Welch's formulas (1951).
+    let y = array![[1.0], [2.5], [0.5], [3.0], [9.0], [2.0], [-4.0], [7.0], [5.0], [5.5], [4.5], [6.0], [5.2]];
+    let design = Design::groups(&[4, 4, 5]).unwrap();
+    let any = Contrast { weights: array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]] };
+    let of = Some([0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 2].to_vec());
+    let params = TestParams { variance_groups: of, permutations: None, ..TestParams::default() };
+    let found = test(y.view(), 1, &design, &any, &params, &Silent).unwrap();
+    assert!((found.statistic[0] / WELCHS_F.0 - 1.0).abs() < 1e-12, "{}", found.statistic[0]);
+    assert!((found.p[0] / WELCHS_F.1 - 1.0).abs() < 1e-11, "{}", found.p[0]);
+}
+
+const WELCHS_F: (f64, f64) = (12.84824640964774, 0.012921505489051018);
+
+#[test]
+fn a_vertex_without_variance_has_p_of_one_throughout() {
+    let mut y = noise(8, 3, 7);
+    (0..8).for_each(|i| y[[i, 1]] = f64::from(i < 4));
+    let (design, contrast) = (Design::groups(&[4, 4]).unwrap(), Contrast::difference(2, 0, 1));
+    let found = test(y.view(), 1, &design, &contrast, &TestParams::default(), &Silent).unwrap();
+    let family_wise = found.family_wise.unwrap();
+    assert_eq!((found.statistic[1], found.p[1]), (0.0, 1.0));
+    assert_eq!((family_wise.p[1], family_wise.pointwise[1]), (1.0, 1.0));
+}
+
+#[test]
+fn rows_of_blocks_may_be_in_any_order() {
+    // Two visits of eight subjects; the errors of the second visit have a larger variance.
+    let subjects = Design::groups(&[8, 8]).unwrap();
+    let visit = Array2::from_shape_fn((16, 1), |(i, _)| f64::from(i % 2 == 1));
+    let design = subjects.with_covariates(visit.view(), &["visit".to_owned()]).unwrap();
+    let y = Array2::from_shape_fn((16, 6), |(i, v)| noise(16, 6, 5)[[i, v]] * if i % 2 == 1 { 5.0 } else { 1.0 });
+    let run = |order: &[usize]| {
+        let x = design.matrix().select(Axis(0), order);
+        let design = Design::new(x, design.names().to_vec()).unwrap();
+        let blocks = Some(Blocks::new(order.iter().map(|i| i / 2), Exchange::Whole));
+        let params = TestParams { blocks, ..TestParams::default() };
+        let y = y.select(Axis(0), order);
+        test(y.view(), 1, &design, &Contrast::row(&[1.0, -1.0, 0.0]), &params, &Silent).unwrap()
+    };
+    let sorted: Vec<usize> = (0..16).collect();
+    let swapped: Vec<usize> = (0..16).map(|i| if i % 4 < 2 { i ^ 1 } else { i }).collect();
+    let (a, b) = (run(&sorted), run(&swapped));
+    assert_eq!(a.warnings, [TestWarning::DependentRows]);
+    let (a, b) = (a.family_wise.unwrap(), b.family_wise.unwrap());
+    assert_eq!((a.relabellings, a.exact, &a.p, &a.pointwise), (b.relabellings, b.exact, &b.p, &b.pointwise));
+}

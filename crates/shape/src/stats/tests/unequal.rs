@@ -75,7 +75,27 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     let design = Design::groups(&[6, 18]).unwrap().with_covariates(age.view(), &[]).unwrap();
     let contrast = Contrast::row(&[1.0, -1.0, 0.0]);
     let found = test(y.view(), 1, &design, &contrast, &without_permutations(), &Silent).unwrap();
-    assert!(matches!(found.warnings[..], [TestWarning::UnequalVariances { covariates: true, .. }]));
+    assert!(matches!(found.warnings[..], [TestWarning::UnequalVariances { two_groups: false, .. }]));
+    // The groups may also be more than two, or the values of a number.
+    let three = Design::groups(&[6, 10, 8]).unwrap();
+    let any = Contrast { weights: array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]] };
+    let code = Array2::from_shape_fn((24, 1), |(i, _)| f64::from(i < 6));
+    let code = Design::groups(&[24]).unwrap().with_covariates(code.view(), &["patient".to_owned()]).unwrap();
+    for (design, contrast, name) in [
+        (&three, any, "group 1"),
+        (&three, Contrast::difference(3, 0, 1), "group 1"),
+        (&code, Contrast::column(2, 1), "subjects with the higher patient"),
+    ] {
+        let found = test(y.view(), 1, design, &contrast, &without_permutations(), &Silent).unwrap();
+        let [TestWarning::UnequalVariances { wide, wide_subjects: 6, .. }] = &found.warnings[..] else {
+            panic!("{:?}", found.warnings)
+        };
+        assert_eq!(wide, name);
+    }
+    // The slope of a continuous effect has no groups.
+    let slope = Design::groups(&[24]).unwrap().with_covariates(age.view(), &[]).unwrap();
+    let found = test(y.view(), 1, &slope, &Contrast::column(2, 1), &without_permutations(), &Silent).unwrap();
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
 }
 
 #[test]

@@ -123,6 +123,7 @@ fn members_are_added_beside_a_group() {
         places: group.places[1].clone(),
         reached: group.reached[1].clone(),
         report: group.report.members[1],
+        warnings: Vec::new(),
     };
     let origin = &origins()[1];
     assert_eq!(GroupFiles::origin(folder.path(), "b").unwrap(), None);

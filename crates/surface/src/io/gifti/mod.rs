@@ -14,6 +14,7 @@ use super::scalar::index;
 use crate::mesh::{Input, Mesh, Meta, Signal};
 use data::Array;
 use names::{POINTSET, STRUCTURE, TRIANGLE};
+pub use write::gifti_metadata;
 pub(super) use write::{write_mesh, write_signal};
 use xml::{DataArray, Document};
 

@@ -8,8 +8,9 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 
 use super::names::{NONE, POINTSET, SHAPE, STRUCTURE, TRIANGLE, UNKNOWN_SPACE};
+use crate::io::choose::without_ending;
 use crate::io::spec::Context;
-use crate::mesh::{CoordinateSystem, Mesh, Signal};
+use crate::mesh::{CoordinateSystem, Mesh, Meta, Signal};
 use crate::volume_geometry::VolumeGeometry;
 
 /// Writes a surface.
@@ -24,7 +25,7 @@ pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, context: &Cont
         intent: POINTSET,
         data_type: float_type(context.double),
         dimensions: &[mesh.vertices.len(), 3],
-        metadata: &surface_metadata(mesh),
+        metadata: &gifti_metadata(&mesh.meta),
         system: Some(mesh.meta.coordinate_system.as_ref().unwrap_or(&unknown)),
     };
     let positions = mesh.vertices.as_flattened();
@@ -49,9 +50,10 @@ pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, context: &Cont
     writeln!(out, "</GIFTI>")
 }
 
-/// Returns the metadata of the point set. For a mesh from a FreeSurfer file, includes the geometry of its volume.
-fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
-    let meta = &mesh.meta;
+/// Returns the metadata that a GIfTI file has for the point set of a mesh, as pairs (name, value): the anatomical
+/// structure, `surface_metadata`, and, for a mesh from a FreeSurfer file, the geometry of its volume.
+#[must_use]
+pub fn gifti_metadata(meta: &Meta) -> Vec<(String, String)> {
     let mut metadata = Vec::new();
     if let Some(structure) = &meta.anatomical_structure_primary {
         metadata.push((STRUCTURE.to_owned(), structure.clone()));
@@ -68,12 +70,14 @@ fn surface_metadata(mesh: &Mesh) -> Vec<(String, String)> {
 pub(in crate::io) fn write_signal(out: &mut dyn Write, signal: &Signal, context: &Context<'_>) -> io::Result<()> {
     let structure = context.structure.map(|structure| (STRUCTURE.to_owned(), structure.to_owned()));
     open(out, signal.channels, structure.as_slice())?;
-    let name = context.name.trim_end_matches(".gii");
-    let name = [".shape", ".func"].iter().find_map(|ending| name.strip_suffix(ending)).unwrap_or(name);
+    let name = without_ending(context.name, ".gii").unwrap_or(context.name);
+    let of_shape = without_ending(name, ".shape");
+    let intent = if of_shape.is_some() { SHAPE } else { NONE };
+    let name = of_shape.or_else(|| without_ending(name, ".func")).unwrap_or(name);
     for channel in 0..signal.channels {
         let number = if signal.channels > 1 { format!(" {}", channel + 1) } else { String::new() };
         let array = Heading {
-            intent: if context.name.ends_with(".shape.gii") { SHAPE } else { NONE },
+            intent,
             data_type: float_type(context.double),
             dimensions: &[signal.vertices],
             // Workbench and FreeView show this name in their lists of maps.

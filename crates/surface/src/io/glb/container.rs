@@ -25,9 +25,8 @@ pub(super) struct Container<'a> {
 impl<'a> Container<'a> {
     pub(super) fn parse(bytes: &'a [u8]) -> Result<Self, Flaw> {
         if !bytes.starts_with(b"glTF") {
-            let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-            if text.trim_ascii_start().starts_with(b"{") {
-                return Ok(Self { json: text, bin: None });
+            if bytes.trim_ascii_start().starts_with(b"{") {
+                return Ok(Self { json: bytes, bin: None });
             }
             return Err(Flaw::new("\"glTF\", or JSON", shown(bytes)));
         }

@@ -34,5 +34,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let document = Document::parse(container.json)?;
     let buffers = container.buffers(&document)?;
     let mesh = scene::read(&document, &buffers, &mut Budget::of_file(bytes.len()))?;
+    if mesh.faces.is_empty() {
+        return Err(Flaw::new("at least one triangle in the scene", "none; points and lines aren't read"));
+    }
     if document.asset.generator == GENERATOR { Ok(mesh) } else { welded(mesh) }
 }

@@ -2,7 +2,7 @@
 
 use super::super::bytes::Cursor;
 use super::super::flaw::{Flaw, bounded, shown};
-use super::super::polygon::{fan, strip};
+use super::super::polygon::Triangles;
 use super::super::scalar::Scalar;
 use super::super::text::number;
 use super::header::{Element, Encoding, Header, Kind};
@@ -11,23 +11,23 @@ use crate::mesh::Mesh;
 /// Reads positions, polygons and strips, and skips all other data.
 pub(super) fn read(header: &Header, cursor: Cursor<'_>) -> Result<Mesh, Flaw> {
     let mut values = Values { cursor, encoding: header.encoding };
-    let mut mesh = Mesh::default();
+    let (mut positions, mut triangles) = (Vec::new(), Triangles::default());
     let (mut seen_faces, mut seen_strips) = (false, false);
     for element in &header.elements {
         match element.name.as_slice() {
-            b"vertex" if mesh.vertices.is_empty() => mesh.vertices = vertices(element, &mut values)?,
+            b"vertex" if positions.is_empty() => positions = vertices(element, &mut values)?,
             b"face" if !seen_faces => {
                 seen_faces = true;
-                faces(element, &mut values, &mut mesh.faces)?;
+                faces(element, &mut values, &mut triangles)?;
             }
             b"tristrips" if !seen_strips => {
                 seen_strips = true;
-                strips(element, &mut values, &mut mesh.faces)?;
+                strips(element, &mut values, &mut triangles)?;
             }
             _ => skip(element, &mut values)?,
         }
     }
-    Ok(mesh)
+    Ok(triangles.into_mesh(positions))
 }
 
 fn vertices(element: &Element, values: &mut Values<'_>) -> Result<Vec<[f64; 3]>, Flaw> {
@@ -59,7 +59,7 @@ fn vertices(element: &Element, values: &mut Values<'_>) -> Result<Vec<[f64; 3]>,
 }
 
 /// Reads polygons, and adds their triangles to `faces`.
-fn faces(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+fn faces(element: &Element, values: &mut Values<'_>, faces: &mut Triangles) -> Result<(), Flaw> {
     let count = values.bounded(element)?;
     faces.reserve(count);
     let mut corners = Vec::new();
@@ -69,14 +69,14 @@ fn faces(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>) 
         for _ in 0..n {
             corners.push(values.index(item)?);
         }
-        if fan(&corners, faces) { Ok(()) } else { Err(Flaw::new("faces of at least three corners", n.to_string())) }
+        if faces.polygon(&corners) { Ok(()) } else { Err(Flaw::new("faces of at least three corners", n.to_string())) }
     })
 }
 
 /// Reads lists of strips, and adds their triangles to `faces`. In a list, -1 separates strips.
 ///
 /// Source: files of the library trimesh2 (Rusinkiewicz); the description of PLY doesn't define strips.
-fn strips(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+fn strips(element: &Element, values: &mut Values<'_>, faces: &mut Triangles) -> Result<(), Flaw> {
     let count = values.bounded(element)?;
     let mut corners = Vec::new();
     lists(element, count, values, |values, n, item| {
@@ -85,12 +85,12 @@ fn strips(element: &Element, values: &mut Values<'_>, faces: &mut Vec<[u32; 3]>)
             match values.index_or_end(item)? {
                 Some(corner) => corners.push(corner),
                 None => {
-                    strip(&corners, faces);
+                    faces.strip(&corners);
                     corners.clear();
                 }
             }
         }
-        strip(&corners, faces);
+        faces.strip(&corners);
         Ok(())
     })
 }

@@ -2,7 +2,7 @@
 //! of point indices, each terminated by -1.
 
 use super::super::flaw::Flaw;
-use super::super::polygon::fan;
+use super::super::polygon::Triangles;
 use crate::mesh::Mesh;
 
 /// The fields of an IndexedFaceSet.
@@ -22,7 +22,7 @@ impl FaceSet {
     /// Adds the set's triangles to a mesh. A set without points has no triangles.
     pub(super) fn add_to(self, mesh: &mut Mesh) -> Result<(), Flaw> {
         let Some((first, count)) = self.points else { return Ok(()) };
-        let start = mesh.faces.len();
+        let mut faces = Triangles::default();
         let mut corners = Vec::new();
         // The -1 of the last polygon may be missing.
         for &index in self.indices.iter().chain([&-1]) {
@@ -30,7 +30,7 @@ impl FaceSet {
             match corner.and_then(|corner| u32::try_from(first + corner).ok()) {
                 Some(corner) => corners.push(corner),
                 None if index == -1 => {
-                    if !corners.is_empty() && !fan(&corners, &mut mesh.faces) {
+                    if !corners.is_empty() && !faces.polygon(&corners) {
                         return Err(Flaw::new("polygons of at least three corners", corners.len().to_string()));
                     }
                     corners.clear();
@@ -43,9 +43,11 @@ impl FaceSet {
                 }
             }
         }
+        let mut faces = faces.cut(&mesh.vertices);
         if !self.ccw {
-            mesh.faces.iter_mut().skip(start).for_each(|face| face.swap(1, 2));
+            faces.iter_mut().for_each(|face| face.swap(1, 2));
         }
+        mesh.faces.extend(faces);
         Ok(())
     }
 }

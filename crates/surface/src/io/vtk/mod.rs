@@ -14,6 +14,7 @@ use std::io::{self, Write};
 
 use super::bytes::Cursor;
 use super::flaw::{Flaw, shown};
+use super::polygon::Triangles;
 use crate::mesh::Mesh;
 use cells::Values;
 pub(super) use surface::{cell, polygon, triangle_strip};
@@ -33,7 +34,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         other => return Err(Flaw::new("ASCII or BINARY on line 3", shown(other))),
     };
     let mut values = Values { cursor, ascii };
-    let mut mesh = Mesh::default();
+    let (mut vertices, mut faces) = (Vec::new(), Triangles::default());
     let mut cells = Cells::default();
     loop {
         match values.cursor.token() {
@@ -46,9 +47,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
                     ));
                 }
             },
-            b"POINTS" => mesh.vertices = values.points()?,
-            b"POLYGONS" => values.cells(|corners| polygon(corners, &mut mesh.faces))?,
-            b"TRIANGLE_STRIPS" => values.cells(|corners| triangle_strip(corners, &mut mesh.faces))?,
+            b"POINTS" => vertices = values.points()?,
+            b"POLYGONS" => values.cells(|corners| polygon(corners, &mut faces))?,
+            b"TRIANGLE_STRIPS" => values.cells(|corners| triangle_strip(corners, &mut faces))?,
             // Cells that aren't part of the surface are skipped. They have the same layout as polygons.
             b"VERTICES" | b"LINES" => values.cells(|_| Ok(()))?,
             b"CELLS" => values.cells(|corners| {
@@ -57,7 +58,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             })?,
             b"CELL_TYPES" => {
                 let kinds = values.cell_types(cells.ends.len())?;
-                cells.convert(&kinds, &mut mesh.faces)?;
+                cells.convert(&kinds, &mut faces)?;
             }
             b"FIELD" => values.skip_field()?,
             // Metadata are skipped; they end with an empty line.
@@ -69,7 +70,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             other => return Err(Flaw::new("POINTS, POLYGONS or POINT_DATA", shown(other))),
         }
     }
-    if cells.ends.is_empty() { Ok(mesh) } else { Err(Flaw::new("CELL_TYPES after CELLS", "none")) }
+    match cells.ends.is_empty() {
+        true => Ok(faces.into_mesh(vertices)),
+        false => Err(Flaw::new("CELL_TYPES after CELLS", "none")),
+    }
 }
 
 /// The cells of an unstructured grid. They are kept until their types have been read.
@@ -88,7 +92,7 @@ impl Cells {
     }
 
     /// Adds the cells' triangles to `faces`, and removes the cells.
-    fn convert(&mut self, kinds: &[u64], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+    fn convert(&mut self, kinds: &[u64], faces: &mut Triangles) -> Result<(), Flaw> {
         let cells = std::mem::take(self);
         let mut start = 0;
         for (&kind, end) in kinds.iter().zip(cells.ends) {

@@ -4,26 +4,26 @@
 //! Source: "VTK File Formats", figures of the linear cell types, and VTK's `vtkCellType.h` for their numbers.
 
 use super::super::flaw::Flaw;
-use super::super::polygon::{fan, strip};
+use super::super::polygon::Triangles;
 
 /// Adds a polygon's triangles to `faces`.
-pub(in crate::io) fn polygon(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
-    if fan(corners, faces) {
+pub(in crate::io) fn polygon(corners: &[u32], faces: &mut Triangles) -> Result<(), Flaw> {
+    if faces.polygon(corners) {
         return Ok(());
     }
     Err(Flaw::new("polygons of at least three corners", corners.len().to_string()))
 }
 
 /// Adds a strip's triangles to `faces`.
-pub(in crate::io) fn triangle_strip(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
-    if strip(corners, faces) {
+pub(in crate::io) fn triangle_strip(corners: &[u32], faces: &mut Triangles) -> Result<(), Flaw> {
+    if faces.strip(corners) {
         return Ok(());
     }
     Err(Flaw::new("triangle strips of at least three corners", corners.len().to_string()))
 }
 
 /// Adds the triangles of a cell of an unstructured grid to `faces`. Vertices and lines have no triangles.
-pub(in crate::io) fn cell(kind: u64, corners: &[u32], faces: &mut Vec<[u32; 3]>) -> Result<(), Flaw> {
+pub(in crate::io) fn cell(kind: u64, corners: &[u32], faces: &mut Triangles) -> Result<(), Flaw> {
     match kind {
         // Empty cells, vertices and lines.
         0..=4 => Ok(()),

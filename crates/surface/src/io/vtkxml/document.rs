@@ -3,6 +3,7 @@
 use super::super::budget::Budget;
 use super::super::bytes::Endian;
 use super::super::flaw::{Flaw, shown};
+use super::super::polygon::Triangles;
 use super::super::scalar::index;
 use super::super::vtk::{cell, polygon, triangle_strip};
 use super::super::xml::{Step, Tag, walk};
@@ -221,13 +222,16 @@ impl Piece {
         let first = first.ok_or_else(|| Flaw::new("fewer than 2^32 points", "more"))?;
         mesh.vertices.extend_from_slice(points);
         let space = Space { first, points: points.len() };
-        self.polys.each(&space, |_, corners| polygon(corners, &mut mesh.faces))?;
-        self.strips.each(&space, |_, corners| triangle_strip(corners, &mut mesh.faces))?;
+        let mut faces = Triangles::default();
+        self.polys.each(&space, |_, corners| polygon(corners, &mut faces))?;
+        self.strips.each(&space, |_, corners| triangle_strip(corners, &mut faces))?;
         if !self.cells.offsets.is_empty() && self.cells.types.len() != self.cells.offsets.len() {
             let found = self.cells.types.len().to_string();
             return Err(Flaw::new(format!("{} types of cells", self.cells.offsets.len()), found));
         }
-        self.cells.each(&space, |kind, corners| cell(kind as u64, corners, &mut mesh.faces))
+        self.cells.each(&space, |kind, corners| cell(kind as u64, corners, &mut faces))?;
+        mesh.faces.extend(faces.cut(&mesh.vertices));
+        Ok(())
     }
 }
 

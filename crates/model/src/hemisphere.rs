@@ -1,0 +1,106 @@
+//! Determines the hemisphere of a model, and the anatomical structure of its surface.
+
+use std::path::Path;
+
+use serde_json::Value;
+use spharm_surface::{Hemisphere, Kind, Similarity};
+
+use crate::model::Model;
+
+impl Model {
+    /// Returns the hemisphere of the brain to which the model belongs: from the metadata of its input, otherwise from
+    /// the name of its input, of its sphere or of its own file `path`. A model that was mirrored after the fit belongs
+    /// to the other hemisphere than the files from which it was made.
+    #[must_use]
+    pub fn hemisphere(&self, path: Option<&Path>) -> Option<Hemisphere> {
+        let made = &self.provenance;
+        let input = made.input.as_ref().map(|input| Path::new(&input.path));
+        let sphere = made.sphere.as_deref().map(Path::new);
+        let named = || [input, sphere, path].into_iter().find_map(|path| Hemisphere::of(None, path));
+        // Mirroring changes the metadata of a model, but not the names of its files.
+        Hemisphere::of(made.anatomical_structure_primary.as_deref(), None).or_else(|| named().map(|of| self.now(of)))
+    }
+
+    /// Returns the anatomical structure as a value of GIfTI's `AnatomicalStructurePrimary`: that of the input or, if
+    /// the model was fitted over the sphere of a hemisphere, such as `lh.sphere.reg`, the hemisphere's cortex.
+    #[must_use]
+    pub fn anatomical_structure(&self) -> Option<String> {
+        let cortex = || {
+            let sphere = Hemisphere::of(None, self.provenance.sphere.as_deref().map(Path::new))?;
+            Some(self.hemisphere(None).unwrap_or(sphere).cortex().to_owned())
+        };
+        self.provenance.anatomical_structure_primary.clone().or_else(cortex)
+    }
+
+    /// Returns the hemisphere of the model as it is now, given the hemisphere of the files from which it was made.
+    fn now(&self, of_files: Hemisphere) -> Hemisphere {
+        if self.is_mirrored() { of_files.opposite() } else { of_files }
+    }
+
+    /// Returns whether the model is a mirror image, according to the transforms in its provenance: those applied to the
+    /// model, and the similarity from the surface to the frame of a group.
+    fn is_mirrored(&self) -> bool {
+        let mirrors = |matrix: &Value| {
+            let matrix = serde_json::from_value::<[[f64; 3]; 3]>(matrix.clone());
+            matrix.is_ok_and(|orthogonal| Similarity { orthogonal, ..Similarity::default() }.mirrors())
+        };
+        let is_surface = self.kind() == Kind::Surface;
+        // A signal isn't moved in space, only its sphere is mirrored.
+        let step = |step: &&Value| {
+            if is_surface { mirrors(&step["object"]) } else { step["antipodal"].as_bool() == Some(true) }
+        };
+        let recorded = |name: &str| self.provenance.other.get(name);
+        let steps = recorded("transform").and_then(Value::as_array).into_iter().flatten().filter(step).count();
+        let to_group = recorded("to_group").is_some_and(|to_group| mirrors(&to_group["orthogonal"]));
+        (steps % 2 == 1) != to_group
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::file_record::FileRecord;
+    use serde_json::json;
+    use spharm_harmonics::Coefficients;
+
+    fn model(kind: Kind, input: Option<&str>) -> Model {
+        let mut model = Model::without_sphere(Coefficients::new(ndarray::Array2::ones((4, 3))).unwrap(), kind);
+        model.provenance.input = input.map(|path| FileRecord { path: path.to_owned(), ..FileRecord::default() });
+        model
+    }
+
+    #[test]
+    fn a_model_belongs_to_the_hemisphere_of_its_files() {
+        let own = Path::new("out/s1.rh.thickness.spharm.npz");
+        let mut of_input = model(Kind::Signal, Some("surf/lh.thickness"));
+        assert_eq!(of_input.hemisphere(Some(own)), Some(Hemisphere::Left));
+        assert_eq!(model(Kind::Signal, Some("thickness.csv")).hemisphere(Some(own)), Some(Hemisphere::Right));
+        assert_eq!(model(Kind::Signal, None).hemisphere(None), None);
+        assert_eq!(of_input.anatomical_structure(), None);
+        of_input.provenance.sphere = Some("surf/lh.sphere.reg".to_owned());
+        assert_eq!(of_input.anatomical_structure().as_deref(), Some("CortexLeft"));
+        of_input.provenance.anatomical_structure_primary = Some("CortexRight".to_owned());
+        assert_eq!(of_input.hemisphere(Some(own)), Some(Hemisphere::Right));
+        assert_eq!(of_input.anatomical_structure().as_deref(), Some("CortexRight"));
+    }
+
+    #[test]
+    fn a_mirrored_model_belongs_to_the_other_hemisphere() {
+        let mirror = json!([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        let plain = json!([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        let step = |antipodal: bool, object: &Value| json!({ "antipodal": antipodal, "object": object });
+        for (kind, field, value, mirrored) in [
+            (Kind::Surface, "transform", json!([step(true, &mirror), step(false, &plain)]), true),
+            (Kind::Surface, "transform", json!([step(true, &mirror), step(true, &mirror)]), false),
+            (Kind::Surface, "transform", json!([step(true, &plain), "smoothed"]), false),
+            (Kind::Signal, "transform", json!([step(true, &plain)]), true),
+            (Kind::Surface, "to_group", json!({ "orthogonal": mirror }), true),
+            (Kind::Surface, "to_group", json!({ "orthogonal": plain }), false),
+        ] {
+            let mut model = model(kind, Some("rh.white"));
+            model.provenance.other.insert(field.to_owned(), value.clone());
+            let expected = if mirrored { Hemisphere::Left } else { Hemisphere::Right };
+            assert_eq!(model.hemisphere(None), Some(expected), "{value}");
+        }
+    }
+}

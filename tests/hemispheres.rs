@@ -1,0 +1,90 @@
+//! Models, spheres and masks of both hemispheres in one call.
+
+use std::fs;
+use std::path::Path;
+
+use spharm_surface::generate::icosphere;
+use spharm_surface::io::write_mesh;
+
+use crate::common::{error_line, finish, succeed, text, tool};
+use crate::first_users::OPTIONS;
+use crate::freesurfer::write_label;
+use crate::shape_means::growing;
+
+/// Creates models of ten subjects, of the left side in the folder `left` and of the right side in `right`; and a sphere
+/// and a label of the right side.
+fn site() -> tempfile::TempDir {
+    let site = growing();
+    for (from, to, side) in [("year1", "left", "lh"), ("year2", "right", "rh")] {
+        fs::create_dir(site.path().join(to)).expect("a folder");
+        for subject in 0..10 {
+            let from = site.path().join(format!("{from}/s{subject}.spharm.npz"));
+            fs::rename(from, site.path().join(format!("{to}/s{subject}_{side}.spharm.npz"))).expect("a model");
+        }
+    }
+    let sphere = icosphere(2);
+    write_mesh(site.path().join("rh.sphere.reg"), &sphere, &OPTIONS).expect("a sphere");
+    write_label(&site.path().join("rh.cortex.label"), &sphere.vertices, |p| p[0] < 0.9);
+    site
+}
+
+fn paired(site: &Path, right: &str, more: &[&str]) -> std::process::Output {
+    let mut command = tool("shape");
+    command.args(["test", "--a", "left", "--b", right, "--paired", "--permutations", "0", "-o", "test", "--force"]);
+    finish(command.args(more).current_dir(site))
+}
+
+#[test]
+fn left_and_right_models_are_compared_only_when_mirrored() {
+    let site = site();
+    let site = site.path();
+    let sampling = ["--icosphere", "1"];
+    let output = paired(site, "right", &sampling);
+    let expected =
+        "left/s0_lh.spharm.npz belongs to the left hemisphere, but right/s0_rh.spharm.npz belongs to the right";
+    assert!(output.status.success() && text(&output).contains(expected), "{}", text(&output));
+    succeed(tool("shape").args(["rotate", "right", "--mirror", "-o", "mirrored"]).current_dir(site));
+    let output = paired(site, "mirrored", &sampling);
+    assert!(output.status.success() && !text(&output).contains("hemisphere"), "{}", text(&output));
+    let files = ["--sphere", "rh.sphere.reg", "--mask", "rh.cortex.label"];
+    let said = text(&paired(site, "mirrored", &files));
+    for file in ["rh.sphere.reg", "rh.cortex.label"] {
+        let expected = format!(
+            "{file}: this file belongs to the right hemisphere, but the model left/s0_lh.spharm.npz belongs to the left"
+        );
+        assert!(said.contains(&expected), "{said}");
+    }
+}
+
+#[test]
+fn a_label_of_freesurfer_needs_its_sphere() {
+    let site = site();
+    let output = paired(site.path(), "right", &["--icosphere", "2", "--mask", "rh.cortex.label"]);
+    let error = error_line(&output);
+    let expected =
+        "rh.cortex.label: expected a mask for the 162 vertices of an icosphere of 2 subdivisions, found a label";
+    assert!(error.contains(expected) && error.contains("with --sphere"), "{error}");
+}
+
+#[test]
+fn a_reconstruction_has_the_hemisphere_of_its_model() {
+    let site = site();
+    let site = site.path();
+    let run = |verb: &str, arguments: &[&str]| finish(tool(verb).args(arguments).current_dir(site));
+    let made = run("generate", &["--subdivisions", "2", "--surface", "lh.white", "--sphere", "lh.sphere.reg", "-q"]);
+    assert!(made.status.success(), "{}", text(&made));
+    let settings = ["--sphere", "lh.sphere.reg", "--max-degree", "4", "-q"];
+    let fitted = run("fit", &[&["--surface", "lh.white", "-o", "lh.white.spharm.npz"][..], &settings].concat());
+    assert!(fitted.status.success(), "{}", text(&fitted));
+    let mirrored = run("shape", &["rotate", "lh.white.spharm.npz", "--mirror", "-o", "image.spharm.npz"]);
+    assert!(mirrored.status.success(), "{}", text(&mirrored));
+    for (model, cortex) in [("lh.white.spharm.npz", "CortexLeft"), ("image.spharm.npz", "CortexRight")] {
+        let output = run("reconstruct", &[model, "-o", "again.surf.gii", "--force"]);
+        assert!(output.status.success() && !text(&output).contains("hemisphere"), "{}", text(&output));
+        let written = fs::read_to_string(site.join("again.surf.gii")).expect("a surface");
+        assert!(written.contains(cortex), "{model}");
+    }
+    let output = run("reconstruct", &["lh.white.spharm.npz", "--sphere", "rh.sphere.reg", "-o", "other.ply"]);
+    let expected = "lh.white.spharm.npz: this file belongs to the left hemisphere, but the sphere belongs to the right";
+    assert!(output.status.success() && text(&output).contains(expected), "{}", text(&output));
+}

@@ -1,0 +1,84 @@
+//! Warns of tests whose levels have voxels of different sizes. Coarser voxels give rounder surfaces, so a difference
+//! between the levels may be one of the volumes rather than of the bodies.
+
+use std::collections::HashMap;
+
+use anyhow::Result;
+use spharm::Model;
+use spharm_cohort::Row;
+use spharm_cohort::check::edges;
+
+use super::plan::Subject;
+
+/// Relative difference up to which voxel sizes are equal.
+const EQUAL: f64 = 0.01;
+
+/// Edge lengths of the voxels of each subject whose surface is that of a label, in ascending order, by the subject's
+/// id.
+pub(super) type Sizes<'a> = HashMap<&'a str, [f64; 3]>;
+
+/// Reads the voxel sizes that the subjects' models record.
+pub(super) fn sizes<'a>(subjects: &[Subject<'a>]) -> Result<Sizes<'a>> {
+    let mut sizes = HashMap::new();
+    for subject in subjects {
+        if let Some(voxels) = Model::read(&subject.model)?.provenance.voxels {
+            let mut size = voxels.size;
+            size.sort_unstable_by(f64::total_cmp);
+            sizes.insert(subject.id, size);
+        }
+    }
+    Ok(sizes)
+}
+
+/// Returns a warning if most subjects of one level have voxels of another size than most subjects of another level.
+/// `levels` has the level of each row.
+pub(super) fn differ(test: &str, rows: &[&Row], levels: &[String], sizes: &Sizes<'_>) -> Option<String> {
+    let mut usual: Vec<(&str, [f64; 3])> = Vec::new();
+    for level in levels {
+        if usual.iter().all(|(other, _)| other != level) {
+            let members = rows.iter().zip(levels).filter(|(_, of)| *of == level);
+            let found = members.filter_map(|(row, _)| sizes.get(row.id.as_str()).copied());
+            usual.push((level, most_frequent(found.collect())?));
+        }
+    }
+    let (first, size) = *usual.first()?;
+    let (other, found) = *usual.iter().find(|(_, found)| !are_equal(*found, size))?;
+    Some(format!(
+        "test {test:?}: most voxels of {first} are {} mm, and those of {other} {} mm; surfaces of coarser voxels are rounder, \
+         so a difference may come from the voxels: resample all volumes to one size",
+        edges(size),
+        edges(found)
+    ))
+}
+
+/// Returns the most frequent size; the first one in case of ties.
+fn most_frequent(sizes: Vec<[f64; 3]>) -> Option<[f64; 3]> {
+    let count = |size: &[f64; 3]| sizes.iter().filter(|other| are_equal(**other, *size)).count();
+    sizes.iter().rev().max_by_key(|size| count(size)).copied()
+}
+
+fn are_equal(a: [f64; 3], b: [f64; 3]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= EQUAL * b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_of_different_voxels_are_named() {
+        let ids = ["a1", "a2", "a3", "b1", "b2", "b3"];
+        let rows: Vec<Row> = ids.iter().map(|id| Row { id: (*id).to_owned(), ..Row::default() }).collect();
+        let rows: Vec<&Row> = rows.iter().collect();
+        let levels = ids.map(|id| id[..1].to_owned());
+        let of = |coarse: &[&str]| -> Sizes<'static> {
+            ids.into_iter().map(|id| (id, if coarse.contains(&id) { [1.0, 1.0, 1.6] } else { [1.0; 3] })).collect()
+        };
+        let found = differ("group", &rows, &levels, &of(&["a1", "a2", "a3"])).unwrap();
+        assert!(found.contains("of a are 1 x 1 x 1.6 mm") && found.contains("those of b 1 x 1 x 1 mm"), "{found}");
+        // A single subject, or one in each level, isn't a difference between the levels.
+        assert_eq!(differ("group", &rows, &levels, &of(&["a1"])), None);
+        assert_eq!(differ("group", &rows, &levels, &of(&["a1", "b2"])), None);
+        assert_eq!(differ("group", &rows, &levels, &Sizes::new()), None);
+    }
+}
