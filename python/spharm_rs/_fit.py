@@ -300,8 +300,8 @@ def fit(
     NotDetermined, NotConverged, Oscillation
         Doubts about the fit.
     SpharmWarning
-        If the sphere isn't centred or closed; if it reverses the orientation of the surface; or if, by the metadata or names of
-        their files, it belongs to the other hemisphere.
+        If the sphere isn't centred or closed; if it reverses the orientation of the surface; or if, according to the
+        metadata or names of the files, it belongs to the other hemisphere.
 
     Examples
     --------

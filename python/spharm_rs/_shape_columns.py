@@ -90,19 +90,17 @@ def levels_of(what: str, values: Any, count: int) -> tuple[list[str], list[str]]
     return names, [level for level in dict.fromkeys(categories) if level in found]
 
 
-def numbers_or_levels(
-    what: str, values: Any, count: int, blocks: list[str] | None = None, whole_blocks: bool = False
-) -> Cells:
+def numbers_or_levels(what: str, values: Any, count: int, blocks: list[str] | None = None) -> Cells:
     """Returns a column as numbers or as names of levels.
 
     Text is read as in the program's tables: as numbers if all of it is numbers. Flags and categorical values are
-    levels, and so are numbers of the blocks.
+    levels, and so are numbers that are equal to the names of the blocks.
     """
     cells, names = column(what, values, count), names_of(what, values, count)
     if cells.dtype.kind == "b" or categories_of(values) is not None:
         return names
     numbers = cells.astype(np.float64) if cells.dtype.kind in "iuf" else _read(what, names)
-    if numbers is None or blocks is not None and _are_blocks(names, numbers, blocks, whole_blocks):
+    if numbers is None or blocks is not None and names == blocks:
         return names
     return numbers
 
@@ -122,13 +120,3 @@ def _read(what: str, names: list[str]) -> Floats | None:
         f"{what}: expected a number, as in most rows, found {names[row]!r} in row {row} (counted from 0); write a number "
         "such as 30.5, or leave out the subject; for levels, give words such as site1, or a pandas.Categorical"
     )
-
-
-def _are_blocks(names: list[str], numbers: Floats, blocks: list[str], whole_blocks: bool) -> bool:
-    """Returns whether numbers are the names of the blocks, or other whole numbers of the same groups of rows."""
-    if names == blocks:
-        return True
-    # Levels of whole blocks would leave no differences between blocks to test, so that only equal names are certain.
-    if whole_blocks or len(set(blocks)) == len(blocks) or (numbers % 1 != 0).any():
-        return False
-    return len(set(zip(names, blocks))) == len(set(names)) == len(set(blocks))

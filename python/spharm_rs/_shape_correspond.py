@@ -76,8 +76,8 @@ class Member:
         without places. ``without_counterpart``: number of places without a counterpart on the surface. ``turned``:
         number of triangles turned over. ``model_rms``: distance between model and places.
     warnings : tuple of str
-        Reasons to check the surface: another kind or unit, a mirror image, parts without counterpart. Each has also been
-        issued as a `SpharmWarning`.
+        Reasons to check the surface: another kind or unit, a mirror image, parts without a counterpart. Each has also
+        been issued as a `SpharmWarning`.
     """
 
     name: str

@@ -19,7 +19,8 @@ from ._surface import as_surface
 def check_mask_file(mask: Any, sphere: Any) -> None:
     """Refuses a FreeSurfer label or annotation as the mask of models that are tested at the vertices of an icosphere.
 
-    A label doesn't tell the number of vertices, and fsaverage5 has as many as the default icosphere, in another order.
+    A label doesn't state the number of vertices, and fsaverage5 has as many vertices as the default icosphere, but in
+    another order.
     """
     if not isinstance(mask, (str, os.PathLike)) or pathlib.PurePath(mask).suffix not in (".label", ".annot"):
         return

@@ -92,8 +92,8 @@ class SimilarityTransform:
         Parameters
         ----------
         what : Model, Surface or what `as_surface` takes, Landmarks, or array_like of float, (n, 3)
-            Points are in the surface's unit; one point may be (3,). Transformed landmarks have no scanner frame, and transformed
-            surfaces no position in a volume (FreeSurfer's ``c_ras``, GIfTI's coordinate system).
+            Points are in the surface's unit; one point may be (3,). Transformed landmarks have no scanner frame, and
+            transformed surfaces have no position in a volume (FreeSurfer's ``c_ras``, GIfTI's coordinate system).
         threads : int, optional
             For models only; the same holds for `progress`.
         progress : bool or callable, optional

@@ -45,10 +45,10 @@ class TestResult:
     Attributes
     ----------
     statistic : ndarray of float, (V,)
-        t, F, Hotelling's T-squared, or with variance groups v or G; 0 at vertices without variance.
+        t, F, Hotelling's T-squared or, with variance groups, v or G; 0 at vertices without variance.
     p : ndarray of float, (V,)
-        Two-sided, uncorrected p value from the distribution of t, F or T-squared; with variance groups, of the estimates
-        over their standard errors.
+        Two-sided, uncorrected p value from the distribution of t, F or T-squared; with variance groups, from
+        the distribution of the estimates divided by their standard errors.
     q : ndarray of float, (V,)
         False-discovery rate of Benjamini and Hochberg.
     p_fwe, p_permutation : ndarray of float, (V,), or None

@@ -131,9 +131,9 @@ def _over_own_maps(models: Sequence[Model]) -> bool:
     return any(not np.array_equal(one, maps[0]) for one in maps[1:])
 
 
-def _covariates(given: Any, count: int, blocks: list[str] | None, whole_blocks: bool) -> list[tuple[str, Cells]]:
+def _covariates(given: Any, count: int, blocks: list[str] | None) -> list[tuple[str, Cells]]:
     def cells_of(what: str, values: Any) -> Cells:
-        cells = numbers_or_levels(what, values, count, blocks, whole_blocks)
+        cells = numbers_or_levels(what, values, count, blocks)
         if isinstance(cells, list) and len(set(cells)) == 1:
             raise ValueError(f"{what}: expected two levels or more, found {cells[0]!r} in all rows; omit the covariate")
         return cells
@@ -159,7 +159,7 @@ def _order(levels: Sequence[Any]) -> list[str]:
 
 def _asked(
     count: int, groups: Any, effect: Any, interaction: Any, mean: bool, design: Any, contrast: Any, covariates: Any,
-    interactions: Any, levels: Any, blocks: list[str] | None, whole_blocks: bool,
+    interactions: Any, levels: Any, blocks: list[str] | None,
 ) -> dict[str, Any]:
     """Converts the tested design for the extension module."""
     if sum(given is not None for given in (groups, effect, interaction, design)) + mean != 1:
@@ -209,7 +209,7 @@ def _asked(
             if isinstance(cells, list) and not asked["levels"]:
                 asked["levels"] = levels_of(what, given, count)[1]
             asked["effect"].append((str(name), cells))
-    asked["covariates"] = _covariates(covariates, count, blocks, whole_blocks)
+    asked["covariates"] = _covariates(covariates, count, blocks)
     names = [interactions] if isinstance(interactions, str) else [] if interactions is None else interactions
     asked["interactions"] = [str(name) for name in names]
     return asked
@@ -264,7 +264,7 @@ def group_test(
         subject, or a single image of (V, n) values.
     groups : array_like, (n,), optional
         Group of each subject, a name or a number. Tests the difference of two groups, the first minus the second, or
-        any difference between more than two groups. Blanks around names don't count. As in the program's tables, empty
+        any difference between more than two groups. Blanks around names are ignored. As in the program's tables, empty
         text and words such as ``"NA"`` or ``"none"`` are missing values, which are refused, here and in all other columns.
     effect : array_like of float, (n,), optional
         A number for each subject, which may be text such as ``"60"``; the slope of the values over it is tested.
@@ -283,9 +283,8 @@ def group_test(
         the first. `TestResult.columns` lists them.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
         Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``. Text
-        such as ``"60"`` is a number, as in the program's tables; a ``pandas.Categorical`` has levels, even of numbers. Whole
-        numbers with the same groups of rows as ``blocks``, such as numbers of subjects, are levels, too; with
-        ``whole_blocks``, only if they are equal to ``blocks``.
+        such as ``"60"`` is a number, as in the program's tables; a ``pandas.Categorical`` has levels, even of numbers.
+        Numbers that are equal to ``blocks``, such as numbers of subjects, are levels, too.
     interactions : str or sequence of str, optional
         Interactions to account for, as names of two columns such as ``"age:sex"``: of covariates, ``groups``, ``effect``, or
         the columns of ``interaction``.
@@ -297,7 +296,7 @@ def group_test(
         Measurement of models, as in `measure_group`; by default normal. Not for values, which are measured already.
     sphere : int, Surface or what `spharm_rs.as_surface` takes, or array_like of float, (V, 3), optional
         Vertices at which models are measured: by default the sphere of a `Group`, and an icosphere of 5 subdivisions for
-        models. Of values, the sphere at whose vertices they were measured.
+        models. For values, the sphere at whose vertices they were measured.
     degree : int, optional
         Highest degree of models; by default the lowest degree among them.
     mask : array_like of bool, (V,), path, or image, optional
@@ -431,7 +430,6 @@ def group_test(
     blocks = None if blocks is None else names_of("blocks", blocks, len(values))
     asked = _asked(
         len(values), groups, effect, interaction, bool(mean), design, contrast, covariates, interactions, levels, blocks,
-        bool(whole_blocks),
     )  # fmt: skip
     asked["relative"] = average is not None and minus is None and signal != "value" and design is None
     place = tested_surface(surface, sphere, average, signal, values.shape[1])

@@ -33,7 +33,7 @@ class Surface:
 
     Notes
     -----
-    A surface that `read_surface` read or a model made keeps the metadata of the file: GIfTI's metadata, anatomical structure
+    A surface from `read_surface` or from a model keeps the metadata of its file: GIfTI's metadata, anatomical structure
     and coordinate system, or FreeSurfer's geometry of the volume (``c_ras``). `save`, `to_nibabel` and `fit` pass them on.
 
     Examples
@@ -117,7 +117,7 @@ class Surface:
         return SurfaceImage({hemisphere: mesh}, {hemisphere: data.reshape(np.shape(values)).copy()})
 
     def to_nibabel(self) -> Any:
-        """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits, with the metadata that a file would have."""
+        """Returns a ``nibabel.GiftiImage``, whose positions have 32 bits, with the metadata of a saved file."""
         from nibabel.gifti import GiftiCoordSystem, GiftiDataArray, GiftiImage
         from nibabel.nifti1 import xform_codes
 
@@ -282,7 +282,7 @@ def meta_of(sphere: Any) -> Metadata:
 
 
 def meta_of_path(path: Path) -> Metadata:
-    """Returns the metadata of a file that has no others than its name."""
+    """Returns the metadata of a file of which only the path is known."""
     names = ("structure", "coordinate_system", "stamp", "footer")
     return {**dict.fromkeys(names), "file": [], "surface": [], "path": os.fspath(path)}
 

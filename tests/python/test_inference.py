@@ -94,12 +94,12 @@ def test_blocks_are_exchanged_within_and_as_wholes() -> None:
     assert found.p_fwe is not None and np.allclose(found.p_fwe, family_wise(values, design, contrast, one, within))
     named = sp.shape.test(values, effect=dose, covariates={"subject": subject.astype(str)}, blocks=subject, level=0.2)
     assert named.p_fwe is not None and np.array_equal(named.p_fwe, found.p_fwe)
-    for ids in (subject, 7 - subject, subject.astype(float)):
+    for ids in (subject, subject.astype(float)):
         numbered = sp.shape.test(values, effect=dose, covariates={"subject": ids}, blocks=subject, level=0.2)
         assert numbered.p_fwe is not None and np.array_equal(numbered.p_fwe, found.p_fwe)
         assert len(numbered.columns) == 2 + 3
     # Amounts, although they are constant within blocks.
-    for amounts in (age + 0.5, [20, 20, 35, 35, 35, 35, 30, 30]):
+    for amounts in (7 - subject, age + 0.5, [20, 20, 35, 35, 35, 35, 30, 30]):
         slope = sp.shape.test(values, effect=dose, covariates={"age": amounts}, blocks=subject, level=0.2)
         assert slope.columns == ["mean", "effect", "age"]
 

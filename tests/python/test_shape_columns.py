@@ -113,5 +113,5 @@ def test_values_are_tested_on_their_sphere() -> None:
 def test_files_are_not_subjects() -> None:
     names = [f"s{k}.spharm.npz" for k in range(12)]
     for subjects in (names, np.array(names), [Path(name) for name in names], "models"):
-        with pytest.raises(ValueError, match="subjects: .* Model.load"):
+        with pytest.raises(ValueError, match="subjects: .*Model.load"):
             sp.shape.group_test(subjects, GROUPS)

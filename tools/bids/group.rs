@@ -127,7 +127,9 @@ fn other_spaces(models: &[Model], paths: &[PathBuf]) -> Option<String> {
     const NAMED: usize = 6;
     let mut spaces: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for (model, path) in models.iter().zip(paths) {
-        spaces.entry(space(model)?).or_default().push(model_name(path));
+        if let Some(space) = space(model) {
+            spaces.entry(space).or_default().push(model_name(path));
+        }
     }
     let usual = spaces.iter().max_by_key(|(_, names)| names.len())?.0.clone();
     spaces.remove(&usual);

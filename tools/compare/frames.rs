@@ -3,7 +3,7 @@
 use spharm_surface::geometry::{add, dot, scale, sub};
 use spharm_surface::{Mesh, VolumeGeometry};
 
-/// Largest difference of a vertex from the centre in mm, for files of 32-bit numbers.
+/// Largest deviation of a vertex's displacement from the centre, in mm. Files of 32-bit numbers cause deviations.
 const ROUNDING: f64 = 1e-3;
 
 /// Returns whether the vertices of two surfaces all differ by the centre of the volume that one of the surfaces' files

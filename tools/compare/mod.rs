@@ -81,7 +81,8 @@ fn work(cli: &Cli) -> Result<()> {
     if frames::differ_by_centre(&original, &reconstruction) {
         monitor.console().note(format!(
             "{}: the surfaces differ by the centre of their volume (c_ras): one is in FreeSurfer's surface coordinates \
-             (tkRAS), the other in scanner coordinates; convert one of them first, such as by mris_convert --to-scanner",
+             (tkRAS), the other in scanner coordinates; convert one of them first, for example by \
+             mris_convert --to-scanner",
             pair()
         ));
     }

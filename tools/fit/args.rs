@@ -63,7 +63,7 @@ pub(super) struct Input {
     ///
     /// Columns id and surface, and optionally sphere, weights, output, label. Tab-separated, or comma-separated if the
     /// name ends in .csv. Paths are relative to the table. A model's file is named after `output` or, without it, after
-    /// the id; the model records the id. Other columns are ignored. Rows without a sphere use --sphere, and rows
+    /// the id; the model records the id. Other columns are ignored. Rows without a sphere use --sphere, and volumes
     /// without a label use --label.
     #[arg(long, value_name = "TABLE.tsv", conflicts_with_all = ["files", "surface", "moments", "name_template"])]
     pub(super) manifest: Option<PathBuf>,

@@ -170,7 +170,7 @@ fn warn_of_hemispheres(model: &Model, path: &Path, sphere: &Sphere, console: &Co
 }
 
 /// Step between 32-bit coordinates above which a warning is given, as a fraction of the bounding box's diagonal.
-const COARSE: f64 = 1e-5;
+const COARSE: f64 = 1e-4;
 
 /// Warns if a file's 32-bit numbers are too coarse for a surface far from the origin. `double` says whether 64 bits are
 /// requested.

@@ -64,8 +64,8 @@ pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -
     read_file(path, directions.len(), sampling, remedy)
 }
 
-/// Returns whether a mask is a label or an annotation of FreeSurfer. A label doesn't tell the number of vertices of its
-/// surface, and fsaverage5 has as many vertices as the default icosphere, in another order.
+/// Returns whether a mask is a label or an annotation of FreeSurfer. A label doesn't state the number of vertices of
+/// its surface, and fsaverage5 has as many vertices as the default icosphere, but in another order.
 pub(crate) fn is_of_freesurfer(mask: &Path) -> bool {
     mask.extension().is_some_and(|ending| ending == "label" || ending == "annot")
 }

@@ -31,7 +31,9 @@ impl Plan {
         match fits.name {
             SURFACES => {
                 arguments.extend(self.fit_arguments());
-                let of_all = self.study.subjects.label.filter(|_| self.study.subjects.surface.is_none());
+                let is_labelled = self.manifest.rows.iter().any(|row| row.label.is_some());
+                let of_table = self.study.subjects.surface.is_none() && self.study.fit.sphere().is_none();
+                let of_all = self.study.subjects.label.filter(|_| is_labelled && of_table);
                 arguments.extend(of_all.iter().flat_map(|label| words(&["--label", &label.to_string()])));
             }
             // Fits of signals only get the sphere, because the other arguments apply to surfaces.

@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use spharm::parametrize::volume::is_volume;
 use spharm_cohort::Manifest;
 
 use super::config::Subjects;
@@ -35,7 +36,8 @@ pub(super) fn manifest(
         }
         let mut manifest = Manifest::read(table)?;
         // The fit gets the label as an argument, because its manifest is the table itself.
-        manifest.rows.iter_mut().for_each(|row| row.label = row.label.or(subjects.label));
+        let of_volumes = manifest.rows.iter_mut().filter(|row| is_volume(&row.surface) && row.sphere.is_none());
+        of_volumes.for_each(|row| row.label = row.label.or(subjects.label));
         return Ok((manifest, None));
     };
     has_id("surface", surface)?;

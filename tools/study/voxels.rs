@@ -1,10 +1,11 @@
 //! Warns of tests whose levels have voxels of different sizes. Coarser voxels give rounder surfaces, so a difference
-//! between the levels may be one of the volumes rather than of the bodies.
+//! between the levels may come from the volumes rather than from the bodies.
 
 use std::collections::HashMap;
 
 use anyhow::Result;
 use spharm::Model;
+use spharm::parametrize::volume::is_volume;
 use spharm_cohort::Row;
 use spharm_cohort::check::edges;
 
@@ -20,7 +21,7 @@ pub(super) type Sizes<'a> = HashMap<&'a str, [f64; 3]>;
 /// Reads the voxel sizes that the subjects' models record.
 pub(super) fn sizes<'a>(subjects: &[Subject<'a>]) -> Result<Sizes<'a>> {
     let mut sizes = HashMap::new();
-    for subject in subjects {
+    for subject in subjects.iter().filter(|subject| is_volume(&subject.surface)) {
         if let Some(voxels) = Model::read(&subject.model)?.provenance.voxels {
             let mut size = voxels.size;
             size.sort_unstable_by(f64::total_cmp);
@@ -44,8 +45,8 @@ pub(super) fn differ(test: &str, rows: &[&Row], levels: &[String], sizes: &Sizes
     let (first, size) = *usual.first()?;
     let (other, found) = *usual.iter().find(|(_, found)| !are_equal(*found, size))?;
     Some(format!(
-        "test {test:?}: most voxels of {first} are {} mm, and those of {other} {} mm; surfaces of coarser voxels are rounder, \
-         so a difference may come from the voxels: resample all volumes to one size",
+        "test {test:?}: the voxels of most subjects in {first} are {}, and in {other} {}; surfaces of coarser voxels are \
+         rounder, so a difference may come from the voxels: resample all volumes to one size",
         edges(size),
         edges(found)
     ))
@@ -75,7 +76,7 @@ mod tests {
             ids.into_iter().map(|id| (id, if coarse.contains(&id) { [1.0, 1.0, 1.6] } else { [1.0; 3] })).collect()
         };
         let found = differ("group", &rows, &levels, &of(&["a1", "a2", "a3"])).unwrap();
-        assert!(found.contains("of a are 1 x 1 x 1.6 mm") && found.contains("those of b 1 x 1 x 1 mm"), "{found}");
+        assert!(found.contains("in a are 1 x 1 x 1.6,") && found.contains("in b 1 x 1 x 1;"), "{found}");
         // A single subject, or one in each level, isn't a difference between the levels.
         assert_eq!(differ("group", &rows, &levels, &of(&["a1"])), None);
         assert_eq!(differ("group", &rows, &levels, &of(&["a1", "b2"])), None);

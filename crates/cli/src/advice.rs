@@ -276,7 +276,7 @@ fn of_shape(error: &ShapeError) -> Option<String> {
             Some("`spharm reconstruct` shows the model; fit the surface again with degree 1 or more".to_owned())
         }
         ShapeError::NotTwoGroups => Some(
-            "for other designs, except of positions, give --variance-groups COLUMN, or variance_groups in a study"
+            "for other designs, give --variance-groups COLUMN, or variance_groups in a study; not for positions"
                 .to_owned(),
         ),
         ShapeError::Range { .. } => Some("`spharm shape rotate --scale FACTOR` scales a model".to_owned()),

@@ -42,7 +42,8 @@ impl Evaluate {
         let options = WriteOptions { overwrite, double: false };
         let hemisphere = sphere.hemisphere();
         let on = self.right.as_ref().filter(|_| hemisphere == Some(Hemisphere::Right)).unwrap_or(&self.sphere);
-        let cortex = hemisphere.map(Hemisphere::cortex);
+        // A map made for the model may be that of any body.
+        let cortex = hemisphere.filter(|_| !sphere.parametrized).map(Hemisphere::cortex);
         make_folder_of(&path)?;
         match kind {
             Kind::Surface => {

@@ -10,23 +10,25 @@ use crate::model::Model;
 impl Model {
     /// Returns the hemisphere of the brain to which the model belongs: from the metadata of its input, otherwise from
     /// the name of its input, of its sphere or of its own file `path`. A model that was mirrored after the fit belongs
-    /// to the other hemisphere than the files from which it was made.
+    /// to the hemisphere opposite to that of the files from which it was made.
     #[must_use]
     pub fn hemisphere(&self, path: Option<&Path>) -> Option<Hemisphere> {
         let made = &self.provenance;
         let input = made.input.as_ref().map(|input| Path::new(&input.path));
         let sphere = made.sphere.as_deref().map(Path::new);
-        let named = || [input, sphere, path].into_iter().find_map(|path| Hemisphere::of(None, path));
+        let named = || [input, sphere, path].into_iter().flatten().find_map(named);
         // Mirroring changes the metadata of a model, but not the names of its files.
         Hemisphere::of(made.anatomical_structure_primary.as_deref(), None).or_else(|| named().map(|of| self.now(of)))
     }
 
     /// Returns the anatomical structure as a value of GIfTI's `AnatomicalStructurePrimary`: that of the input or, if
-    /// the model was fitted over the sphere of a hemisphere, such as `lh.sphere.reg`, the hemisphere's cortex.
+    /// the model was fitted over the given sphere of a hemisphere, such as `lh.sphere.reg`, the hemisphere's cortex. A
+    /// map made for the model, such as `s1_lh.sphere.surf.gii`, may be that of any body.
     #[must_use]
     pub fn anatomical_structure(&self) -> Option<String> {
         let cortex = || {
-            let sphere = Hemisphere::of(None, self.provenance.sphere.as_deref().map(Path::new))?;
+            let given = self.provenance.sphere.as_deref().filter(|_| !self.provenance.parametrized);
+            let sphere = named(Path::new(given?))?;
             Some(self.hemisphere(None).unwrap_or(sphere).cortex().to_owned())
         };
         self.provenance.anatomical_structure_primary.clone().or_else(cortex)
@@ -45,7 +47,7 @@ impl Model {
             matrix.is_ok_and(|orthogonal| Similarity { orthogonal, ..Similarity::default() }.mirrors())
         };
         let is_surface = self.kind() == Kind::Surface;
-        // A signal isn't moved in space, only its sphere is mirrored.
+        // A signal isn't moved in space; only its sphere is mirrored.
         let step = |step: &&Value| {
             if is_surface { mirrors(&step["object"]) } else { step["antipodal"].as_bool() == Some(true) }
         };
@@ -54,6 +56,12 @@ impl Model {
         let to_group = recorded("to_group").is_some_and(|to_group| mirrors(&to_group["orthogonal"]));
         (steps % 2 == 1) != to_group
     }
+}
+
+/// Returns the hemisphere that the name of a file states, which another operating system may have recorded.
+fn named(path: &Path) -> Option<Hemisphere> {
+    let name = path.to_str().and_then(|path| path.rsplit(['/', '\\']).next());
+    Hemisphere::of(None, name.map(Path::new))
 }
 
 #[cfg(test)]

@@ -108,13 +108,13 @@ fn with_advice(error: &Error) -> String {
             ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::LargeRepair { .. },
         ) => Some(around()),
         Error::Shape(ShapeError::NotTwoGroups) => {
-            Some("for other designs, except of positions, give variance_groups= instead of welch=True".to_owned())
+            Some("for other designs, give variance_groups= instead of welch=True; not for positions".to_owned())
         }
         Error::Model(ModelError::NoSphere) => {
             Some("give a sphere, directions, or the subdivisions of an icosphere, such as 5".to_owned())
         }
         Error::Parametrize(ParametrizeError::NoVoxelSize { .. }) => {
-            Some("give spacing= to parametrize_volume, voxel_size= to fit_cohort".to_owned())
+            Some("give spacing= to parametrize_volume, or voxel_size= to fit_cohort".to_owned())
         }
         _ => None,
     };

@@ -126,8 +126,8 @@ impl Settings<'_> {
 /// A fit as returned to Python: model, standard errors, report as JSON, and warnings as pairs of class and text.
 pub(crate) type Fitted<'py> = (Model, Option<Bound<'py, PyArray2<f64>>>, String, Vec<(&'static str, String)>);
 
-/// Fits one surface or signal. A surface without a sphere is mapped to a sphere first. `metadata` are those of the
-/// file of the surface or signal, then those of the file of the sphere.
+/// Fits one surface or signal. A surface without a sphere is mapped to a sphere first. `metadata` is the metadata
+/// of the surface's or signal's file, and that of the sphere's file.
 #[pyfunction]
 #[pyo3(signature = (
     values, faces, sphere, sphere_faces, *, metadata, surface, parametrized, seam, changes, settings, progress = None
@@ -274,8 +274,8 @@ pub(crate) fn solve<'py>(
     Ok((fit.coefficients.values().to_owned().into_pyarray(py), errors, report.to_string(), warnings))
 }
 
-/// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere. `metadata` are
-/// those of the files of the targets, and those of the file of the sphere.
+/// Fits several targets over one sphere. Each array in `values` has one row per vertex of the sphere. `metadata` is
+/// the metadata of each target's file, and that of the sphere's file.
 #[pyfunction]
 #[pyo3(signature = (values, sphere, sphere_faces, *, metadata, surface, parametrized, seam, settings, progress = None))]
 #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]

@@ -23,8 +23,8 @@ pub(crate) fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(),
     }
 }
 
-/// Returns the warnings of a target; with strict settings, refuses a target that has any. Whether a surface is closed
-/// isn't repeated, since its sphere has the same triangles and the same warning.
+/// Returns the warnings of a target; with strict settings, refuses a target that has any. The warning that a surface
+/// isn't closed is left out, because its sphere has the same triangles and the same warning.
 pub(crate) fn doubts(target: &Target, params: &FitParams) -> Result<Vec<String>, Failure> {
     let name = target.path.as_deref().unwrap_or(Path::new("the surface")).display();
     let warnings = target.warnings.iter().filter(|warning| !matches!(warning, TargetWarning::NotClosed(_)));

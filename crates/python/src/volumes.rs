@@ -28,8 +28,8 @@ pub(crate) fn reading((channel, time): (Option<usize>, Option<usize>), values: V
     VolumeReading { voxel_size: None, values, image: ImageChoice { channel, time } }
 }
 
-/// A volume: the path of a file with the voxel size that replaces the file's, and with the affine matrix of a file
-/// without a voxel size; or an array of labels or of other values, (i, j, k), with its affine matrix, (4, 4).
+/// A volume: the path of a file, the voxel size that replaces the file's, and the affine matrix if the file has no
+/// voxel size; or an array of labels or of other values, (i, j, k), with its affine matrix, (4, 4).
 #[derive(FromPyObject)]
 enum Volume<'py> {
     File(PathBuf, Option<[f64; 3]>, Option<PyReadonlyArray2<'py, f64>>),

@@ -140,6 +140,15 @@ pub struct Test {
     pub warnings: Vec<TestWarning>,
 }
 
+/// A test that allows unequal variances.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Remedy {
+    /// Welch's test, of two groups without covariates.
+    Welch,
+    /// Variance groups, in any design, for values of one component.
+    VarianceGroups,
+}
+
 /// Warnings about a test.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -161,9 +170,13 @@ pub enum TestWarning {
     /// Two groups differ in size and in variance.
     #[error(
         "the variance of {wide} ({wide_subjects} subjects) is {ratio:.1} times that of {narrow} ({narrow_subjects}): p values \
-         assume equal variances and are {}; use {} unequal variances",
+         assume equal variances and are {}{}",
         if *.wide_subjects < *.narrow_subjects { "too small" } else { "too large" },
-        if *.two_groups { "Welch's test, which allows" } else { "variance groups, which allow" }
+        match .remedy {
+            Some(Remedy::Welch) => "; use Welch's test, which allows unequal variances",
+            Some(Remedy::VarianceGroups) => "; use variance groups, which allow unequal variances",
+            None => "",
+        }
     )]
     UnequalVariances {
         /// Name of the group with the larger variance.
@@ -176,8 +189,8 @@ pub enum TestWarning {
         narrow_subjects: usize,
         /// Larger variance divided by the smaller one, both summed over all vertices.
         ratio: f64,
-        /// Whether the design consists of the two groups alone, so that Welch's test applies.
-        two_groups: bool,
+        /// Test that allows unequal variances; `None` for several components and a design of more than two groups.
+        remedy: Option<Remedy>,
     },
     /// Rows of a block depend on each other, and the design doesn't account for it.
     #[error(
@@ -266,7 +279,7 @@ pub fn test(
         warnings.push(TestWarning::NoVariance { vertices: flat.len(), of });
     }
     if !params.welch && prepared.is_none() {
-        warnings.extend(variances::unequal(values, design, contrast));
+        warnings.extend(variances::unequal(values, components, design, contrast));
     }
     if params.blocks.as_ref().is_some_and(|blocks| !blocks.are_in(design)) {
         warnings.push(TestWarning::DependentRows);

@@ -135,7 +135,7 @@ impl Transform {
             let mirrored = |structure: String| Hemisphere::mirrored_structure(&structure);
             provenance.anatomical_structure_primary = provenance.anatomical_structure_primary.take().map(mirrored);
             if let Some(sphere) = &mut model.sphere {
-                sphere.anatomical_structure.clone_from(&provenance.anatomical_structure_primary);
+                sphere.anatomical_structure = sphere.anatomical_structure.take().map(mirrored);
             }
         }
         let step = self.to_json();

@@ -202,8 +202,8 @@ fn other_hemisphere(structure: Option<&str>, path: Option<&Path>, sphere: &Spher
 }
 
 /// Returns whether a sphere reverses the orientation of a closed surface with the same triangles: the volumes that the
-/// triangles enclose on both have different signs. The surface's triangles are used for both, because the sphere's may
-/// wind the other way. If a position isn't finite, the result is false.
+/// triangles enclose on the surface and on the sphere have opposite signs. The surface's triangles are used for
+/// both, because the sphere's may wind the other way. If a position isn't finite, the result is false.
 fn is_reversed(mesh: &Mesh, sphere: &Sphere) -> bool {
     let of_sphere = || signed_volume_of(sphere.directions.as_slice(), &mesh.faces);
     !sphere.faces.is_empty() && signed_volume(mesh) * of_sphere() < 0.0

@@ -19,7 +19,7 @@ use super::{Cli, member_json, rows};
 
 /// Maximum number of existing members used to refine a new member's correspondence.
 const REFERENCES: usize = 300;
-/// Maximum number of existing members of a group without refinement, with which a new member is compared.
+/// Maximum number of existing members with which a new member of a group without refinement is compared.
 const COMPARED: usize = 8;
 
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {

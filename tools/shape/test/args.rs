@@ -16,7 +16,7 @@ pub(crate) const SUBDIVISIONS: u32 = 5;
 /// Compares two groups of models, --a and --b, or tests an --effect or the --mean of a table of subjects, with
 /// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
 /// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences
-/// (first mirror the models of one side if they are left and right: `spharm shape rotate --mirror`); for rows that
+/// (if they are left and right, first mirror the models of one side: `spharm shape rotate --mirror`); for rows that
 /// depend on each other in other ways, give --blocks.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(

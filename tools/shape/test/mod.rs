@@ -13,7 +13,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
 use spharm::shape::memory::regions_bytes;
-use spharm::shape::stats::{PermutationParams, SpatialParams, SurfaceGraph, TestParams, TestWarning, test};
+use spharm::shape::stats::{PermutationParams, Remedy, SpatialParams, SurfaceGraph, TestParams, TestWarning, test};
 use spharm::shape::{Measurement, measure_group};
 use spharm::{Kind, Model, Sphere};
 use spharm_cli::Usage;
@@ -158,10 +158,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let measured = measures.map(|measures| measures.test(&study, &params, monitor)).transpose()?;
         Ok((group, mean, found, measured))
     })?;
-    let positions = cli.signal == What::Position;
     let sides = hemispheres::warnings(cli, &sphere, &study.paths, &group.hemispheres);
     study.notes().iter().for_each(|note| console.note(note));
-    let of_test = found.warnings.iter().map(|of| advised(of, positions));
+    let of_test = found.warnings.iter().map(advised);
     let tested: Vec<String> = study.warnings.iter().cloned().chain(sides).chain(of_test).collect();
     tested.iter().for_each(|warning| console.warn(warning));
     let options = WriteOptions { overwrite: cli.report.force, double: false };
@@ -219,12 +218,12 @@ fn structure(sphere: &Sphere, models: &[PathBuf]) -> Option<String> {
 }
 
 /// Returns the text of a warning, with the option that remedies the problem, if there is one.
-fn advised(warning: &TestWarning, positions: bool) -> String {
+fn advised(warning: &TestWarning) -> String {
     match warning {
-        TestWarning::UnequalVariances { two_groups: true, .. } => {
+        TestWarning::UnequalVariances { remedy: Some(Remedy::Welch), .. } => {
             format!("{warning} (give --welch, or welch = true in a study)")
         }
-        TestWarning::UnequalVariances { two_groups: false, .. } if !positions => {
+        TestWarning::UnequalVariances { remedy: Some(Remedy::VarianceGroups), .. } => {
             format!("{warning} (give --variance-groups COLUMN, or variance_groups in a study)")
         }
         _ => warning.to_string(),

@@ -23,9 +23,9 @@
 //! (C B)^T V^-1 (C B) / (q k),   k = 1 + 2 / (q (q + 2)) sum_g (q a_g - b_g) / f_g
 //! ```
 //!
-//! is approximately F with q and `q (q + 2) / sum_g (2 a_g + b_g) / f_g` degrees of freedom. For a one-way layout this
-//! is B. L. Welch, "On the comparison of several mean values", Biometrika 38 (1951), for one variance group it is F
-//! exactly, and for one row it is the square of Aspin and Welch's t.
+//! is approximately F with q and `q (q + 2) / sum_g (2 a_g + b_g) / f_g` degrees of freedom. For a one-way layout,
+//! this is the test of B. L. Welch, "On the comparison of several mean values", Biometrika 38 (1951); for one variance
+//! group, it is exactly F; for one row, it is the square of Aspin and Welch's t.
 //!
 //! # Relabellings
 //!

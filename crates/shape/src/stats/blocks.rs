@@ -98,19 +98,37 @@ pub(crate) fn aligned(mut sets: Vec<Vec<Unit>>, x: ArrayView2<'_, f64>) -> Vec<V
         sets.iter().flatten().any(differs)
     };
     let columns: Vec<usize> = (0..x.ncols()).filter(varies).collect();
-    let values = |i: u32| columns.iter().map(|column| x[[i as usize, *column]]).collect::<Vec<f64>>();
-    // The slopes of several levels have a column each, which is zero for other levels; their sum is the same in all.
-    let sum = |i: u32| vec![values(i).iter().sum::<f64>()];
+    // If each level has a slope, its column is zero for other levels; the columns' sum doesn't depend on the level.
+    let sum = |i: u32| vec![columns.iter().map(|column| x[[i as usize, *column]]).sum::<f64>()];
     for set in &mut sets {
-        if !sort_by(set, values) {
+        // Columns whose values differ between blocks, such as the age, don't say which observations correspond.
+        let shared: Vec<usize> = columns.iter().copied().filter(|column| has_equal_values(set, x, *column)).collect();
+        if shared.is_empty() {
             sort_by(set, sum);
+        } else {
+            sort_by(set, |i| shared.iter().map(|column| x[[i as usize, *column]]).collect());
         }
     }
     sets
 }
 
-/// Sorts the observations of each unit by a key, if the units have equal keys; returns whether they have.
-fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) -> bool {
+/// Returns whether all units have the same values in a column, in any order.
+fn has_equal_values(set: &[Unit], x: ArrayView2<'_, f64>, column: usize) -> bool {
+    let values = |unit: &Unit| {
+        let mut values: Vec<f64> = unit.iter().map(|i| x[[*i as usize, column]]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        values
+    };
+    let first = set.first().map(values).unwrap_or_default();
+    set.iter().all(|unit| values(unit).iter().zip(&first).all(|(a, b)| close(*a, *b)))
+}
+
+fn close(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-9 * a.abs().max(1.0)
+}
+
+/// Sorts the observations of each unit by a key, if the units have equal keys.
+fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) {
     let order = |a: &Vec<f64>, b: &Vec<f64>| {
         a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne()).unwrap_or(std::cmp::Ordering::Equal)
     };
@@ -122,13 +140,11 @@ fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) -> bool {
             keyed
         })
         .collect();
-    let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-9 * a.abs().max(1.0));
-    let equal = |unit: &Vec<(Vec<f64>, u32)>| unit.iter().zip(&sorted[0]).all(|(a, b)| close(&a.0, &b.0));
-    if !sorted.iter().all(equal) {
-        return false;
+    let all_close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| close(*a, *b));
+    let equal = |unit: &Vec<(Vec<f64>, u32)>| unit.iter().zip(&sorted[0]).all(|(a, b)| all_close(&a.0, &b.0));
+    if sorted.iter().all(equal) {
+        set.iter_mut().zip(sorted).for_each(|(unit, sorted)| *unit = sorted.into_iter().map(|(_, i)| i).collect());
     }
-    set.iter_mut().zip(sorted).for_each(|(unit, sorted)| *unit = sorted.into_iter().map(|(_, i)| i).collect());
-    true
 }
 
 /// Numbers names from 0 in the order of their first occurrence, for example to define variance groups.
@@ -186,6 +202,9 @@ mod tests {
         // Each column is the slope of a group.
         let slopes = matrix([[1.0, 0.0], [-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
         assert_eq!(aligned(sets(), slopes.view()), [vec![vec![1, 0], vec![2, 3], vec![5, 4]]]);
+        // The first column is the visit, the second one the age.
+        let aged = matrix([[0.5, 33.0], [-0.5, 30.0], [-0.5, 51.0], [0.5, 54.0], [0.5, 70.0], [-0.5, 67.0]]);
+        assert_eq!(aligned(sets(), aged.view()), [vec![vec![1, 0], vec![2, 3], vec![5, 4]]]);
         // With values of their own, the blocks keep the order of the table.
         let ages = matrix([[1.0, 33.0], [1.0, 30.0], [0.0, 51.0], [0.0, 54.0], [0.0, 70.0], [0.0, 71.0]]);
         assert_eq!(aligned(sets(), ages.view()), sets());

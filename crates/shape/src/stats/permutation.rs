@@ -81,6 +81,8 @@ pub struct FamilyWise {
 
 /// Number of relabellings whose matrix products are computed together.
 const BATCH: usize = 64;
+/// Number of random relabellings from which the share of those that leave the statistics unchanged is estimated.
+const LOOKED: usize = 1000;
 /// Relative difference up to which statistics are treated as equal, because of rounding errors.
 const TIE: f64 = 1e-9;
 
@@ -280,14 +282,17 @@ fn smallest(arrangements: &Arrangements, model: &Projection, groups: Option<&[us
         };
         groups.is_none_or(keeps)
     };
-    let batches = (0..arrangements.count).step_by(BATCH);
-    let count: usize = batches
+    let looked = if arrangements.exact { arrangements.count } else { arrangements.count.min(LOOKED) };
+    let unchanged: usize = (0..looked)
+        .step_by(BATCH)
         .map(|from| {
-            let batch = arrangements.range(from, (from + BATCH).min(arrangements.count));
+            let batch = arrangements.range(from, (from + BATCH).min(looked));
             batch.iter().filter(|of| in_groups(of) && model.unchanged_by(of)).count()
         })
         .sum();
-    count.max(1) as f64 / arrangements.count as f64
+    // Of random relabellings, the first one has the original labels, and the others are a sample of all.
+    let others = unchanged.saturating_sub(1) as f64 * (arrangements.count - 1) as f64 / (looked - 1).max(1) as f64;
+    (1.0 + others) / arrangements.count as f64
 }
 
 /// Prepared values from which the statistics of relabelled studies are evaluated.

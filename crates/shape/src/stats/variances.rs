@@ -2,13 +2,16 @@
 
 use ndarray::{ArrayView1, ArrayView2};
 
-use super::TestWarning;
 use super::design::{Contrast, Design, orthonormalise};
 use super::projection::without;
+use super::{Remedy, TestWarning};
 
-/// Ratio above which the sizes and the variances of two groups must differ for a warning.
+/// Ratio above which the sizes of two groups must differ for a warning. The ratio of their variances must exceed this
+/// number for two groups, and a power of it for more, because the largest ratio of several pairs is larger by chance.
 const RATIO: f64 = 1.5;
-/// Largest number of groups that are compared. More distinct values are those of a continuous effect.
+/// Least degrees of freedom of a group's errors for a comparison of its variance.
+const LEAST_FREEDOM: f64 = 2.0;
+/// Largest number of groups that are compared. More distinct values are taken as a continuous effect.
 const MOST_GROUPS: usize = 12;
 
 /// Subjects with equal values in the tested columns.
@@ -19,10 +22,15 @@ struct Group {
 }
 
 /// Compares the total residual variances of groups in values (n, V d). Groups are the subjects with equal values in the
-/// columns that the contrast tests: levels, or the values of a column with two values. Returns a warning about the two
-/// groups with the largest ratio of variances whose sizes differ by more than the factor [`RATIO`], if their variances
-/// do, too.
-pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &Contrast) -> Option<TestWarning> {
+/// columns that the contrast tests: levels, or the values of a column with two values. Of all pairs of groups
+/// whose sizes and variances both differ by more than the factor [`RATIO`], returns a warning about the pair with the
+/// largest ratio of variances.
+pub(crate) fn unequal(
+    values: ArrayView2<'_, f64>,
+    components: usize,
+    design: &Design,
+    contrast: &Contrast,
+) -> Option<TestWarning> {
     let mut groups = groups(design, contrast)?;
     let x = design.matrix();
     let (basis, _) = orthonormalise(x);
@@ -33,14 +41,15 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
             squares += residuals.row(i).iter().map(|value| value * value).sum::<f64>();
             freedom += 1.0 - basis.row(i).iter().map(|value| value * value).sum::<f64>();
         }
-        // The variance of a group without degrees of freedom is NaN, which is never larger than another.
-        group.variance = if freedom > 1e-9 { squares / freedom } else { f64::NAN };
+        // The variance of a group with too few degrees of freedom is NaN, which is never larger than another.
+        group.variance = if freedom > LEAST_FREEDOM - 1e-9 { squares / freedom } else { f64::NAN };
     }
     let more = |a: f64, b: f64| a > RATIO * b;
+    let wider = |a: f64, b: f64| a > RATIO.powi(groups.len() as i32 - 1) * b;
     let size = |group: &Group| group.members.len() as f64;
     let differ = |a: &Group, b: &Group| more(size(a), size(b)) || more(size(b), size(a));
     let pairs = groups.iter().flat_map(|wide| groups.iter().map(move |narrow| (wide, narrow)));
-    let pairs = pairs.filter(|(wide, narrow)| more(wide.variance, narrow.variance) && differ(wide, narrow));
+    let pairs = pairs.filter(|(wide, narrow)| wider(wide.variance, narrow.variance) && differ(wide, narrow));
     let (wide, narrow) =
         pairs.max_by(|a, b| (a.0.variance / a.1.variance).total_cmp(&(b.0.variance / b.1.variance)))?;
     Some(TestWarning::UnequalVariances {
@@ -49,7 +58,11 @@ pub(crate) fn unequal(values: ArrayView2<'_, f64>, design: &Design, contrast: &C
         narrow: narrow.name.clone(),
         narrow_subjects: narrow.members.len(),
         ratio: wide.variance / narrow.variance,
-        two_groups: groups.len() == 2 && design.two_groups().is_some(),
+        remedy: match (design.two_groups().is_some(), components) {
+            (true, _) => Some(Remedy::Welch),
+            (false, 1) => Some(Remedy::VarianceGroups),
+            (false, _) => None,
+        },
     })
 }
 

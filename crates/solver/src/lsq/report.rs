@@ -29,7 +29,7 @@ pub struct LsqReport {
     /// have an estimated error that is small compared with the tolerance, the optimality is the relative gradient of
     /// these iterations plus the estimated error.
     pub optimality: f64,
-    /// The same for the columns of each target; empty without samples.
+    /// The optimality for the columns of each target; empty without samples.
     #[serde(skip)]
     pub optimalities: Vec<f64>,
     /// Reason why the fit ended.

@@ -39,6 +39,8 @@ pub struct NewMember {
 
 /// Number of members whose distances from the mean are compared with a new member's.
 const USUAL: usize = 8;
+/// A surface belongs elsewhere if its distance from the mean exceeds this multiple of the distance in its best pose.
+const ELSEWHERE: f64 = 1.5;
 
 /// Data of a group, prepared once for all new members.
 pub struct Joining {
@@ -138,7 +140,8 @@ impl Joining {
             model_rms: fitted.rms[0],
             ..MemberReport::new(posed.distance, &cover)
         };
-        let mut warnings = self.doubts(surface, posed.distance, &quiet)?;
+        let own = distance_from(&fitted.coefficients[0], &self.group, &self.pose, &quiet)?;
+        let mut warnings = self.doubts(surface, posed.distance, own, &quiet)?;
         warnings.extend(of_cover(&[report], &self.group.masked));
         let mut models = fitted.models(&self.group.sphere, &[similarity]);
         let (Some(model), Some(places)) = (models.pop(), fitted.places.into_iter().next()) else {
@@ -147,43 +150,63 @@ impl Joining {
         Ok(NewMember { model, similarity, places, reached, report, warnings })
     }
 
-    /// Returns a warning if a surface is much farther from the mean than the group's members, or if its mirror image is
-    /// nearer than the surface itself, which is at the given distance.
-    fn doubts(&self, surface: &Mesh, distance: f64, monitor: &dyn Monitor) -> Result<Vec<CorrespondWarning>, Error> {
+    /// Returns a warning if the model of a surface is much farther from the mean, at the distance `of_model`, than the
+    /// models of the group's members, or if another pose or the mirror image of the surface is nearer than the surface
+    /// in its pose, at the distance `distance`.
+    fn doubts(
+        &self,
+        surface: &Mesh,
+        distance: f64,
+        of_model: f64,
+        monitor: &dyn Monitor,
+    ) -> Result<Vec<CorrespondWarning>, Error> {
         let warnings = |warning| Ok(vec![CorrespondWarning::Pose(warning)]);
-        if let Some(median) = self.usual.filter(|usual| distance > OF_ANOTHER_KIND * usual) {
-            return warnings(GroupPoseWarning::Far { member: 0, distance, median });
+        if let Some(median) = self.usual.filter(|usual| *usual > 0.0 && of_model > OF_ANOTHER_KIND * usual) {
+            return warnings(GroupPoseWarning::Far { member: 0, distance: of_model, median });
         }
-        if self.params.pose.mirror {
-            return Ok(Vec::new());
-        }
-        let image = Similarity::reflection().apply_mesh(surface);
-        let image = PoseSurface::new(&image).ok_or(Error::NoArea)?;
-        // The mirror image has no pose of its own, so all are searched.
         let any = PoseParams { search: PoseSearch::Any, ..self.params.pose };
-        let mirrored = pose(&image, &self.pose, &any, monitor)?.distance;
-        if mirrored < NEARER_MIRRORED * distance {
-            return warnings(GroupPoseWarning::Mirrored { member: 0, distance, mirrored });
+        let searched = |surface: &Mesh| -> Result<f64, Error> {
+            let surface = PoseSurface::new(surface).ok_or(Error::NoArea)?;
+            Ok(pose(&surface, &self.pose, &any, monitor)?.distance)
+        };
+        let best = if self.params.pose.search == PoseSearch::Near { searched(surface)? } else { distance };
+        if ELSEWHERE * best < distance {
+            return warnings(GroupPoseWarning::Elsewhere { member: 0, distance, best });
+        }
+        if !self.params.pose.mirror {
+            // Of a mirror image, all poses are searched, so they are compared with all poses of the surface.
+            let mirrored = searched(&Similarity::reflection().apply_mesh(surface))?;
+            if mirrored < NEARER_MIRRORED * best {
+                return warnings(GroupPoseWarning::Mirrored { member: 0, distance: best, mirrored });
+            }
         }
         Ok(Vec::new())
     }
 }
 
-/// Returns the median distance of at most [`USUAL`] members, evenly spaced in the list, from the mean.
+/// Returns the median distance of the models of at most [`USUAL`] members, evenly spaced in the list, from the mean.
 fn usual(
     members: &[Coefficients],
     group: &GroupTemplate,
     mean: &PoseSurface,
     monitor: &dyn Monitor,
 ) -> Result<Option<f64>, Error> {
-    let near = PoseParams { search: PoseSearch::Near, ..PoseParams::default() };
-    let mut distances = Vec::new();
-    for member in members.iter().step_by(members.len().div_ceil(USUAL).max(1)) {
-        let model = Model::without_sphere(member.clone(), Kind::Surface);
-        let shape = model.reconstruct(&group.sphere, member.max_degree())?;
-        let shape = PoseSurface::new(&shape).ok_or(Error::NoArea)?;
-        distances.push(pose(&shape, mean, &near, &OnlyCancel(monitor))?.distance);
-    }
+    let some = members.iter().step_by(members.len().div_ceil(USUAL).max(1));
+    let distances = some.map(|member| distance_from(member, group, mean, monitor));
+    let mut distances = distances.collect::<Result<Vec<f64>, Error>>()?;
     distances.sort_unstable_by(f64::total_cmp);
     Ok(distances.get(distances.len() / 2).copied())
+}
+
+/// Returns the distance of a model in the group's frame from the mean.
+fn distance_from(
+    model: &Coefficients,
+    group: &GroupTemplate,
+    mean: &PoseSurface,
+    monitor: &dyn Monitor,
+) -> Result<f64, Error> {
+    let shape = Model::without_sphere(model.clone(), Kind::Surface).reconstruct(&group.sphere, model.max_degree())?;
+    let shape = PoseSurface::new(&shape).ok_or(Error::NoArea)?;
+    let near = PoseParams { search: PoseSearch::Near, ..PoseParams::default() };
+    Ok(pose(&shape, mean, &near, &OnlyCancel(monitor))?.distance)
 }

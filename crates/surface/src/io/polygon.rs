@@ -4,10 +4,10 @@ use crate::geometry::{Vec3, add, dot, face_normal, unit};
 use crate::mesh::Mesh;
 
 /// Largest number of corners of a concave polygon that is cut without folds. The time of a cut grows with the square of
-/// the number, and with its cube for hostile polygons.
-const MOST_CORNERS: usize = 4096;
-/// Area of a triangle that faces backwards up to which a fan isn't folded, as a fraction of the polygon's area. Rounded
-/// coordinates of corners on a line cause such triangles.
+/// this number, and with the cube for hostile polygons.
+const MOST_CORNERS: usize = 512;
+/// Largest area of a triangle that faces backwards but doesn't count as a fold, as a fraction of the polygon's area. If
+/// corners lie on a line, rounding of their coordinates causes such triangles.
 const ROUNDING: f64 = 1e-6;
 
 /// Triangles of polygons and strips. A polygon is a fan of triangles until the vertices are known.
@@ -78,9 +78,8 @@ pub(super) fn fan(corners: &[u32], faces: &mut Vec<[u32; 3]>) -> bool {
     true
 }
 
-/// Returns another cut of a polygon, given as a fan: as many triangles, without folds. Returns `None` if the fan has no
-/// folds in the plane of the polygon's normal (Newell), or if no other cut is found, as for polygons that cross
-/// themselves.
+/// Cuts a polygon, given as a fan, into as many triangles without folds. Returns `None` if the fan has no folds in
+/// the plane of the polygon's normal (Newell), or if no other cut is found, as for polygons that cross themselves.
 fn unfolded(fan: &[[u32; 3]], vertices: &[Vec3]) -> Option<Vec<[u32; 3]>> {
     let place = |[a, b, c]: [u32; 3]| {
         let at = |v: u32| vertices.get(v as usize).copied();
@@ -103,7 +102,8 @@ fn unfolded(fan: &[[u32; 3]], vertices: &[Vec3]) -> Option<Vec<[u32; 3]>> {
 }
 
 /// Cuts a polygon by ear clipping (G. Meisters, Amer. Math. Monthly 82, 1975). `area` returns the signed area of a
-/// triangle, and `same` whether two corners are at the same position, as where a polygon with a hole is joined.
+/// triangle, and `same` whether two corners are at the same position, as on the line that joins a hole to
+/// the outline of a polygon.
 fn ears(corners: &[u32], area: impl Fn([u32; 3]) -> f64, same: impl Fn(u32, u32) -> bool) -> Option<Vec<[u32; 3]>> {
     let mut left = corners.to_vec();
     let mut faces = Vec::with_capacity(left.len().saturating_sub(2));

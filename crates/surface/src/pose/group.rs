@@ -197,6 +197,15 @@ impl Group<'_> {
         (0..taken).map(move |k| (member + 1 + k * (count - 1) / taken) % count)
     }
 
+    /// Returns at most `most` members other than `member`, spread over the list. If two kinds of members alternate in
+    /// the list, both kinds are returned.
+    fn spread(&self, member: usize, most: usize) -> impl Iterator<Item = usize> {
+        let count = self.surfaces.len();
+        let taken = most.min(count - 1);
+        let wide = (count - 1) / taken >= 2;
+        (0..taken).map(move |k| (member + 1 + k * (count - 1) / taken + usize::from(wide && k % 2 == 1)) % count)
+    }
+
     fn distances(&self, motions: &[Similarity]) -> Vec<f64> {
         let of = |member: usize| self.distance_of(member, &motions[member], motions);
         (0..motions.len()).into_par_iter().map(of).collect()
@@ -223,7 +232,7 @@ impl Group<'_> {
             let (fixed, own) = (&self.surfaces[*other], &motions[*other]);
             own.scale * whole(moving, fixed, Density::Some, &motion.then(&own.inverse()))
         };
-        let others: Vec<usize> = self.others(member, most).collect();
+        let others: Vec<usize> = self.spread(member, most).collect();
         let found: Vec<f64> = others.par_iter().map(distance).collect();
         let cap = 2.0 * median(found.clone());
         found.iter().map(|distance| distance.min(cap).powi(2)).sum::<f64>() / found.len() as f64

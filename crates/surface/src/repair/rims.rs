@@ -56,8 +56,8 @@ pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     rims
 }
 
-/// Returns the diagonal of a mesh's bounding box; or twice that of its bulk, if this is smaller, as with specks far
-/// away. The box around the bulk leaves out 1 % of the area on each side.
+/// Returns the diagonal of a mesh's bounding box; or twice the diagonal of the box around its bulk, if that is smaller,
+/// as with specks far away. The box around the bulk leaves out 1 % of the area on each side.
 fn size(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
     let at = |v: u32| vertices[v as usize];
     let diagonal = |low: Vec3, high: Vec3| dot(sub(high, low), sub(high, low)).sqrt();

@@ -66,7 +66,8 @@ fn half_edges(faces: &[[u32; 3]]) -> impl Iterator<Item = (u32, (u32, u32))> {
     })
 }
 
-/// Returns whether a surface has one side only: however its triangles are turned, they disagree across an edge.
+/// Returns whether a surface has one side only: however its triangles are turned, two of them disagree across an
+/// edge.
 pub(super) fn is_one_sided(mesh: &Mesh) -> bool {
     let faces = &mesh.faces;
     let start = |h: u32| faces[(h / 3) as usize][(h % 3) as usize];

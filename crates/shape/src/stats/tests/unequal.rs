@@ -75,7 +75,7 @@ fn unequal_variances_of_groups_of_unequal_size_are_warned_of() {
     let design = Design::groups(&[6, 18]).unwrap().with_covariates(age.view(), &[]).unwrap();
     let contrast = Contrast::row(&[1.0, -1.0, 0.0]);
     let found = test(y.view(), 1, &design, &contrast, &without_permutations(), &Silent).unwrap();
-    assert!(matches!(found.warnings[..], [TestWarning::UnequalVariances { two_groups: false, .. }]));
+    assert!(matches!(found.warnings[..], [TestWarning::UnequalVariances { remedy: Some(Remedy::VarianceGroups), .. }]));
     // The groups may also be more than two, or the values of a number.
     let three = Design::groups(&[6, 10, 8]).unwrap();
     let any = Contrast { weights: array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]] };
