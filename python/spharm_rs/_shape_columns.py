@@ -100,7 +100,7 @@ def numbers_or_levels(what: str, values: Any, count: int, blocks: list[str] | No
     if cells.dtype.kind == "b" or categories_of(values) is not None:
         return names
     numbers = cells.astype(np.float64) if cells.dtype.kind in "iuf" else _read(what, names)
-    if numbers is None or blocks is not None and names == blocks:
+    if numbers is None or blocks is not None and _are_blocks(names, numbers, blocks):
         return names
     return numbers
 
@@ -120,3 +120,8 @@ def _read(what: str, names: list[str]) -> Floats | None:
         f"{what}: expected a number, as in most rows, found {names[row]!r} in row {row} (counted from 0); write a number "
         "such as 30.5, or leave out the subject; for levels, give words such as site1, or a pandas.Categorical"
     )
+
+
+def _are_blocks(names: list[str], numbers: Floats, blocks: list[str]) -> bool:
+    """Returns whether a column of numbers is equal to the names of the blocks."""
+    return names == blocks or numbers.tolist() == [_number(block) for block in blocks]

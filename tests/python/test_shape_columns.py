@@ -52,10 +52,11 @@ def test_missing_levels_are_refused_with_their_row() -> None:
     assert found_of([f" {name} " for name in GROUPS]).levels == {"a": 6, "b": 6}
     ages = np.array(AGES, float)
     ages[5] = np.nan
-    for what, arguments in [("covariates, age", {"groups": GROUPS, "covariates": {"age": ages}}), ("effect", {"effect": ages})]:
-        with pytest.raises(ValueError, match=f"{what}: .* found NaN in row 5"):
-            found_of(**arguments)
-    masked = np.ma.array(AGES, mask=np.arange(12) == 4)
+    with pytest.raises(ValueError, match="covariates, age: .* found NaN in row 5"):
+        found_of(GROUPS, covariates={"age": ages})
+    with pytest.raises(ValueError, match="effect: .* found NaN in row 5"):
+        found_of(effect=ages)
+    masked: Any = np.ma.array(AGES, mask=np.arange(12) == 4)
     with pytest.raises(ValueError, match="effect: .* in row 4"):
         found_of(effect=masked)
 

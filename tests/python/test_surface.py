@@ -142,7 +142,7 @@ def test_nibabel_reads_what_is_written(study: Study, tmp_path: Path) -> None:
 
 
 #: The geometry of a volume, as FreeSurfer's surfaces have it.
-VOLUME = {
+VOLUME: dict[str, Any] = {
     "head": np.array([2, 0, 20], np.int32),
     "valid": "1  # volume info valid",
     "filename": "../mri/orig.mgz",
