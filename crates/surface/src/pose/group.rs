@@ -61,8 +61,10 @@ pub struct GroupPoses {
 /// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
 /// and 0.82 to 0.89 for hippocampi of the other side.
 pub const NEARER_MIRRORED: f64 = 0.94;
-/// Number of steps by which a mirror image moves towards the others.
-const MIRRORED_STEPS: usize = 3;
+/// Number of steps by which a mirror image, or a turned member, moves towards the others.
+const CHANGED_STEPS: usize = 3;
+/// A member is turned if its distance from the others then decreases by more than this factor.
+const MUCH_NEARER: f64 = 1.5;
 /// If a half-turn of a member fits the others about as well as its mirror image, up to this factor, the member equals
 /// its mirror image and is turned.
 const TURNED: f64 = 1.03;
@@ -94,6 +96,9 @@ pub fn group_poses(
         poses = group.to(template)?;
     }
     let (mut motions, doubts) = group.decided(&poses)?;
+    if params.search == PoseSearch::Any {
+        motions = group.turned(&motions, template)?;
+    }
     // Outliers are excluded from the rounds below, so that they don't affect the other members.
     let as_decided = group.distances(&motions);
     let usual = OF_ANOTHER_KIND * median(as_decided.clone());
@@ -301,6 +306,41 @@ impl Group<'_> {
     /// the axes fits as well, and the pose is doubtful. In a group of two sides, the median distance from the others
     /// can't tell the sides apart, so mean distances are compared.
     fn mirrored(&self, motions: &[Similarity], template: usize) -> Result<Vec<GroupPoseWarning>, Interrupted> {
+        let (reflections, half_turns) = self.changes(motions, template);
+        let one = |member: usize| -> Result<Option<GroupPoseWarning>, Interrupted> {
+            let distance = self.judged(member, &motions[member], motions, OTHERS).sqrt();
+            let (_, mirrored) = self.best_changed(member, motions, &reflections)?;
+            if mirrored >= NEARER_MIRRORED * distance {
+                return Ok(None);
+            }
+            let (_, second) = self.best_changed(member, motions, &half_turns)?;
+            Ok(Some(match second <= TURNED * mirrored {
+                true => GroupPoseWarning::Doubtful { member, distance, second },
+                false => GroupPoseWarning::Mirrored { member, distance, mirrored },
+            }))
+        };
+        let found: Vec<_> = (0..motions.len()).into_par_iter().map(one).collect();
+        Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    }
+
+    /// Turns each member but the typical one by the half-turn that brings it much nearer to the others, if there is one.
+    /// The distance from the typical member alone may not show it, for example if the sizes of members differ greatly.
+    fn turned(&self, motions: &[Similarity], template: usize) -> Result<Vec<Similarity>, Interrupted> {
+        let (_, half_turns) = self.changes(motions, template);
+        let one = |member: usize| -> Result<Similarity, Interrupted> {
+            if member == template {
+                return Ok(motions[member]);
+            }
+            let own = self.judged(member, &motions[member], motions, OTHERS).sqrt();
+            let (turned, distance) = self.best_changed(member, motions, &half_turns)?;
+            Ok(if MUCH_NEARER * distance < own { turned } else { motions[member] })
+        };
+        let found: Vec<Result<Similarity, Interrupted>> = (0..motions.len()).into_par_iter().map(one).collect();
+        found.into_iter().collect()
+    }
+
+    /// Returns the reflections and the half-turns that keep the typical member's principal axes.
+    fn changes(&self, motions: &[Similarity], template: usize) -> ([Similarity; 4], [Similarity; 3]) {
         let typical = &self.surfaces[template];
         let axes = product(&typical.axes, &transposed(&motions[template].orthogonal));
         let centre = motions[template].apply(typical.centre);
@@ -309,30 +349,29 @@ impl Group<'_> {
             let orthogonal = product(&transposed(&axes), &flipped);
             Similarity { orthogonal, translation: sub(centre, times(&orthogonal, centre)), ..Similarity::default() }
         };
-        let reflections = [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(changed);
-        let half_turns = [[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(changed);
-        let one = |member: usize| -> Result<Option<GroupPoseWarning>, Interrupted> {
-            self.monitor.check()?;
-            let others = self.seen(member, motions, |_| true);
-            let nearest = |start: &Similarity| {
-                let start = motions[member].then(start);
-                let motion = (0..MIRRORED_STEPS).fold(start, |motion, _| self.step(member, &motion, &others));
-                self.judged(member, &motion, motions, OTHERS).sqrt()
-            };
-            let least = |starts: &[Similarity]| starts.iter().map(nearest).fold(f64::INFINITY, f64::min);
-            let distance = self.judged(member, &motions[member], motions, OTHERS).sqrt();
-            let mirrored = least(&reflections);
-            if mirrored >= NEARER_MIRRORED * distance {
-                return Ok(None);
-            }
-            let second = least(&half_turns);
-            Ok(Some(match second <= TURNED * mirrored {
-                true => GroupPoseWarning::Doubtful { member, distance, second },
-                false => GroupPoseWarning::Mirrored { member, distance, mirrored },
-            }))
+        (
+            [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(changed),
+            [[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(changed),
+        )
+    }
+
+    /// Applies each change to a member and moves the result towards the others. Returns the best pose found, and its
+    /// distance from the others.
+    fn best_changed(
+        &self,
+        member: usize,
+        motions: &[Similarity],
+        changes: &[Similarity],
+    ) -> Result<(Similarity, f64), Interrupted> {
+        self.monitor.check()?;
+        let others = self.seen(member, motions, |_| true);
+        let moved = |change: &Similarity| {
+            let start = motions[member].then(change);
+            let motion = (0..CHANGED_STEPS).fold(start, |motion, _| self.step(member, &motion, &others));
+            (motion, self.judged(member, &motion, motions, OTHERS).sqrt())
         };
-        let found: Vec<_> = (0..motions.len()).into_par_iter().map(one).collect();
-        Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+        let found = changes.iter().map(moved).min_by(|a, b| a.1.total_cmp(&b.1));
+        Ok(found.unwrap_or((motions[member], f64::INFINITY)))
     }
 
     /// Returns the poses after each member has moved one step towards the other members for which `alike` is true.
