@@ -323,8 +323,9 @@ impl Group<'_> {
         Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
     }
 
-    /// Turns each member but the typical one by the half-turn that brings it much nearer to the others, if there is one.
-    /// The distance from the typical member alone may not show it, for example if the sizes of members differ greatly.
+    /// Turns each member but the typical one by the half-turn that brings it much nearer to the others, if there is
+    /// one. The distance from the typical member alone may not show it, for example if the members' sizes differ
+    /// greatly.
     fn turned(&self, motions: &[Similarity], template: usize) -> Result<Vec<Similarity>, Interrupted> {
         let (_, half_turns) = self.changes(motions, template);
         let one = |member: usize| -> Result<Similarity, Interrupted> {
