@@ -152,7 +152,7 @@ pub(crate) fn fit<'py>(
     let given = match (&sphere, &faces) {
         (Some(sphere), _) => {
             let sphere = SphereArrays::new(sphere, sphere_faces.as_ref(), parametrized)?;
-            Given::Sphere(sphere.with_seam(seam).with_metadata(of_sphere))
+            Given::Sphere(Box::new(sphere.with_seam(seam).with_metadata(of_sphere)))
         }
         (None, Some(faces)) => Given::Bare(Box::new(with_metadata(mesh("surface", &values, faces)?, metadata.clone()))),
         (None, None) => {
@@ -216,7 +216,7 @@ pub(crate) fn choose_degree(
 }
 
 enum Given<'a> {
-    Sphere(SphereArrays<'a>),
+    Sphere(Box<SphereArrays<'a>>),
     Bare(Box<Mesh>),
 }
 
