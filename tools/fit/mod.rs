@@ -122,10 +122,7 @@ fn of_manifest(cli: &Cli, mut manifest: Manifest) -> Result<Cohort> {
     let shard = cli.cohort.shard.unwrap_or_default();
     match cli.input.label[..] {
         [] => {}
-        [Labels::One(label)] => {
-            let of_volumes = manifest.rows.iter_mut().filter(|row| is_volume(&row.surface) && row.sphere.is_none());
-            of_volumes.for_each(|row| row.label = row.label.or(Some(label)));
-        }
+        [Labels::One(label)] => manifest.label_volumes(label),
         _ => return Err(Usage::conflict("with --manifest, --label takes a single number: a row has one model").into()),
     }
     Ok(Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone()))

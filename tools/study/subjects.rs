@@ -4,7 +4,6 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use spharm::parametrize::volume::is_volume;
 use spharm_cohort::Manifest;
 
 use super::config::Subjects;
@@ -36,8 +35,9 @@ pub(super) fn manifest(
         }
         let mut manifest = Manifest::read(table)?;
         // The fit gets the label as an argument, because its manifest is the table itself.
-        let of_volumes = manifest.rows.iter_mut().filter(|row| is_volume(&row.surface) && row.sphere.is_none());
-        of_volumes.for_each(|row| row.label = row.label.or(subjects.label));
+        if let Some(label) = subjects.label {
+            manifest.label_volumes(label);
+        }
         return Ok((manifest, None));
     };
     has_id("surface", surface)?;

@@ -5,6 +5,7 @@ use std::collections::hash_map::Entry;
 use std::path::{Component, Path, PathBuf};
 
 use csv::StringRecord;
+use spharm::parametrize::volume::is_volume;
 
 use crate::error::CohortError;
 use crate::table::{Table, decode, read_text};
@@ -123,6 +124,12 @@ impl Manifest {
     pub fn parse(path: impl AsRef<Path>, bytes: &[u8]) -> Result<Self, CohortError> {
         let path = path.as_ref();
         Self::of_text(path, &decode(path, bytes.to_vec())?)
+    }
+
+    /// Sets the label of all volumes that have neither a label of their own nor a sphere.
+    pub fn label_volumes(&mut self, label: i64) {
+        let unlabelled = |row: &&mut Row| row.label.is_none() && row.sphere.is_none() && is_volume(&row.surface);
+        self.rows.iter_mut().filter(unlabelled).for_each(|row| row.label = Some(label));
     }
 
     /// Returns the folder to which paths in the manifest are relative; empty for the current folder.

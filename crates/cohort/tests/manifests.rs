@@ -142,3 +142,11 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_label_for_all_is_that_of_volumes_without_a_label_and_a_sphere() {
+    let text = "id\tsurface\tsphere\tlabel\na\ta.nii.gz\t\t\nb\tb.nii.gz\t\t53\nc\tc.ply\t\t\nd\td.nii.gz\td.ply\t\n";
+    let mut manifest = parse(text).expect("a manifest");
+    manifest.label_volumes(17);
+    assert_eq!(manifest.rows.iter().map(|row| row.label).collect::<Vec<_>>(), [Some(17), Some(53), None, None]);
+}
