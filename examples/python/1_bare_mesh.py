@@ -2,15 +2,16 @@
 From a bare mesh to a model
 ===========================
 
-A closed mesh is mapped to the sphere, expanded in spherical harmonics, and evaluated at several degrees.
+This example maps a closed mesh to the sphere, expands it in spherical harmonics, and evaluates the model up to several
+degrees.
 """
 
 # %%
 # The surface
 # -----------
-# Any closed mesh without holes or handles can be used: ``sp.read_surface("cell.ply")`` reads one, and
-# `spharm_rs.as_surface` converts meshes of trimesh, pyvista, meshio, nibabel and nilearn. Here a folded surface is
-# generated, and the sphere that comes with it isn't used.
+# Any closed mesh without holes or handles can be used. ``sp.read_surface("cell.ply")`` reads a mesh from a file, and
+# `spharm_rs.as_surface` converts meshes of trimesh, pyvista, meshio, nibabel and nilearn. This example generates a
+# folded surface. Its sphere, which is generated with it, isn't used.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -24,8 +25,8 @@ surface
 # %%
 # The model
 # ---------
-# One call maps the surface to the sphere and fits x, y and z by least squares to degree 60. Each of the three has 61\
-# :sup:`2` = 3,721 coefficients.
+# One call maps the surface to the sphere, and fits the coordinates x, y and z by least squares up to degree 60. Each
+# coordinate has 61\ :sup:`2` = 3,721 coefficients.
 
 model = sp.fit(surface, max_degree=60)
 print(model)
@@ -33,9 +34,10 @@ print("mean squared distance, bounding box of volume 1:", f"{model.report['msd']
 print("root mean square distance in mm:", f"{np.sqrt(model.report['passes'][-1]['msd_raw']):.2f}")
 
 # %%
-# The map to the sphere is part of the model. It is one to one: no triangle is turned over. Areas on the sphere differ
-# from areas on the surface by some 25 per cent, because parts with large errors of the model get a larger share of the
-# sphere. Colours show the logarithm of the ratio of the two areas, sphere to surface, each scaled to a total of 4 pi.
+# The map to the sphere is part of the model. The map is one to one: no triangle is flipped. Areas on the sphere differ
+# from areas on the surface by some 25 per cent, because parts where the model's error is large get a larger share of
+# the sphere. Colours show the logarithm of the area ratio: the area on the sphere divided by the area on the surface,
+# with both total areas scaled to 4 pi.
 
 
 def areas(mesh):
@@ -110,8 +112,8 @@ axes.grid(alpha=0.3)
 plt.show()
 
 # %%
-# ``model.save("folded.spharm.npz")`` saves the model, ``model.surface(6).save("smooth.ply")`` writes its surface with
-# 40,962 vertices. The command line does the same:
+# ``model.save("folded.spharm.npz")`` saves the model, and ``model.surface(6).save("smooth.ply")`` writes its surface
+# with 40,962 vertices. These commands do the same on the command line:
 #
 # .. code-block:: sh
 #

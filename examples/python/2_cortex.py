@@ -9,8 +9,8 @@ are used unchanged. Values measured at the vertices, such as cortical thickness,
 # %%
 # The files of FreeSurfer
 # -----------------------
-# A subject's ``lh.pial`` and ``lh.sphere.reg`` have the same vertices in the same order. These two files and the
-# thickness are read by name, gzipped or not; GIfTI files can be read, too:
+# A subject's ``lh.pial`` and ``lh.sphere.reg`` have the same vertices in the same order. spharm_rs recognises these two
+# files and the thickness by their names. They may be gzipped. GIfTI files can be read, too:
 #
 # .. code-block:: python
 #
@@ -18,8 +18,8 @@ are used unchanged. Values measured at the vertices, such as cortical thickness,
 #    sphere = sp.read_surface("sub-01/surf/lh.sphere.reg")
 #    thickness = sp.read_signal("sub-01/surf/lh.thickness")  # (n, 1)
 #
-# This example uses a generated folded surface with an invented thickness: 2.5 mm, thicker on the crowns of folds, with
-# noise of 0.5 mm, similar to that of a measurement.
+# This example generates a folded surface with an invented thickness. The thickness is about 2.5 mm, and larger on the
+# crowns of folds. It has noise of 0.5 mm, as a measurement would have.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -37,8 +37,8 @@ thickness = true + rng.normal(0, 0.5, len(true))
 # %%
 # One fit each
 # ------------
-# Over a given sphere a fit takes some hundredths of a second. ``weights="area"`` weights each vertex by its share of
-# the sphere, because the density of vertices varies strongly over ``sphere.reg``.
+# If the sphere is given, a fit takes some hundredths of a second. The density of vertices varies strongly over
+# ``sphere.reg``. Therefore ``weights="area"`` weights each vertex by its share of the sphere.
 
 shape = sp.fit(pial, sphere, 80, weights="area")
 print(f"surface: {shape}, msd {shape.report['msd']:.1e}, {shape.report['solver']['iterations']} iterations")
@@ -74,9 +74,9 @@ panels(
 plt.show()
 
 # %%
-# Standard errors show which coefficients the data determine: noise of 0.5 mm at 40,962 vertices gives all coefficients
-# about the same error. Without a smoothness penalty, coefficients of high degrees are mostly noise; with the penalty
-# chosen by cross-validation they are smaller.
+# Standard errors show how well the data determine each coefficient. With noise of 0.5 mm at 40,962 vertices, all
+# coefficients have about the same standard error. Without a smoothness penalty, coefficients of high degrees are mostly
+# noise. With the penalty chosen by cross-validation, these coefficients are smaller.
 
 
 def by_degree(values):

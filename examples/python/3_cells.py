@@ -2,15 +2,17 @@
 Cells from a label volume
 =========================
 
-A segmentation by CellProfiler, Cellpose or ilastik has an integer label for each voxel. Each label gets a model.
+CellProfiler, Cellpose and ilastik write segmentations with an integer label for each voxel. This example makes a model
+of each label.
 """
 
 # %%
 # The volume
 # ----------
-# Files in NIfTI and MGH are read by name, ``sp.parametrize_volume("cells.nii.gz", label=3)``; other formats are passed
-# as arrays. Here a clump of cells is made with NumPy: each voxel within a ball belongs to the nearest of twelve
-# centres, with slightly bent boundaries. Voxels are 0.5 by 0.5 by 1 micrometre.
+# NIfTI and MGH files are given by name, as in ``sp.parametrize_volume("cells.nii.gz", label=3)``; images of other
+# formats are given as arrays. This example makes a clump of twelve cells with NumPy. Each voxel that is near enough to
+# one of twelve centres belongs to the nearest centre; the boundaries between cells are slightly bent. Voxels are 0.5 by
+# 0.5 by 1 micrometre.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -40,8 +42,9 @@ print("voxels of each label:", sp.labels(volume))
 # Surfaces and models
 # -------------------
 # `spharm_rs.parametrize_volume` makes the surface around a label from the outer faces of its voxels. It maps the
-# surface to the sphere such that each face gets an area in proportion to its own. A fit of degree 10 smooths the steps
-# of the voxels. A label in several pieces, or with holes, is refused; ``fix=True`` repairs it.
+# surface to the sphere such that the area of each face on the sphere is proportional to its area on the surface. A fit
+# of degree 10 smooths the steps of the voxels. Labels with several pieces or with holes can't be mapped; ``fix=True``
+# repairs such labels first.
 
 affine = np.diag([*voxel, 1.0])
 cells = {label: sp.parametrize_volume(volume, label=label, affine=affine, fix=True) for label in sp.labels(volume)}
@@ -71,9 +74,9 @@ plt.show()
 # %%
 # What the models measure
 # -----------------------
-# The area of a voxel surface includes its steps, and exceeds the cell's area by half, however fine the voxels are. The
-# model's surface has no steps. Its sphericity, the area of a ball of the same volume divided by the area, is therefore
-# meaningful.
+# The area of a voxel surface includes its steps, and is about one and a half times the cell's area, however small the
+# voxels are. The model's surface has no steps. Its sphericity is therefore meaningful: the area of a ball of the same
+# volume divided by the area of the surface.
 
 
 def volume_and_area(surface):
@@ -93,7 +96,7 @@ ratios = [volume_and_area(models[k].surface(5))[0] / volume_and_area(cells[k].su
 print("volume, model / voxels:", np.round(ratios, 3))
 
 # %%
-# Sphericity of the models, with the cells moved apart to show all of them:
+# The picture shows the sphericity of the models. The cells are moved apart so that all of them are visible.
 
 apart = []
 for label, model in models.items():

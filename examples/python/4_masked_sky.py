@@ -2,16 +2,16 @@
 A sky with a mask, by Transform and solve
 =========================================
 
-Functions on the sphere need no surface. `spharm_rs.Transform` evaluates them at any directions, and `spharm_rs.solve`
-computes least-squares coefficients from scattered samples, such as a sky without the plane of the galaxy, or topography
-along the tracks of a satellite.
+Functions on the sphere can be fitted without a surface. `spharm_rs.Transform` evaluates functions at any directions.
+`spharm_rs.solve` computes their coefficients by least squares from scattered samples, such as a map of the sky without
+the plane of the galaxy, or heights along the tracks of a satellite.
 """
 
 # %%
 # Samples
 # -------
-# A random field to degree 48, whose coefficients have variance l\ :sup:`-3`, is observed with noise at 30,000 scattered
-# directions. Samples within 8 degrees of the equator are removed.
+# A random field of degrees up to 48 is observed with noise at 30,000 scattered directions. Its coefficients of degree l
+# have the variance l\ :sup:`-3`. Samples within 8 degrees of the equator are removed.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -37,16 +37,16 @@ print(transform, f"signal {clean.std():.2f}, noise {noise:.2f}")
 # %%
 # Coefficients
 # ------------
-# The sum of samples times harmonics, which computes coefficients on a full grid, is the adjoint of synthesis. With a
-# mask it isn't the inverse: power leaks from degree to degree.
+# The adjoint of synthesis multiplies the samples by each harmonic and sums up the products. On a full grid, these sums
+# are the coefficients. With a mask, they aren't: power leaks from degree to degree.
 
 leaky = 4 * np.pi / len(directions) * transform.adjoint(samples)
 
 # %%
-# Least squares inverts synthesis. The gap of 16 degrees is four times as wide as the resolution of degree 48, so
-# samples don't determine the field there; a smoothness penalty does. Here the penalty is chosen by samples left out of
-# the fit with weight zero. (``smoothness="auto"`` chooses it by generalised cross-validation, which takes a minute on a
-# sampling with a gap.)
+# Least squares inverts synthesis. The gap is 16 degrees wide, four times the resolution of degree 48, so the samples
+# don't determine the field there. With a smoothness penalty, there is a unique solution. To choose the penalty, samples
+# are left out of the fit by weight zero, and the error at these samples is measured. (``smoothness="auto"`` chooses the
+# penalty by generalised cross-validation, which takes a minute on a sampling with a gap.)
 
 seen_by_fit = rng.random(len(samples)) < 0.8
 tried = 10.0 ** np.arange(-5, 1)
@@ -117,7 +117,8 @@ plt.show()
 # %%
 # A solver of one's own
 # ---------------------
-# The basis is also available as a SciPy operator, for solvers such as ``lsqr``, without the 8 n K bytes of its matrix.
+# The basis is also available as a linear operator of SciPy, for solvers such as ``lsqr``. The operator doesn't store
+# the basis matrix, which would take 8 n K bytes for n samples and K coefficients.
 
 from scipy.sparse.linalg import lsqr
 

@@ -2,16 +2,16 @@
 Principal components of twenty shapes
 =====================================
 
-Coefficients of surfaces with corresponding vertices are rows of a table that scikit-learn can process. The mean and the
-modes can be converted back to surfaces.
+If the vertices of several surfaces correspond, the surfaces' coefficients can be used as rows of a table for
+scikit-learn. The mean and the modes can be converted back to surfaces.
 """
 
 # %%
 # Twenty shapes
 # -------------
 # The generated shapes resemble a hippocampus: a bar that is bent, and thicker at one end. Bend and taper vary from
-# shape to shape, and each shape has its own bumps. The vertices correspond, over the same icosphere. For surfaces with
-# different spheres, `spharm_rs.resample` establishes such a correspondence.
+# shape to shape, and each shape has its own bumps. All shapes have the same icosphere as sphere, so their vertices
+# correspond. If surfaces have different spheres, `spharm_rs.resample` establishes such a correspondence.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -47,8 +47,9 @@ plt.show()
 
 # %%
 # Components
-# Harmonics are orthonormal: the distance between two rows of coefficients is the root mean square distance between the
-# surfaces times sqrt(4 pi). The principal components of the rows are therefore those of the surfaces.
+# ----------
+# Harmonics are orthonormal. The distance between two rows of coefficients is therefore the root mean square distance
+# between the surfaces times sqrt(4 pi), and the principal components of the rows are those of the surfaces.
 
 pipeline = make_pipeline(SpharmTransformer(12, sphere=sphere), PCA(5))
 scores = pipeline.fit_transform(X)
@@ -76,7 +77,8 @@ panels(drawn, moved, titles, columns=3, view=(-90, 65), cmap="YlOrRd", label="di
 plt.show()
 
 # %%
-# The meaning of the modes is known, because the shapes were generated: the first two scores are bend and taper.
+# Because the shapes were generated, the meaning of the modes is known. The scores of the first two modes are
+# nearly proportional to bend and taper:
 
 figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
 for mode, (cell, name, truth) in enumerate(zip(axes, ("bend", "taper"), (bend, taper))):

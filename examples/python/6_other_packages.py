@@ -2,11 +2,9 @@
 Coming from SPHARM-PDM, pyshtools, ktch and others
 ==================================================
 
-Packages use the same harmonics, but with different normalisation, phase and order of the coefficients.
-`spharm_rs.convert`
-converts coefficients from and to each package. Here one shape is evaluated by the formula of each package, from an
-array
-in that package's convention.
+All packages use the same harmonics, but with different normalisation, phase and order of the coefficients.
+`spharm_rs.convert` converts coefficients from and to the conventions of each package. In this example, the coefficients
+of one shape are converted for each package, and the shape is evaluated by the formula of that package.
 """
 
 # %%
@@ -41,8 +39,8 @@ def Y(degree, order):
 # %%
 # SPHARM-PDM
 # ----------
-# For each degree, a ``.coef`` file has the row of order 0, and then a pair of rows for each order from 1: the factors
-# of Re Y and of Im Y. spharm_rs reads and writes these files.
+# For each degree, a ``.coef`` file has a row for order 0, and then two rows for each order from 1 on: the factors of
+# the real part and of the imaginary part of the harmonic Y. spharm_rs reads and writes these files.
 
 with tempfile.TemporaryDirectory() as folder:
     file = Path(folder) / "subject.coef"
@@ -62,8 +60,9 @@ for degree in range(L + 1):
 # %%
 # SPHARM-MAT, and SciPy
 # ---------------------
-# ``fvec`` is complex, with row l\ :sup:`2` + l + m for degree l and order m, and uses SciPy's ``sph_harm_y``. For a
-# MATLAB file: ``Model.from_("spharm_mat", scipy.io.loadmat("a01_fix.mat")["fvec"])``.
+# SPHARM-MAT's array ``fvec`` is complex. Degree l and order m are in row l\ :sup:`2` + l + m. The harmonics are those
+# of SciPy's ``sph_harm_y``. To read a MATLAB file, use
+# ``Model.from_("spharm_mat", scipy.io.loadmat("a01_fix.mat")["fvec"])``.
 
 fvec = model.to("spharm_mat")
 mat = sum(Y(d, m) * fvec[d * d + d + m] for d in range(L + 1) for m in range(-d, d + 1)).real
@@ -71,9 +70,9 @@ mat = sum(Y(d, m) * fvec[d * d + d + m] for d in range(L + 1) for m in range(-d,
 # %%
 # pyshtools
 # ---------
-# ``SHCoeffs.from_array(array[k], normalization="ortho", csphase=1)`` reads channel k; for coefficients of pyshtools,
-# ``coeffs.convert(normalization="ortho", csphase=1).to_array()`` makes such an array. Index 0 has cosines, index 1
-# sines.
+# ``SHCoeffs.from_array(array[k], normalization="ortho", csphase=1)`` reads channel k. To get such an array from
+# coefficients of pyshtools, call ``coeffs.convert(normalization="ortho", csphase=1).to_array()``. The first index is 0
+# for the coefficients of cosines and 1 for those of sines.
 
 array = model.to("pyshtools")
 shtools = np.zeros((len(x), 3))
@@ -88,7 +87,8 @@ for degree in range(L + 1):
 # %%
 # healpy and ducc0
 # ----------------
-# ``alm`` has the complex coefficients of non-negative orders, sorted by order m; a real function determines the others.
+# The array ``alm`` has the complex coefficients of non-negative orders, sorted by order m. For a real function, the
+# coefficients of negative orders follow from these.
 
 alm = model.to("healpy")
 healpy = np.zeros((len(x), 3))
@@ -109,7 +109,8 @@ s2fft = sum(Y(d, m) * flm[:, d, L + m] for d in range(L + 1) for m in range(-d, 
 # %%
 # ktch and FlowShape
 # ------------------
-# ktch's coefficients are those of this package, transposed; FlowShape's have the additional phase (-1)\ :sup:`m`.
+# The coefficients of ktch are those of spharm_rs, transposed. The coefficients of FlowShape have the additional phase
+# (-1)\ :sup:`m`.
 
 print("ktch", model.to("ktch").shape, " FlowShape", model.to("flowshape").shape)
 orders = np.concatenate([np.arange(-d, d + 1) for d in range(L + 1)])
@@ -119,7 +120,8 @@ flowshape = sp.Model(model.to("flowshape") * (-1.0) ** orders[:, np.newaxis]).ev
 # %%
 # The same shape, seven times
 # ---------------------------
-# The output shows the largest difference from this package's own evaluation, in mm; the shape is 140 mm long.
+# The output shows the largest difference between each package's formula and the evaluation by spharm_rs, in mm. The
+# shape is 140 mm long.
 
 own = model.evaluate()
 packages = {
@@ -148,10 +150,11 @@ plt.show()
 # %%
 # What goes wrong without
 # -----------------------
-# Coefficients read with a wrong convention still give a closed surface, but a different one. Here SPHARM-PDM's rows are
-# read as this package's rows, pyshtools' default normalisation (``4pi``) as orthonormal, and a Condon-Shortley phase is
-# ignored. The last error is easy to miss: the surface is the same, but each of its points belongs to a direction half a
-# turn about z away. Colours show the x coordinate on the sphere.
+# If coefficients are read with a wrong convention, they still give a closed surface, but a different one. The picture
+# shows three such errors: SPHARM-PDM's rows are read as if they were rows of spharm_rs, pyshtools' default
+# normalisation (``4pi``) is taken as orthonormal, and a Condon-Shortley phase is ignored. The last error is easy to
+# miss, because the surface is the same. However, each of its points belongs to a wrong direction, which is rotated by
+# half a turn about z. Colours show the x coordinate on the sphere.
 
 wrong = {
     "right": model.coefficients,

@@ -2,17 +2,17 @@
 Spectra of topography and gravity
 =================================
 
-Samples of two fields at scattered latitudes and longitudes are fitted by `spharm_rs.solve`; ``spharm_rs.spectra``
-computes their power by degree, the correlation and the admittance of one to the other, and the spectrum of a field that
-was observed on a part of the sphere. The numbers are those of pyshtools and healpy.
+Two fields are sampled at scattered latitudes and longitudes, and fitted by `spharm_rs.solve`. ``spharm_rs.spectra``
+then computes their power by degree, their correlation, the admittance of one field to the other, and the spectrum of a
+field that was observed on a part of the sphere. pyshtools and healpy give the same numbers.
 """
 
 # %%
 # Samples
 # -------
-# A synthetic topography to degree 60, in km, whose power decreases with the degree; and a field of gravity, in mGal,
-# that is the topography times an admittance, and a part that is independent of it. Both are measured with noise at
-# 12,000 positions.
+# The first field is a synthetic topography of degrees up to 60, in km, whose power decreases with the degree. The
+# second field is gravity, in mGal: the topography times an admittance, plus a part that is independent of the
+# topography. Both fields are measured with noise at 12,000 positions.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -48,8 +48,8 @@ plt.show()
 # %%
 # Coefficients
 # ------------
-# Both channels are solved for together. `spharm_rs.fit` returns the same coefficients, and their standard errors if
-# asked for; it estimates the noise from the residuals.
+# One call of `spharm_rs.solve` computes the coefficients of both fields (channels). `spharm_rs.fit` returns the same
+# coefficients and, on request, their standard errors, for which it estimates the noise from the residuals.
 
 coefficients, report = sp.solve(directions, samples, L)
 errors = sp.fit(samples, directions, L, stderr=True).standard_errors
@@ -59,10 +59,10 @@ print(f"standard errors, rms:          {np.sqrt(np.mean(errors**2, axis=0)).roun
 # %%
 # Power by degree
 # ---------------
-# The powers of all degrees add up to the mean square of the field. There are two errors: ``noise_error`` is that of the
-# power of this topography, by the noise of the samples; ``sample_error`` is that of the spectrum of a process of which
-# this topography is one realisation, which has only 2 l + 1 coefficients of degree l. ``noise`` is what noise adds to
-# the power on average.
+# The powers of all degrees add up to the mean square of the field. There are two errors. ``noise_error`` is the error
+# of this topography's power, due to noise in the samples. ``sample_error`` applies if this topography is
+# considered as one realisation of a random process: it is the error of the process's spectrum, which is estimated from
+# only 2 l + 1 coefficients for degree l. ``noise`` is the average power that noise adds.
 
 power = spectra.spectrum(coefficients, errors=errors)
 exact = spectra.spectrum(truth)
@@ -88,9 +88,9 @@ plt.show()
 # %%
 # Correlation and admittance
 # --------------------------
-# If gravity is an admittance times topography, and a part that is independent of it, the admittance is the cross-power
-# over the power of topography. Noise of the topography adds to that power, and biases the admittance towards zero where
-# noise dominates.
+# If gravity is an admittance times the topography, plus a part that is independent of the topography, the admittance is
+# the cross-power divided by the power of the topography. Noise in the topography adds to its power. At degrees where
+# noise dominates, the estimated admittance is therefore too close to zero.
 
 admittance = spectra.admittance(coefficients[:, 1], coefficients[:, 0])
 correlation = spectra.correlation(coefficients[:, 1], coefficients[:, 0])
@@ -111,7 +111,9 @@ plt.show()
 # %%
 # The same by other packages
 # --------------------------
-# pyshtools and healpy read converted coefficients. Where they aren't installed, their columns are left out.
+# The functions of pyshtools and healpy give the same numbers from converted coefficients. The output has the numbers of
+# spharm_rs in the first column, and those of pyshtools or healpy in the second. If a package isn't installed, its
+# numbers are left out.
 
 cross = spectra.cross_spectrum(coefficients[:, 1], coefficients[:, 0])
 c_l = spectra.spectrum(coefficients[:, 0], unit="per_lm", convention="energy")
@@ -150,11 +152,12 @@ for degree in (1, 10, 60):
 # %%
 # A part of the sphere
 # --------------------
-# Without the samples within 20 degrees of the equator, the coefficients of single harmonics aren't determined, but the
-# spectrum of an isotropic field is. ``pseudo_spectrum`` is that of the field times the mask: power leaks from degree to
-# degree, and from scattered samples, a share of all power and noise is in each degree. ``decoupled_spectrum`` inverts
-# the coupling of the degrees, in bins. With ``noise="auto"``, the pairs of a sample with itself are left out, so that
-# noise doesn't add to the power. Errors include cosmic variance: they are those of the spectrum of the process.
+# Without the samples within 20 degrees of the equator, the coefficients of single harmonics aren't determined. However,
+# the spectrum of an isotropic field can still be estimated. ``pseudo_spectrum`` returns the spectrum of the field times
+# the mask. In this spectrum, power leaks from degree to degree, and scattered samples spread a share of all power and
+# noise over all degrees. ``decoupled_spectrum`` corrects for this coupling of the degrees, in bins of degrees. With
+# ``noise="auto"``, products of a sample with itself are left out, so that noise doesn't add to the power. The errors
+# are those of the process's spectrum, and so include cosmic variance.
 
 seen = abs(latitude) > 20
 pseudo = spectra.pseudo_spectrum(directions, samples[:, 0], L, mask=seen)

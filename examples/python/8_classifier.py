@@ -2,15 +2,16 @@
 From meshes to a classifier
 ===========================
 
-A scikit-learn pipeline that takes bare meshes is cross-validated. Each fold makes its training meshes correspond, finds
-their modes of variation, and registers the test meshes to the training group's mean.
+This example cross-validates a scikit-learn pipeline that takes bare meshes. In each fold, the pipeline makes the
+training meshes correspond, finds their modes of variation, and registers the test meshes to the training group's mean.
 """
 
 # %%
 # Forty meshes
 # ------------
-# The generated shapes are bars of 36 by 11 by 8 mm in two groups. Bend, taper and thickness vary alike in both groups;
-# patients also have a shallow bump, of varying height. Each mesh has its own vertices and pose, and none has a sphere.
+# The generated shapes are bars of 36 by 11 by 8 mm in two groups. Bend, taper and thickness vary in the same way in
+# both groups. Patients also have a shallow bump of varying height. Each mesh has its own vertices and pose, and no mesh
+# has a sphere.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -48,9 +49,9 @@ plt.show()
 # %%
 # The classifier
 # --------------
-# `spharm_rs.sklearn.ShapeFeatures` is a transformer like others of scikit-learn. Each half of the meshes trains a
-# classifier that is tested on the other half. Correspondence and modes are those of the training half, so that no
-# information of the test meshes enters the features.
+# `spharm_rs.sklearn.ShapeFeatures` is used like any transformer of scikit-learn. A classifier is trained with each half
+# of the meshes and tested on the other half. Correspondence and modes are computed from the training half alone, so
+# that the features contain no information about the test meshes.
 
 features = ShapeFeatures(max_degree=6, modes=6, subdivisions=3)
 classifier = make_pipeline(features, StandardScaler(), LogisticRegression())
@@ -61,9 +62,9 @@ print("accuracy in the two halves:", found["test_score"])
 # %%
 # What it has learned
 # -------------------
-# The weights of a linear classifier are a direction in the space of the modes, and points along it convert back to
-# surfaces. Colours show the distance from the mean along the normals, outwards positive: the classifier has found the
-# bump, and hardly uses bend, taper and thickness.
+# The weights of a linear classifier are a direction in the space of the modes. Points along this direction can be
+# converted back to surfaces. Colours show the distance from the mean along the normals; outward distances are positive.
+# The picture shows that the classifier has found the bump, and hardly uses bend, taper and thickness.
 
 first = found["estimator"][0]
 transformers, weights = first[:-1], first[-1].coef_[0]
