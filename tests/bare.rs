@@ -114,6 +114,26 @@ fn a_wild_model_is_warned_of_and_a_smooth_one_on_large_triangles_is_not() {
 }
 
 #[test]
+fn a_mesh_that_winds_inwards_is_a_warning() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (outward, _) = cortex(&Cortex { subdivisions: 2, variant: 0 });
+    let mut inward = outward.clone();
+    inward.faces.iter_mut().for_each(|face| face.swap(0, 1));
+    let (input, model) = (folder.path().join("a.ply"), folder.path().join("m.npz"));
+    let cases: [(&Mesh, &[&str], bool); 3] =
+        [(&outward, &[], false), (&inward, &[], true), (&inward, &["--fix"], false)];
+    for (surface, arguments, warned) in cases {
+        write_mesh(&input, surface, &WriteOptions { overwrite: true, ..WriteOptions::default() }).expect("a mesh");
+        let mut fit = tool("fit");
+        fit.arg("--surface").arg(&input).args(["--max-degree", "5", "--force", "-o"]).arg(&model).args(arguments);
+        let output = fit.output().expect("fit runs");
+        assert!(output.status.success());
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(told.contains("a.ply: the triangles wind inwards"), warned, "{arguments:?}: {told}");
+    }
+}
+
+#[test]
 fn a_mesh_with_a_hole_is_refused_with_what_is_wrong() {
     let folder = tempfile::tempdir().expect("a folder");
     let (mut surface, _) = cortex(&Cortex { subdivisions: 2, variant: 0 });

@@ -239,7 +239,9 @@ fn a_report_is_written_with_nothing_to_do() {
         || -> Value { serde_json::from_slice(&std::fs::read(study.path("r.json")).expect("a report")).expect("JSON") };
     assert_eq!((&report()["rows"]["skipped"], &report()["rows"]["done"]), (&2.into(), &0.into()));
     // A shard without rows replaces the report of an earlier call.
-    succeed(&mut study.fit("all.tsv", "out", &["--skip-existing", "--report", "r.json", "--shard", "5/6"]));
+    let empty = ["--skip-existing", "--report", "r.json", "--shard", "5/6"];
+    let said = succeed(&mut study.fit("all.tsv", "out", &empty));
+    assert!(said.contains("shard 5/6 has no rows") && !said.contains("nothing to do"), "{said}");
     assert_eq!(report()["rows"]["all"], 0);
     assert_eq!(study.status(&["s.tsv"])["skipped"], 2);
 }

@@ -93,6 +93,7 @@ fn a_beginning_of_a_file_is_taken_when_it_is_asked_for() {
     std::fs::write(site.path("cut.sphz"), &bytes[..end + 3]).expect("a file");
     let error = fail(&mut site.shape(&["expand", "cut.sphz", "-o", "cut.npz"]));
     assert!(error.contains("cut.sphz") && error.contains("truncated") && error.contains("degree 8"), "{error}");
+    assert!(error.contains("give --prefix"), "{error}");
     succeed(&mut site.shape(&["expand", "cut.sphz", "--prefix", "-o", "cut.npz"]));
     succeed(&mut site.shape(&["expand", "a.sphz", "--max-degree", "8", "-o", "eight.npz"]));
     assert_eq!(site.read("cut.npz").coefficients, site.read("eight.npz").coefficients);
@@ -113,6 +114,14 @@ fn bad_files_and_settings_are_refused() {
         let error = fail(site.shape(&["compress", bumpy, "-o", "a.sphz"]).args(arguments));
         assert!(error.contains("bumpy") && error.contains(what), "{error}");
     }
+    for bytes in ["34", "37"] {
+        // A file this small would hold a point.
+        let compress =
+            |bytes: &str| site.shape(&["compress", bumpy, "--bare", "--force", "-o", "c.sphz", "--bytes", bytes]);
+        let error = fail(&mut compress(bytes));
+        let least = error.split("the smallest possible file has ").nth(1).and_then(|rest| rest.split(' ').next());
+        succeed(&mut compress(least.expect("a number")));
+    }
     assert_eq!(finish(&mut site.shape(&["compress", bumpy, "-o", "a.sphz"])).status.code(), Some(2));
     let error = fail(&mut site.shape(&["compress", bumpy, "--step", "1e-3", "-o", "a.npz"]));
     assert!(error.contains(".sphz"), "{error}");
@@ -127,6 +136,15 @@ fn bad_files_and_settings_are_refused() {
     assert!(error.contains("damaged.sphz") && error.contains("checksum"), "{error}");
     let error = fail(&mut site.shape(&["expand", bumpy, "-o", "b.npz"]));
     assert!(error.contains("not a compressed model"), "{error}");
+    std::fs::write(site.path("a.sphz.gz"), b"\x1f\x8b\x08\x00").expect("a file");
+    let error = fail(&mut site.shape(&["expand", "a.sphz.gz", "-o", "b.npz"]));
+    assert!(error.contains("a.sphz.gz: expected a compressed model, found a gzipped file"), "{error}");
+    let error = fail(&mut site.shape(&["expand", "-", "-o", "b.npz"]));
+    assert!(error.contains("standard input isn't supported"), "{error}");
+    for verb in ["measure", "describe"] {
+        let error = fail(&mut site.shape(&[verb, "a.sphz"]));
+        assert!(error.contains("a.sphz: the file is a compressed model") && error.contains("shape expand"), "{error}");
+    }
     assert!(!site.path("b.npz").exists());
 }
 

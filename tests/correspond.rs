@@ -150,6 +150,7 @@ fn a_new_member_has_the_groups_sphere_and_changes_nothing() {
     let first = fs::read(site.path("added/s03.spharm.npz")).expect("a model");
     let found: Value = serde_json::from_str(&succeed(site.shape(&add).args(["--json"]))).expect("JSON");
     assert_eq!((&found["there_already"], found["members"].as_array().map(Vec::len)), (&1.into(), Some(1)), "{found}");
+    assert_eq!(found["warnings"][0], "s01: the surface is identical to s01", "{found}");
     assert_eq!(fs::read(site.path("added/s03.spharm.npz")).expect("a model"), first);
     assert_eq!(site.contents("group"), before);
     let read = |name: &str| Model::read(site.path(name)).expect("a model");

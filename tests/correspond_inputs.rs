@@ -80,6 +80,32 @@ fn landmarks_that_guide_stay_together() {
 }
 
 #[test]
+fn swapped_landmarks_are_named() {
+    let site = boxes();
+    let marks = site.path().join("marks");
+    fs::create_dir(&marks).expect("a folder");
+    for name in ["s01", "s02", "s03", "s04"] {
+        let mut text = fs::read_to_string(site.path().join(format!("in/{name}.json"))).expect("landmarks");
+        if name == "s03" {
+            let [first, second] = ["corner-000", "corner-111"];
+            text = text.replace(first, "other").replace(second, first).replace("other", second);
+        }
+        fs::write(marks.join(format!("{name}.json")), text).expect("landmarks");
+    }
+    let warnings = |more: &[&str]| {
+        let arguments = [&["-o", "group", "--force"], more].concat();
+        json(&succeed(&mut correspond(site.path(), &BOXES, &arguments)))["warnings"].to_string()
+    };
+    assert!(!warnings(&["--landmarks", "in"]).contains("swapped"));
+    for more in
+        [&["--no-refinement"][..], &["--guide", "--template", "in/s01.ply"], &["--guide", "--template", "in/s03.ply"]]
+    {
+        let found = warnings(&[&["--landmarks", "marks"], more].concat());
+        assert!(found.contains("s03: the landmarks corner-000 and corner-111 seem to be swapped"), "{more:?}: {found}");
+    }
+}
+
+#[test]
 fn signals_are_found_beside_the_surfaces_or_in_a_table() {
     let site = boxes();
     let mut table = String::from("id\tsurface\theight\n");
@@ -124,8 +150,23 @@ fn labels_of_volumes_correspond_without_their_steps() {
             if x < -7.0 { 2 } else { u8::from(inside) }
         });
     }
+    // Two of the headers have no sform; their voxel sizes give the same positions.
+    for path in &paths[1..3] {
+        let mut bytes = fs::read(path).expect("a volume");
+        bytes[254] = 0;
+        fs::write(path, bytes).expect("written");
+    }
     let names: Vec<&str> = paths.iter().map(|path| path.to_str().expect("text")).collect();
-    succeed(&mut correspond(site.path(), &names, &["-o", "group", "--label", "1"]));
+    let output = finish(&mut correspond(site.path(), &names, &["-o", "group", "--label", "1"]));
+    assert!(output.status.success(), "{}", text(&output));
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(printed.matches("neither an sform").count(), 1, "{printed}");
+    assert!(printed.contains("2 volumes, ") && printed.contains("s2.nii: the header has neither"), "{printed}");
+    fs::copy(&paths[1], site.path().join("new.nii")).expect("a copy");
+    let add = ["correspond", "new.nii", "--to", "group", "--label", "1", "-o", "added", "-q", "--json"];
+    let added = json(&succeed(tool("shape").args(add).current_dir(site.path())));
+    let warned = |text: &Value| text.as_str().is_some_and(|text| text.starts_with("new.nii: the header has neither"));
+    assert!(added["warnings"].as_array().is_some_and(|warnings| warnings.iter().any(warned)), "{added}");
     for (k, [a, b, c]) in semiaxes.iter().enumerate() {
         let model = Model::read(site.path().join(format!("group/s{k}.spharm.npz"))).expect("a model");
         let measures =

@@ -106,6 +106,24 @@ fn a_folder_of_models_is_exported_and_nothing_is_replaced() {
 }
 
 #[test]
+fn names_of_other_formats_are_refused() {
+    let site = Site::new();
+    site.model("m.npz", 3, 3);
+    for (format, name, expected) in [
+        ("healpy", "Alm.NPY", "(the name is \"Alm.NPY\"): expected a name that ends in .fits or .fit"),
+        ("pyshtools", "m.npy", "expected a name that ends in .sh or .txt or .dat"),
+        ("csv", "m.json", "expected a name that ends in .csv"),
+    ] {
+        let said = fail(&mut site.run("export", &["m.npz", "--to", format, "-o", name]));
+        assert!(said.contains("--output") && said.contains(expected), "{said}");
+    }
+    assert!(!site.path("Alm.NPY").exists() && !site.path("m.x.npy").exists());
+    for (format, name) in [("healpy", "alm"), ("healpy", "Alm.FITS"), ("afni", "m.1D")] {
+        succeed(&mut site.run("export", &["m.npz", "--to", format, "-o", name]));
+    }
+}
+
+#[test]
 fn what_a_format_cannot_hold_is_refused_with_the_reason() {
     let site = Site::new();
     site.model("surface.npz", 3, 3);

@@ -75,6 +75,16 @@ fn a_model_of_another_input_is_not_taken_for_ones_own() {
     );
     assert!(error.contains("--name-template '{parent2}.{stem}'"), "{error}");
     assert_eq!(subjects.model("lh.pial.spharm.npz"), before);
+    let good = std::fs::read(subjects.path("sub-02/surf/lh.pial.ply")).expect("a mesh");
+    std::fs::write(subjects.path("sub-02/surf/lh.pial.ply"), "ply\n").expect("a damaged mesh");
+    let output = finish(&mut subjects.fit(&[2], &["--force"]));
+    assert!(!output.status.success() && !text(&output).contains("replaces"), "{}", text(&output));
+    std::fs::write(subjects.path("sub-02/surf/lh.pial.ply"), good).expect("a mesh");
+    // A folder of this name prevents the table from being written.
+    std::fs::create_dir(subjects.path("out/lh.pial.spharm.csv")).expect("a folder");
+    let output = finish(&mut subjects.fit(&[2], &["--force", "--coefficients-csv"]));
+    assert!(!output.status.success() && !text(&output).contains("replaces"), "{}", text(&output));
+    std::fs::remove_dir(subjects.path("out/lh.pial.spharm.csv")).expect("it is removed");
     let warnings = errors(&mut subjects.fit(&[2], &["--force"]));
     assert!(warnings.contains("replaces the model of") && warnings.contains("sub-01"), "{warnings}");
     assert_ne!(subjects.model("lh.pial.spharm.npz").coefficients, before.coefficients);

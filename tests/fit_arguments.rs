@@ -59,6 +59,8 @@ fn flags_that_do_not_go_together_are_usage_errors() {
         (false, &["--objective", "points"], "surface or vertices"),
         (true, &["--method", "nlsf", "--stderr"], "--stderr"),
         (true, &["--preconditioner", "factor"], "--preconditioner"),
+        (true, &["--tolerance", "1e-6"], "--tolerance"),
+        (false, &["--method", "quadrature", "--max-iterations", "7"], "--max-iterations"),
         (false, &["--method", "quadrature", "--smoothness", "1"], "--smoothness"),
         (false, &["--method", "quadrature", "--hold-out", "0.1"], "--hold-out"),
         (false, &["--method", "quadrature", "--weights", "area"], "--weights"),

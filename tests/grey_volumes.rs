@@ -112,7 +112,7 @@ fn unusable_values_and_arguments_are_refused() {
     fs::write(at("m.off"), "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n").unwrap();
     let mesh = refused(&["m.off", "--threshold", "0.5"]);
     assert!(
-        mesh.contains("m.off: --label, --channel, --time, --voxel-size, --threshold and --probability are"),
+        mesh.contains("m.off: --label, --channel, --time, --voxel-size, --axes, --threshold and --probability are"),
         "{mesh}"
     );
 }

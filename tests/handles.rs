@@ -150,6 +150,20 @@ fn handles_are_refused_unless_asked_for_and_spheres_are_left_as_they_are() {
     let plain = Model::read(folder.path().join("ball.spharm.npz")).expect("a model");
     assert_eq!(plain.sphere.and_then(|sphere| sphere.seam), None);
     assert!(plain.provenance.handles.is_none() && !folder.path().join("ball.cut.surf.gii").exists());
+
+    for arguments in [
+        &["reconstruct", "--model", "torus.spharm.npz", "--icosphere", "2", "-o", "out.ply"][..],
+        &["compare", "torus.ply", "torus.spharm.npz", "--samples", "1000"],
+        &["shape", "measure", "torus.spharm.npz"],
+        &["shape", "remesh", "torus.spharm.npz", "--icosphere", "2", "-o", "remeshed.ply"],
+        &["shape", "morph", "torus.spharm.npz", "ball.spharm.npz", "--steps", "2", "--icosphere", "2", "-o", "path"],
+    ] {
+        let output = finish(tool(arguments[0]).args(&arguments[1..]).current_dir(folder.path()));
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{arguments:?}: {told}");
+        let warning = "torus.spharm.npz: handles were cut: the surface includes the caps that close the cuts";
+        assert!(told.contains(warning), "{arguments:?}: {told}");
+    }
 }
 
 /// A fit of a label with a handle restores the triangles of the label's surface, including the handle.

@@ -67,6 +67,26 @@ fn a_label_of_freesurfer_needs_its_sphere() {
 }
 
 #[test]
+fn a_fit_warns_of_the_mask_of_the_other_hemisphere() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    let made = ["--subdivisions", "2", "--surface", "lh.white", "--sphere", "lh.sphere.reg", "-q"];
+    succeed(tool("generate").args(made).current_dir(site));
+    write_label(&site.join("rh.cortex.label"), &icosphere(2).vertices, |p| p[0] < 0.9);
+    let files = ["--surface", "lh.white", "--sphere", "lh.sphere.reg", "--mask", "rh.cortex.label"];
+    let fit = |more: &str| {
+        let settings = ["--max-degree", "3", "-o", "lh.white.spharm.npz", "-q", more];
+        finish(tool("fit").args(files).args(settings).current_dir(site))
+    };
+    let expected =
+        "lh.white: this file belongs to the left hemisphere, but the mask rh.cortex.label belongs to the right";
+    let error = error_line(&fit("--strict"));
+    assert!(error.contains(expected), "{error}");
+    let output = fit("--force");
+    assert!(output.status.success() && text(&output).contains(expected), "{}", text(&output));
+}
+
+#[test]
 fn a_reconstruction_has_the_hemisphere_of_its_model() {
     let site = site();
     let site = site.path();

@@ -5,7 +5,7 @@ use std::path::Path;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal, write_mesh, write_signal};
 use spharm_surface::{CoordinateSystem, Mesh, Signal, VolumeGeometry};
 
-use crate::common::{fail, succeed, text, tool};
+use crate::common::{fail, finish, succeed, text, tool};
 use crate::pipeline::Study;
 
 /// Writes the study's first surface under another name, modified.
@@ -122,7 +122,7 @@ fn what_is_no_surface_is_named_for_what_it_is() {
     assert!(error.contains("a volume (TIFF)") && error.contains("--label N"), "{error}");
     std::fs::create_dir(study.path("subjects")).unwrap();
     let error = fail(&mut study.fit(&["subjects"], &["--max-degree", "6"]));
-    assert!(error.contains("is a folder; give the files in the folder, or a list of paths as @LIST"), "{error}");
+    assert!(error.contains("subjects: the folder has no meshes"), "{error}");
     let mut command = tool("reconstruct");
     fit(&study, "s0.surf.gii");
     let error = fail(command.arg("--model").arg(study.path("m.npz")).arg("-o").arg(study.path("a.usd")));
@@ -130,4 +130,22 @@ fn what_is_no_surface_is_named_for_what_it_is() {
     let mut command = tool("generate");
     let error = fail(command.args(["--subdivisions", "2", "--surface"]).arg(study.path("a.stl")));
     assert!(error.contains("order of the vertices"), "{error}");
+}
+
+#[test]
+fn a_folder_stands_for_its_meshes() {
+    let study = Study::new();
+    // The name doesn't say that this is a sphere.
+    std::fs::rename(study.path("sphere.surf.gii"), study.path("ico.surf.gii")).unwrap();
+    std::fs::write(study.path("cells.nii.gz"), "").unwrap();
+    let mut command = tool("fit");
+    command.arg(study.path(".")).arg(study.path("s0.surf.gii")).arg("--sphere").arg(study.path("ico.surf.gii"));
+    command.args(["--max-degree", "4", "--keep-going"]).arg("-o").arg(study.path("models"));
+    let output = finish(&mut command);
+    assert!(output.status.success() && text(&output).contains("fits 4 of 6 files"), "{}", text(&output));
+    assert!(text(&output).contains("` fits its 1 volume"), "{}", text(&output));
+    assert!(!study.path("models/ico.spharm.npz").exists());
+    for name in ["s0", "s1", "s2", "s3"] {
+        assert!(study.path(&format!("models/{name}.spharm.npz")).exists(), "{name}");
+    }
 }

@@ -119,11 +119,7 @@ fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
     for (name, said) in [
         ("bad_suzanne.obj", "at most 5 % is allowed: 2 smaller pieces dropped (5.6 % of the area), 2 holes filled"),
         ("wild/teapot.obj", "3 smaller pieces dropped (2"),
-        (
-            "wild/woody.obj",
-            "--largest-repair 68 allows this repair; alternatively, --wrap 128 replaces the mesh \
-             by the closed surface around it",
-        ),
+        ("wild/woody.obj", "the mesh is an open sheet"),
     ] {
         let Some(output) = run(name, &[]) else { return };
         let error = error_line(&output);
@@ -171,6 +167,33 @@ fn the_surface_around_several_parts_is_fitted() {
         assert_eq!(output.status.success(), said.is_empty(), "{name}: {}", text(&output));
         assert!(text(&output).contains(said), "{name}: {}", text(&output));
     }
+}
+
+/// `--wrap` keeps one piece: it is refused if the others are large, unless the loss is allowed.
+#[test]
+fn a_wrap_that_loses_a_body_is_refused() {
+    let site = Site::new();
+    let ball = icosphere(3);
+    let count = ball.vertices.len() as u32;
+    let beside = ball.vertices.iter().map(|&[x, y, z]| [0.7 * x + 2.5, 0.7 * y, 0.7 * z]);
+    let faces = ball.faces.iter().map(|face| face.map(|v| v + count));
+    let vertices = ball.vertices.iter().copied().chain(beside).collect();
+    let apart = Mesh::new(vertices, ball.faces.iter().copied().chain(faces).collect());
+    write_mesh(site.path("apart.ply"), &apart, &WriteOptions::default()).expect("written");
+    let fit = ["--surface", "apart.ply", "--max-degree", "4", "-o", "m.spharm.npz", "--force", "--wrap", "32"];
+    let output = finish(&mut site.run("fit", &fit));
+    let error = error_line(&output);
+    assert!(
+        !output.status.success() && error.contains("apart.ply") && error.contains("at most 5 % is allowed"),
+        "{error}"
+    );
+    assert!(error.contains("1 smaller piece left out (2"), "{error}");
+    let (_, option) = error.split_once("; --largest-repair ").expect("the option");
+    let percent = option.strip_suffix(" allows this wrap").expect("the percentage");
+    assert!(percent.parse::<u32>().is_ok_and(|percent| (30..=35).contains(&percent)), "{error}");
+    succeed(&mut site.run("fit", &[&fit[..], &["--largest-repair", percent]].concat()));
+    let output = finish(&mut site.run("fit", &["--surface", "apart.ply", "--largest-repair", "40", "-o", "n.npz"]));
+    assert!(!output.status.success() && text(&output).contains("--wrap"), "{}", text(&output));
 }
 
 /// A mesh that is refused is repaired on trial: the error states the changes, and the options with which they are made.
@@ -232,8 +255,12 @@ fn the_error_names_the_options_that_repair_a_mesh() {
     };
     write("strip.ply", &Mesh::new((0..2 * n).map(strip).collect(), (0..n).flat_map(pair).collect()));
     let error = refused("strip.ply", &["--force"]);
-    assert!(error.contains("one side only") && !error.contains("orient"), "{error}");
-    assert!(!error.contains("a repair is possible"), "{error}");
+    assert!(error.contains("not orientable: it has one side only"), "{error}");
+    for option in ["a repair is possible", "--wrap", "--fix"] {
+        assert!(!error.contains(option), "{error}");
+    }
+    let error = refused("strip.ply", &["--force", "--fix"]);
+    assert!(error.contains("strip.ply") && error.contains("not orientable") && !error.contains("--wrap"), "{error}");
 }
 
 /// Values at masked vertices have no effect, and the model still covers the entire sphere.

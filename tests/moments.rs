@@ -211,7 +211,7 @@ fn bad_input_is_refused_and_nothing_is_left_behind() {
         refuses(&mut survey.merge(&[&name], "out.moments", &[]), &[&name, words]);
         refuses(&mut survey.fit(&name, 5, &[]), &[&name, words]);
     }
-    refuses(&mut survey.fit("good.moments", 13, &[]), &["13", "12"]);
+    refuses(&mut survey.fit("good.moments", 13, &[]), &["13", "12, the highest degree of the moments"]);
     for more in [&["--surface", "a.ply"][..], &["--method", "irf"], &["--hold-out", "0.1"], &["--weights", "area"]] {
         let run = finish(&mut survey.fit("good.moments", 5, more));
         assert_eq!(run.status.code(), Some(2), "{more:?} {}", text(&run));
@@ -245,6 +245,65 @@ fn a_degree_that_the_samples_do_not_determine_is_said_with_the_gap() {
     succeed(&mut survey.moments("few.csv", "few.moments", &[]));
     let error = error_line(&finish(&mut survey.fit("few.moments", 12, &["--stderr"])));
     assert!(error.contains("49") && error.contains("169"), "{error}");
+}
+
+/// Five places with 100 observations each are said not to determine 81 coefficients, also with `--strict`.
+#[test]
+fn repeated_places_do_not_determine_a_degree() {
+    let survey = Survey::new();
+    let row = |i: i32| format!("{},{},{},1\n", 72 * (i % 5), 30 * (i % 5) - 60, f64::from(i).sin());
+    let rows: String = (0..500).map(row).collect();
+    std::fs::write(survey.path("few.csv"), format!("lon,lat,height,w\n{rows}")).expect("a table");
+    succeed(&mut survey.moments("few.csv", "few.moments", &[]));
+    let output = finish(&mut survey.fit("few.moments", 8, &["--strict"]));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("degree 8 isn't determined by the samples"), "{said}");
+}
+
+/// Copies of a table are noticed in one run, and when their moments are added.
+#[test]
+fn samples_that_count_twice_are_warned_of() {
+    let survey = Survey::new();
+    std::fs::copy(survey.path("heights.csv"), survey.path("copy.csv")).expect("a copy");
+    let copy = survey.path("copy.csv");
+    let mut both = survey.moments("heights.csv", "both.moments", &["--json", "--samples"]);
+    let report = json(&succeed(both.arg(copy)));
+    assert!(report["warnings"][0].as_str().expect("a warning").contains("equal, byte for byte"), "{report}");
+    for name in ["heights", "copy"] {
+        succeed(&mut survey.moments(&format!("{name}.csv"), &format!("{name}.moments"), &[]));
+    }
+    let report = json(&succeed(&mut survey.merge(&["heights.moments", "copy.moments"], "sum.moments", &["--json"])));
+    assert!(report["warnings"][0].as_str().expect("a warning").contains("equal sums"), "{report}");
+}
+
+#[test]
+fn a_mean_that_hides_the_residual_and_a_missing_shard_are_said() {
+    let survey = Survey::new();
+    let table = Survey::table();
+    let raised = table.lines().skip(1).map(|row| {
+        let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().expect("a number")).collect();
+        format!("{},{},{},{}\n", cells[0], cells[1], 6_371_000.0 + cells[2], cells[3])
+    });
+    let raised = raised.fold("lon,lat,height,w\n".to_owned(), |table, row| table + &row);
+    std::fs::write(survey.path("raised.csv"), raised).expect("a table");
+    succeed(&mut survey.moments("raised.csv", "raised.moments", &[]));
+    for more in [&["--stderr"][..], &["--denoise"], &["--smoothness", "auto"]] {
+        let error = fail(&mut survey.fit("raised.moments", 9, more));
+        for words in ["height", "subtract a constant", "or leave out this channel"] {
+            assert!(error.contains(words), "{more:?}: {error}");
+        }
+    }
+    let warned = |name: &str, words: &str| {
+        let output = finish(&mut survey.fit(name, 2, &[]));
+        assert!(output.status.success(), "{}", text(&output));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(said.contains(name) && said.contains(words), "{said}");
+        json(&String::from_utf8_lossy(&output.stdout))
+    };
+    let report = warned("raised.moments", "subtract a constant");
+    assert!(report["fit"]["rms"][0].is_null() && report["fit"]["explained"][0].is_null(), "{report}");
+    succeed(&mut survey.moments("heights.csv", "half.moments", &["--shard", "0/2"]));
+    warned("half.moments", "missing: shard 1/2");
 }
 
 #[test]

@@ -229,6 +229,23 @@ fn a_folder_that_cannot_be_closed_is_a_failure_in_one_line() {
     assert!(verify.status.success(), "{}", text(&verify));
 }
 
+#[test]
+fn the_name_of_a_file_is_no_folder_for_several_outputs() {
+    let site = Site::new();
+    std::fs::copy(site.path("m.spharm.npz"), site.path("n.spharm.npz")).expect("a copy");
+    for arguments in [
+        "reconstruct m.spharm.npz n.spharm.npz -o two.ply",
+        "reconstruct m.spharm.npz --format ply -o two.ply",
+        "shape remesh m.spharm.npz --levels 1,2 -o two.ply",
+        "fit in.ply --sphere sphere.ply --max-degree 2 -o two.sphz",
+    ] {
+        let output = finish(&mut site.command(&arguments.split(' ').collect::<Vec<_>>()));
+        let said = text(&output);
+        assert!(!output.status.success() && said.contains("--output must name a folder"), "{arguments}: {said}");
+    }
+    assert!(!site.path("two.ply").exists() && !site.path("two.sphz").exists());
+}
+
 /// 32-bit numbers near 1e8 have steps of 8 units.
 #[test]
 fn coordinates_too_large_for_32_bits_are_warned_of() {

@@ -144,7 +144,12 @@ fn a_batch_gives_what_each_gives_alone_and_lists_name_surfaces() {
     }
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let report = study.report(&names, "many", &arguments);
-    assert_eq!(report["batches"].as_array().unwrap().len(), 2);
+    let batches = report["batches"].as_array().unwrap();
+    assert_eq!(batches.len(), 2);
+    let ids = batches.iter().flat_map(|batch| batch["ids"].as_array().unwrap());
+    let ids: Vec<&str> = ids.filter_map(Value::as_str).collect();
+    assert!(ids.iter().zip(0..130).all(|(id, copy)| *id == format!("copy{copy}")) && ids.len() == 130, "{ids:?}");
+    assert!(batches[1]["sweeps"][0]["residuals"].as_array().unwrap().len() < 130, "{}", batches[1]);
     for name in ["copy0", "copy127", "copy128", "copy129"] {
         close(&study.model(&format!("many/{name}.spharm.npz")), &study.model("s1.npz"), 1e-13);
     }

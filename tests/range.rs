@@ -1,4 +1,4 @@
-//! Tests values and weights whose squares exceed the range of f64, and meshes with vertices of high valence.
+//! Tests values and weights whose products exceed the range of f64, and meshes with vertices of high valence.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -13,8 +13,8 @@ use spharm_surface::range::times;
 
 use crate::common::{fail, root, succeed, tool};
 
-/// Exponents of scales around 1e-300, 1e-170, 1e154 and 1e300.
-const EXPONENTS: [i32; 4] = [-990, -564, 512, 990];
+/// Exponents of scales around 1e-300, 1e-170, 1e-57, 1e-39, 1e26, 1e28, 1e154 and 1e300.
+const EXPONENTS: [i32; 8] = [-990, -564, -190, -130, 88, 94, 512, 990];
 
 /// A folder with a surface, `s0.ply`, the same surface at all scales, and their sphere with a store.
 struct Scales {
@@ -88,9 +88,28 @@ fn a_surface_of_any_size_gets_the_digits_of_one_of_size_one() {
             let (found, report) = scales.fitted(&format!("s{exponent}.ply"), &arguments);
             let same = found.iter().zip(&expected).all(|(a, b)| a.to_bits() == times(*b, exponent).to_bits());
             assert!(same, "{arguments:?} at 2^{exponent}");
-            let reported = last(&report)["rms_raw"].as_f64().expect("a number");
+            let figure = |name: &str| last(&report)[name].as_f64();
+            let reported = figure("rms_raw").or(figure("msd_raw").map(f64::sqrt)).expect("a number");
             assert!((times(reported, -exponent) / rms - 1.0).abs() < 1e-12, "{arguments:?}: {report}");
         }
+    }
+}
+
+#[test]
+fn a_surface_of_any_size_is_fitted_without_a_sphere() {
+    let scales = Scales::new();
+    let fitted = |exponent: i32| {
+        let mut command = tool("fit");
+        command.arg("--surface").arg(scales.path(&format!("s{exponent}.ply"))).arg("-o").arg(scales.path("bare.npz"));
+        succeed(command.args(["--max-degree", "6", "--force", "-q"]));
+        Model::read(scales.path("bare.npz")).expect("a model").coefficients.values().to_owned()
+    };
+    let expected = fitted(0);
+    let largest = expected.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
+    for exponent in EXPONENTS {
+        let found = fitted(exponent);
+        let near = |(a, b): (&f64, &f64)| (times(*a, -exponent) - b).abs() < 1e-9 * largest;
+        assert!(found.iter().zip(&expected).all(near), "2^{exponent}");
     }
 }
 
@@ -133,6 +152,8 @@ fn weights_count_by_what_they_are_to_each_other() {
     weights("one.csv", 0);
     weights("least.csv", -1066);
     weights("most.csv", 1020);
+    weights("little.csv", -150);
+    weights("much.csv", 90);
     let store = ["--store", "store", "--method"];
     let methods: [&[&str]; 4] =
         [&[], &["--objective", "vertices", "--stderr"], &["--denoise"], &[&store[..], &["irf"][..]].concat()];
@@ -142,7 +163,7 @@ fn weights_count_by_what_they_are_to_each_other() {
             scales.fitted("s0.ply", &arguments)
         };
         let (expected, report) = with("one.csv");
-        for weights in ["least.csv", "most.csv"] {
+        for weights in ["least.csv", "little.csv", "much.csv", "most.csv"] {
             let (found, scaled) = with(weights);
             assert_eq!(found, expected, "{arguments:?} {weights}");
             assert_eq!(last(&scaled)["msd"], last(&report)["msd"]);
@@ -191,9 +212,11 @@ fn sums_of_squares_that_leave_the_range_are_refused() {
     let table = folder.path().join("t.csv");
     for (value, weight, clear) in [
         ("1", "1", true),
+        ("1e-45", "1", true),
         ("1e-170", "1", false),
         ("1e200", "1", false),
         ("1e-290", "1e-300", false),
+        ("1", "1e-45", true),
         ("1", "1e-200", true),
     ] {
         let rows = (0..50).map(|i| {
@@ -215,7 +238,7 @@ fn sums_of_squares_that_leave_the_range_are_refused() {
         succeed(&mut sums);
         succeed(&mut run(&["fit", "--moments", "m.moments", "--max-degree", "2", "-o", "m.npz", "--force", "-q"]));
         let model = Model::read(folder.path().join("m.npz")).expect("a model");
-        let constant = (4.0 * std::f64::consts::PI).sqrt();
+        let constant = value.parse::<f64>().expect("a number") * (4.0 * std::f64::consts::PI).sqrt();
         assert!((model.coefficients.values()[[0, 0]] / constant - 1.0).abs() < 1e-8, "{value} {weight}");
     }
 }

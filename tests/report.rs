@@ -188,7 +188,7 @@ fn a_group_has_modes_maps_and_status() {
     assert!(html.contains("<bdi>a01</bdi>"));
     // The table of clusters as `shape test` writes it.
     let clusters = table(&html, "test: clusters");
-    for heading in ["cluster", "vertices", "area, ", "p-fwe", "peak's vertex", "x", "y", "z", "statistic", "effect"] {
+    for heading in ["cluster", "vertices", "area, ", "p-fwe", "peak's vertex", "x on the mean", "statistic", "effect"] {
         let heading = format!("<th scope=\"col\" class=\"number\"><bdi>{}", heading.replace('\'', "&#39;"));
         assert!(clusters.contains(&heading), "{heading}: {clusters}");
     }

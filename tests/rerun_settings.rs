@@ -203,3 +203,17 @@ fn a_dry_run_ends_as_the_run_would() {
     let said = text(&finish(&mut fit("weights.tsv", "4", &["--force", "--keep-going"])));
     assert!(said.contains("C: sphere.ply: column weights: expected uniform"), "{said}");
 }
+
+#[test]
+fn a_dry_run_compares_numbers_of_vertices_in_headers() {
+    let folder = tempfile::tempdir().expect("a folder");
+    cohort(folder.path());
+    write_mesh(folder.path().join("small.ply"), &icosphere(1), &OPTIONS).expect("a mesh");
+    let table = "id\tsurface\tsphere\nA\ta.ply\tsphere.ply\nS\tsmall.ply\tsphere.ply\n";
+    fs::write(folder.path().join("small.tsv"), table).expect("a table");
+    let mut fit = tool("fit");
+    fit.args(["--manifest", "small.tsv", "--max-degree", "4", "--keep-going", "--dry-run"]).current_dir(folder.path());
+    let dry = finish(&mut fit);
+    assert!(error_line(&dry).contains("1 of 2 surfaces would fail: S"), "{}", text(&dry));
+    assert!(text(&dry).contains("small.ply") && text(&dry).contains("42"), "{}", text(&dry));
+}

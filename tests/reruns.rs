@@ -13,7 +13,7 @@ use spharm_surface::io::{read_mesh, write_mesh};
 
 use crate::common::{fail, succeed, tool};
 use crate::first_users::{OPTIONS, Subjects, errors};
-use crate::pipeline::names;
+use crate::pipeline::{Study, names};
 
 fn record(contents: &str) -> FileRecord {
     FileRecord { path: contents.to_owned(), bytes: 1, blake3: contents.repeat(64), ..FileRecord::default() }
@@ -171,4 +171,23 @@ fn what_is_left_out_is_noted_and_reported() {
     assert!(skipped["output"].as_str().is_some_and(|output| output.ends_with("sub-01.spharm.npz")), "{skipped}");
     assert_eq!(report(&[1, 2])["skipped"].as_array().map(Vec::len), Some(2));
     assert!(errors(&mut fit(&[1, 2])).contains("2 outputs exist and were skipped"));
+}
+
+/// The scalar type of the store is a setting, even without `--dtype`.
+#[test]
+fn a_store_of_another_precision_is_another_setting() {
+    let study = Study::new();
+    let fit = |more: &[&str]| {
+        let mut fit = study.fit(&["s0.surf.gii"], &["--max-degree", "4"]);
+        fit.args(more).arg("-o").arg(study.path("m.npz"));
+        fit
+    };
+    succeed(&mut fit(&[]));
+    assert!(succeed(&mut fit(&["--skip-existing"])).contains("nothing to do"));
+    std::fs::remove_dir_all(study.path("store")).expect("removed");
+    succeed(study.build(4).args(["--dtype", "f32"]));
+    let error = fail(&mut fit(&["--skip-existing"]));
+    assert!(error.contains("dtype f64, not f32"), "{error}");
+    succeed(&mut fit(&["--update"]));
+    assert!(succeed(&mut fit(&["--skip-existing"])).contains("nothing to do"));
 }

@@ -13,7 +13,7 @@ use spharm_monitor::Silent;
 use spharm_surface::io::{read_mesh, read_signal};
 use spharm_surface::{Kind, Sphere};
 
-use crate::common::{fail, finish, succeed, tool};
+use crate::common::{fail, finish, succeed, text, tool};
 
 /// A folder with an ellipsoid of semi-axes 3, 2, 1, a bumpy model over its own sphere, and invalid models.
 struct Site(tempfile::TempDir);
@@ -144,7 +144,11 @@ fn smoothing_is_recorded_and_is_not_taken_for_a_fit() {
     let steps = site.read("two.npz").provenance.other["transform"].as_array().map(Vec::len);
     assert_eq!(steps, Some(2));
     let error = fail(&mut site.shape("smooth", &["bumpy"], &["--fwhm", "-1", "-o", "bad.npz"]));
-    assert!(error.contains("--fwhm") && error.contains("not negative"), "{error}");
+    assert!(error.contains("--fwhm") && error.contains("from 0 to 180 degrees"), "{error}");
+    let error = fail(&mut site.shape("smooth", &["bumpy"], &["--fwhm", "1e300", "-o", "bad.npz"]));
+    assert!(error.contains("from 0 to 180 degrees"), "{error}");
+    let refused = finish(&mut site.shape("smooth", &["bumpy"], &["--fwhm", "12mm", "-o", "bad.npz"]));
+    assert!(!refused.status.success() && text(&refused).contains("a length w is 57.3 w / R"), "{}", text(&refused));
     assert_eq!(finish(&mut site.shape("smooth", &["bumpy"], &["-o", "bad.npz"])).status.code(), Some(2));
 }
 

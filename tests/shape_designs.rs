@@ -57,6 +57,17 @@ fn an_interaction_is_the_difference_of_slopes() {
 }
 
 #[test]
+fn levels_that_differ_only_in_case_are_warned_about() {
+    let site = subjects();
+    let site = site.path();
+    let table = fs::read_to_string(site.join("t.csv")).expect("a table").replacen(",a,", ",A,", 2);
+    fs::write(site.join("case.csv"), table).expect("a table");
+    let found = report(site, &["--table", "case.csv", "--effect", "group"], "case");
+    let warnings = found["warnings"].to_string();
+    assert!(warnings.contains(r#"group: the levels \"A\" and \"a\" differ only in case"#), "{warnings}");
+}
+
+#[test]
 fn contrasts_are_tested_alone_or_together() {
     let site = subjects();
     let site = site.path();
@@ -94,6 +105,7 @@ fn designs_that_cannot_be_estimated_are_refused() {
     );
     refused(&["--effect", "group", "--covariates", "age,age"], &["age"]);
     refused(&["--effect", "age:sex", "--levels", "m,f,x"], &["sex", "m, f, x"]);
+    refused(&["--effect", "stage", "--levels", "mild,well,mild,severe"], &["duplicate level \"mild\"", "\"stage\""]);
     refused(&["--effect", "age:age"], &["age"]);
 }
 

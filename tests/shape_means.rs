@@ -88,6 +88,20 @@ fn a_mean_change_is_found_whatever_columns_are_beside_it() {
 }
 
 #[test]
+fn models_smoothed_differently_are_noticed() {
+    let site = growing();
+    let site = site.path();
+    let found = report(site, &["--a", "year2", "--b", "year1"], "alike")["warnings"].to_string();
+    assert!(!found.contains("smoothed"), "{found}");
+    let smooth = ["smooth", "year2/s3.spharm.npz", "--fwhm", "10", "-q", "-o", "smooth.spharm.npz"];
+    succeed(tool("shape").args(smooth).current_dir(site));
+    fs::rename(site.join("smooth.spharm.npz"), site.join("year2/s3.spharm.npz")).expect("replaced");
+    let found = report(site, &["--a", "year2", "--b", "year1"], "mixed")["warnings"].to_string();
+    let [plain, smoothed] = ["19 not smoothed (first: year2/s0.", "1 smoothed by a heat kernel with an FWHM of 10.00"];
+    assert!(found.contains(plain) && found.contains(smoothed) && found.contains("year2/s3."), "{found}");
+}
+
+#[test]
 fn questions_that_mean_nothing_are_refused() {
     let site = site(|subject, year| 10.0 + (subject + year) as f64);
     let site = site.path();
@@ -232,5 +246,30 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
         let arguments: Vec<&str> = test.into_iter().chain(masks).chain(["-o", "x"]).collect();
         let error = fail(&mut self::test(site, &arguments));
         assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn models_in_another_unit_are_named() {
+    let site = site(|subject, _| if subject == 3 { 1e4 } else { 10.0 + 0.3 * subject as f64 });
+    for arguments in [
+        &["pca", "year1", "-o", "modes.npz"][..],
+        &["mean", "year1", "-o", "mean.npz"],
+        &["align", "year1", "--group", "--method", "fixed", "-o", "aligned"],
+    ] {
+        let output = finish(tool("shape").args(arguments).current_dir(site.path()));
+        let said = text(&output);
+        assert!(output.status.success() && said.contains("s3.spharm.npz: root mean square radius"), "{said}");
+        assert!(said.contains("about 1000 times the lengths of the others"), "{said}");
+        assert_eq!(said.matches("another unit").count(), 1, "{said}");
+    }
+}
+
+#[test]
+fn printed_tables_name_models_by_file() {
+    let site = growing();
+    for verb in ["measure", "describe"] {
+        let said = succeed(tool("shape").args([verb, "year1", "--names"]).current_dir(site.path()));
+        assert!(said.contains("s3") && !said.contains("year1"), "{said}");
     }
 }

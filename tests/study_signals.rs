@@ -78,6 +78,38 @@ fn edit(site: &Path, from: &str, to: &str) {
     fs::write(site.join("study.toml"), STUDY.replace(from, to)).expect("a study");
 }
 
+#[test]
+fn spheres_of_the_other_hemisphere_are_named_at_the_end_and_on_the_page() {
+    let site = site();
+    let site = site.path();
+    for subject in 0..8 {
+        let at = |name: &str| site.join(format!("subjects/s{subject}/surf/{name}"));
+        fs::copy(at("lh.sphere.reg"), at("rh.sphere.reg")).expect("a copy");
+    }
+    edit(site, "surf/lh.sphere.reg", "surf/rh.sphere.reg");
+    let expected = "16 fits have a sphere or mask of the other hemisphere: s0 (rh.sphere.reg), s1 (rh.sphere.reg)";
+    // The second run makes no fits, whose own warnings are missing then.
+    for _ in 0..2 {
+        let output = study(site, &[]);
+        assert!(output.status.success() && text(&output).contains(expected), "{}", text(&output));
+        assert!(fs::read_to_string(site.join("out/report.html")).expect("a page").contains(expected));
+    }
+}
+
+#[test]
+fn a_mask_of_the_other_hemisphere_for_all_surfaces_is_named_at_the_end() {
+    let site = site();
+    let site = site.path();
+    let sphere = read_mesh(site.join("subjects/s0/surf/lh.sphere.reg")).expect("a sphere");
+    let units: Vec<[f64; 3]> = sphere.vertices.iter().map(unit).collect();
+    write_label(&site.join("rh.cortex.label"), &units, |p| p[0] <= 0.97);
+    let arguments = r#"arguments = ["--sphere", "subjects/s0/surf/lh.sphere.reg", "--mask", "rh.cortex.label"]"#;
+    edit(site, "max_degree = 6", &format!("max_degree = 6\n{arguments}"));
+    let output = study(site, &[]);
+    let expected = "8 fits have a sphere or mask of the other hemisphere: s0 (rh.cortex.label), s1 (rh.cortex.label)";
+    assert!(output.status.success() && text(&output).contains(expected), "{}", text(&output));
+}
+
 fn map(site: &Path, name: &str) -> Vec<f64> {
     shape_inference::map(site, "out/tests/thickness", name)
 }

@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::Path;
 
+use ndarray::Array3;
+use ndarray_npy::WriteNpyExt;
 use spharm::Model;
 
 use crate::common::{fail, finish, succeed, text, tool};
@@ -105,4 +107,16 @@ fn time_points_of_one_file_form_a_group() {
     let present = succeed(&mut correspond("1"));
     let other = fail(&mut correspond("2"));
     assert!(other.contains("made from another file"), "{present} {other}");
+    // A member made with another order of the axes isn't accepted.
+    let ball = fs::read(site.join("v.nii")).unwrap()[352..352 + 16_usize.pow(3)].to_vec();
+    let ball = Array3::from_shape_vec((16, 16, 16), ball).unwrap();
+    ball.write_npy(fs::File::create(site.join("w.npy")).unwrap()).unwrap();
+    let of_array = |axes: &str| {
+        let size = ["--voxel-size", "1,1,1", "--axes", axes, "-o", "joined"];
+        run(&[&["shape", "correspond", "w.npy", "--to", "group"][..], &size].concat())
+    };
+    succeed(&mut of_array("xyz"));
+    succeed(&mut of_array("xyz"));
+    let other = fail(&mut of_array("zyx"));
+    assert!(other.contains("the existing member w was made with --axes xyz, not zyx"), "{other}");
 }

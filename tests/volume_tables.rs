@@ -56,6 +56,10 @@ fn every_label_is_a_model_and_a_row() {
     let output = finish(&mut site.run(&["in"]));
     let error = error_line(&output);
     assert!(error.contains("out/volumes.tsv: 2 of 5 rows failed"), "{error}");
+    // Label 60 also touches the border, but has no model.
+    let cut: Vec<String> = text(&output).lines().filter(|line| line.contains("border")).map(str::to_owned).collect();
+    let [cut] = &cut[..] else { panic!("{cut:?}") };
+    assert!(cut.starts_with("warning: in/a.nii label 53 touches the border") && cut.contains("--skip-border"), "{cut}");
     let rows = site.table();
     let row = |file: &str, label: &str| {
         let found = rows.iter().find(|row| row["file"] == format!("in/{file}.nii") && row["label"] == label);
@@ -150,6 +154,13 @@ fn labels_of_two_files_with_one_name_are_told_apart() {
     assert!(site.path("out/other.b.17.spharm.npz").exists());
 }
 
+#[test]
+fn a_volume_given_by_two_paths_is_one_volume() {
+    let site = Site::new();
+    succeed(&mut site.run(&["in/b.nii", "./in/b.nii"]));
+    assert_eq!(site.table().len(), 1);
+}
+
 /// An array file has no voxel size, so --voxel-size is needed.
 #[test]
 fn voxel_sizes_are_given_where_files_have_none() {
@@ -171,6 +182,30 @@ fn voxel_sizes_are_given_where_files_have_none() {
     let volume: f64 = row["volume"].parse().expect("a number");
     assert!((volume / 216.0 - 1.0).abs() < 0.1, "{volume}");
     assert_eq!(finish(&mut site.run(&["cube.npy", "--voxel-size", "0.5,1"])).status.code(), Some(2));
+    // The axes of an array may be z, y and x; the size stays that along x, y and z.
+    let wide = "{'descr': '|u1', 'fortran_order': False, 'shape': (6, 7, 9), }\n";
+    let voxel =
+        |i: usize| u8::from((1..5).contains(&(i / 63)) && (1..6).contains(&(i / 9 % 7)) && (1..8).contains(&(i % 9)));
+    let values: Vec<u8> = (0..6 * 7 * 9).map(voxel).collect();
+    let file = [&b"\x93NUMPY\x01\x00"[..], &(wide.len() as u16).to_le_bytes(), wide.as_bytes(), &values].concat();
+    std::fs::write(site.path("wide.npy"), file).expect("written");
+    let size = ["wide.npy", "--voxel-size", "0.5,1,2", "--table", "wide.tsv"];
+    let centroid = |axes: &str| {
+        succeed(site.run(&size).args(["--axes", axes, "--force"]));
+        let rows = site.rows("wide.tsv", '\t');
+        ["centroid_x", "centroid_y", "centroid_z"].map(|name| rows[0][name].parse::<f64>().expect("a number"))
+    };
+    let near = |found: [f64; 3], expected: [f64; 3]| found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.2);
+    assert!(near(centroid("xyz"), [1.25, 3.0, 8.0]) && near(centroid("zyx"), [2.0, 3.0, 5.0]));
+    let provenance = Model::read(site.path("out/wide.1.spharm.npz")).expect("a model").provenance;
+    assert_eq!(provenance.axes.as_deref(), Some("zyx"));
+    let again = ["wide.npy", "--voxel-size", "0.5,1,2", "--table", "again.tsv", "--skip-existing"];
+    let other = text(&finish(&mut site.run(&again)));
+    assert!(other.contains("fitted with other settings: axes zyx, not xyz"), "{other}");
+    succeed(site.run(&again).args(["--axes", "zyx"]));
+    let fixed = text(&finish(&mut site.run(&["in/b.nii", "--axes", "zyx", "--table", "fixed.tsv"])));
+    assert!(fixed.contains("in/b.nii: expected the order of axes xyz") && fixed.contains("omit --axes"), "{fixed}");
+    assert_eq!(finish(&mut site.run(&["wide.npy", "--axes", "xzy", "--table", "no.tsv"])).status.code(), Some(2));
     // `fit` accepts array files with --voxel-size as well.
     let mut fit = tool("fit");
     fit.current_dir(site.0.path()).args(["--surface", "cube.npy", "--voxel-size", "0.5,1,2", "--max-degree", "4"]);
@@ -190,6 +225,7 @@ fn small_labels_and_those_at_the_border_are_skipped() {
     // Label 17 has about 690 voxels in a and 370 in b. Label 53 touches the border in a, and doesn't exist in b.
     let output = finish(&mut site.run(&arguments));
     assert!(text(&output).contains("1 model, 2 skipped, 1 failed"), "{}", text(&output));
+    assert!(!text(&output).contains("touches the border"), "{}", text(&output));
     let rows = site.table();
     let states: Vec<&str> = rows.iter().map(|row| row["state"].as_str()).collect();
     assert_eq!(states, ["fitted", "skipped", "skipped", "failed"], "{rows:?}");

@@ -28,6 +28,11 @@ pub(crate) fn write_volume(path: &Path, label: impl Fn([f64; 3]) -> u8) {
         bytes[76 + 4 * k..80 + 4 * k].copy_from_slice(&1.0_f32.to_le_bytes());
     }
     bytes[108..112].copy_from_slice(&352.0_f32.to_le_bytes());
+    // The sform is the identity.
+    bytes[254] = 1;
+    for k in 0..3 {
+        bytes[280 + 20 * k..284 + 20 * k].copy_from_slice(&1.0_f32.to_le_bytes());
+    }
     bytes[344..348].copy_from_slice(b"n+1\0");
     bytes.extend((0..16 * 16 * 16).map(|i| label([i % 16, i / 16 % 16, i / 256].map(|x| f64::from(x) - 7.5))));
     std::fs::write(path, bytes).unwrap();
@@ -192,4 +197,23 @@ fn a_mesh_is_put_on_a_shared_sampling() {
         let error = fail(tool("parametrize").arg("--input").arg(&path).args(arguments).arg("-o").arg(&sphere));
         assert!(error.contains(words) && !sphere.exists(), "{arguments:?}: {error}");
     }
+}
+
+#[test]
+fn a_speck_at_the_border_that_the_repair_drops_is_ignored() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cell.nii");
+    write_volume(&path, |at| u8::from(ball(at) || at == [-7.5; 3]));
+    let run = |arguments: &[&str], out: &str| {
+        let out = folder.path().join(out);
+        let mut command = tool("volumes");
+        command.arg(&path).args(["--max-degree", "3", "--skip-border", "-q"]).args(arguments).arg("-o").arg(&out);
+        succeed(&mut command);
+        (std::fs::read_to_string(out.join("volumes.tsv")).unwrap(), out.join("cell.1.spharm.npz"))
+    };
+    let (table, model) = run(&["--fix"], "fixed");
+    assert!(table.contains("fitted"), "{table}");
+    assert_eq!(Model::read(model).unwrap().provenance.voxels.map(|voxels| voxels.at_border), Some(false));
+    let (table, model) = run(&[], "as-it-is");
+    assert!(table.contains("at the border of the volume") && !model.exists(), "{table}");
 }

@@ -7,6 +7,7 @@
 pub mod allocator;
 mod basis_build;
 mod bids;
+mod cells;
 mod compare;
 mod export;
 mod fit;

@@ -52,6 +52,14 @@ impl Surface {
         matches!(self, Self::Model(..))
     }
 
+    /// Returns a warning if the surface is a model whose handles were cut.
+    pub(crate) fn cut_handles(&self) -> Option<&'static str> {
+        match self {
+            Self::Mesh(_) => None,
+            Self::Model(model, _) => cut_handles(model),
+        }
+    }
+
     /// Returns whether two surfaces are models over separate maps, so that equal directions don't correspond.
     pub(crate) fn mapped_apart(&self, other: &Self) -> bool {
         matches!((self, other), (Self::Model(own, _), Self::Model(other, _)) if own.mapped_apart(other))
@@ -85,6 +93,13 @@ impl Surface {
             }
         }
     }
+}
+
+/// Returns a warning if the handles of a model's surface were cut.
+pub(crate) fn cut_handles(model: &Model) -> Option<&'static str> {
+    let text = "handles were cut: the surface includes the caps that close the cuts";
+    let seam = model.sphere.as_ref().is_some_and(|sphere| sphere.seam.is_some());
+    (seam || model.provenance.handles.is_some()).then_some(text)
 }
 
 /// Returns the meshes of surfaces. Models of similar degrees are evaluated on the same icosphere, which is made once.

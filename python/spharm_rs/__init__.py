@@ -24,6 +24,7 @@ from ._cohort import CohortFit, CohortFits, fit_cohort
 from ._compare import Distances, compare
 from ._core import __version__
 from ._fit import choose_degree, fit, solve
+from ._fit_labels import LabelFit, fit_labels
 from ._fit_many import fit_each, fit_many
 from ._landmarks import Landmarks, read_landmarks, write_landmarks
 from ._model import Model
@@ -58,6 +59,7 @@ __all__ = [
     "CohortFit",
     "CohortFits",
     "Distances",
+    "LabelFit",
     "Landmarks",
     "MemoryBudgetError",
     "MeshError",
@@ -85,6 +87,7 @@ __all__ = [
     "fit",
     "fit_cohort",
     "fit_each",
+    "fit_labels",
     "fit_many",
     "icosphere",
     "labels",

@@ -68,6 +68,8 @@ def real(what: str, values: ArrayLike, shape: str, *, flags: bool = False) -> Fl
     """Returns real numbers as aligned float64, without a copy if they are already; with ``flags``, true is 1.
     Masked numbers are NaN."""
     values = unwrapped(what, values)
+    if isinstance(values, (list, tuple)) and any(isinstance(one, np.ma.MaskedArray) for one in values):
+        values = _joined(what, values, shape)
     if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in ("fiub" if flags else "fiu"):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     try:
@@ -77,6 +79,15 @@ def real(what: str, values: ArrayLike, shape: str, *, flags: bool = False) -> Fl
     if array.dtype.kind not in ("fiub" if flags else "fiu"):
         raise ValueError(f"{what}: expected real numbers of shape {shape}, found {_described(array)}")
     return np.require(array, np.float64, "A")
+
+
+def _joined(what: str, rows: list[Any] | tuple[Any, ...], shape: str) -> Any:
+    """Returns rows of which some are masked arrays as one masked array; NumPy's ``asarray`` would drop their masks."""
+    try:
+        masks = [np.ma.getmaskarray(row) for row in rows]
+        return np.ma.array(np.stack([np.ma.getdata(row) for row in rows]), mask=masks)
+    except ValueError as error:
+        raise ValueError(f"{what}: expected an array of shape {shape}, found rows of different lengths") from error
 
 
 def _described(array: NDArray[Any]) -> str:
@@ -97,6 +108,8 @@ def positions(what: str, values: ArrayLike) -> Floats:
 
 def triangles(what: str, values: ArrayLike) -> Triangles:
     """Returns triangles, (f, 3), counted from 0."""
+    if np.ma.is_masked(values):
+        raise ValueError(f"{what}: expected vertex numbers, found masked ones; leave out these triangles")
     try:
         array = np.asarray(values)
     except ValueError as error:
@@ -128,21 +141,60 @@ def weights(values: ArrayLike, vertices: int) -> Floats:
     return array
 
 
+def flags(what: str, values: Any, count: int | None = None, *, masked: bool = False) -> NDArray[np.bool_]:
+    """Returns flags, (count,) if a count is given, from true and false, or 1 and 0. Masked elements become ``masked``."""
+    array = np.asarray(_filled(values, masked))
+    if count is not None and array.shape != (count,):
+        raise ValueError(f"{what}: expected shape ({count},), found {array.shape}")
+    if array.dtype != bool:
+        numbers = real(what, array, "(n,)" if count is None else f"({count},)")
+        bad = ((numbers != 0) & (numbers != 1)).ravel()
+        if bad.any():
+            vertex = int(bad.argmax())
+            number = numbers.ravel()[vertex]
+            found = "NaN" if np.isnan(number) else f"{number:g}"
+            graded = ", or the numbers as weights= of a fit" if what == "mask" else ""
+            raise ValueError(
+                f"{what}: expected true or false, or 1 or 0, at each vertex, found {found} at vertex {vertex} (counted from "
+                f"0); give a comparison such as {what} > 0.5{graded}"
+            )
+        array = numbers != 0
+    return np.ascontiguousarray(array)
+
+
+def _filled(values: Any, missing: bool) -> Any:
+    """Returns a masked array with its masked elements replaced, and anything else unchanged."""
+    return values.filled(missing) if isinstance(values, np.ma.MaskedArray) else values
+
+
 def mask(values: Any, vertices: int) -> NDArray[np.bool_] | None:
-    """Returns whether each vertex is read, (n,), from an array, an image or a file, or None for all."""
+    """Returns whether each vertex is read, (n,), from an array, an image or a file, or None for all. Masked elements of
+    an array are false."""
     if values is None:
         return None
     if isinstance(values, (str, os.PathLike)):
         return _core.read_mask(os.fspath(values), vertices)
-    if isinstance(values, np.ma.MaskedArray):
-        values = values.filled(0)
-    array = np.asarray(unwrapped("mask", values))
-    if is_image(values):
-        if array.shape == (vertices, 1):
-            array = array[:, 0]
-        labels = any(one.intent == _LABELS for one in getattr(values, "darrays", ()))
-        if labels and array.shape == (vertices,) and array.any():
-            return _mask_of_labels(values, vertices)
+    return _mask_of_image(values, vertices) if is_image(values) else flags("mask", values, vertices)
+
+
+def graded_mask(values: ArrayLike, count: int) -> Floats:
+    """Returns a mask's numbers from 0 to 1, (count,). Masked elements of an array are 0."""
+    kept = real("mask", _filled(values, False), f"({count},)", flags=True)
+    if kept.shape != (count,):
+        raise ValueError(f"mask: expected shape ({count},), found {kept.shape}")
+    if not ((kept >= 0) & (kept <= 1)).all():
+        raise ValueError("mask: expected true or false, or numbers from 0 to 1; found other numbers")
+    return kept
+
+
+def _mask_of_image(image: Any, vertices: int) -> NDArray[np.bool_]:
+    """Returns the mask of an image, of which 0 leaves a vertex out, as of a file."""
+    array = np.asarray(unwrapped("mask", image))
+    if array.shape == (vertices, 1):
+        array = array[:, 0]
+    labels = any(one.intent == _LABELS for one in getattr(image, "darrays", ()))
+    if labels and array.shape == (vertices,) and array.any():
+        return _mask_of_labels(image, vertices)
     if array.dtype != bool:
         numbers = real("mask", array, f"({vertices},)")
         if np.isnan(numbers).any():

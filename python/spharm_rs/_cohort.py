@@ -11,7 +11,7 @@ from typing import Any, Iterable, Iterator, Literal, Mapping
 from . import _arrays, _core, errors
 from ._fit import _settings
 from ._model import Model
-from ._parametrize import _image, _volume_settings
+from ._parametrize import _axes, _image, _volume_settings
 from ._progress import Progress, callback
 from ._repair import changes_of
 from ._store import Store
@@ -120,6 +120,7 @@ def fit_cohort(
     wrap: int | None = None,
     cut_handles: bool = False,
     voxel_size: Iterable[float] | None = None,
+    axes: str = "xyz",
     channel: int | None = None,
     time: int | None = None,
     threshold: float | None = None,
@@ -183,13 +184,16 @@ def fit_cohort(
     fix : bool
         Repair meshes, as `repair` does, and labels of volumes.
     largest_repair : float, optional
-        With ``fix``: share of a mesh's area, from 0 to 1, that a repair may drop or add, as for `repair`.
+        With ``fix`` or ``wrap``: share of a mesh's area, from 0 to 1, that a repair may drop or add, or a wrap leave out,
+        as for `repair`.
     wrap : int, optional
         Replace meshes by the closed surface around them, as `repair` does, instead of repairing them.
     cut_handles : bool
         Cut handles.
     voxel_size : three floats, optional
         Size of volumes' voxels along x, y and z, in mm, overriding that in their files.
+    axes : {"xyz", "zyx"}
+        Order of the axes of NumPy files, as for `parametrize_volume`.
     channel, time, threshold, probability, label_surface, smooth_radius
         Images and values of volumes and surfaces of labels, as for `parametrize_volume`.
     objective, weights, smoothness, denoise, stderr, hold_out, surface_distance, method, store, passes, granularity
@@ -256,6 +260,7 @@ def fit_cohort(
         keep_going=collects,
         changes=changes_of(fix, largest_repair, wrap, cut_handles),
         voxel_size=sizes,
+        axes=_axes(axes),
         image=_image(channel, time),
         **_volume_settings(threshold, probability, label_surface, smooth_radius),
         settings=settings,

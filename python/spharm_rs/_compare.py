@@ -13,7 +13,7 @@ from . import _arrays, _core
 from ._arrays import Floats
 from ._model import Model, mapped_apart
 from ._progress import Progress, callback
-from ._surface import Path, Surface, as_surface
+from ._surface import Path, Surface, surface_of
 from ._warnings import warn
 
 
@@ -105,7 +105,8 @@ def compare(
         Vertices to compare, for surfaces that correspond; a file as for `fit`. With ``surface_distance``, points are on
         the triangles whose three corners are kept, and their distances are those from the entire other surface.
     memory : int or str, optional
-        Bytes that ``surface_distance`` may use, or ``"512MiB"``; by default the free memory.
+        Bytes that ``surface_distance`` may use, or ``"512MiB"``; by default the free memory. The memory for evaluating
+        models isn't included.
     threads : int, optional
     progress : bool or callable, optional
 
@@ -183,10 +184,10 @@ _LEVEL = 7
 
 def _surfaces(surface: Any, other: Any, threads: int | None) -> tuple[Surface, Surface]:
     """Returns the compared surfaces: corresponding ones for two models, and for a model over the sphere of the mesh."""
-    for name, one in (("surface", surface), ("other", other)):
+    for name, one in (given := (("surface", surface), ("other", other))):
         if isinstance(one, Model) and not one.is_surface:
             raise ValueError(f"{name}: expected a surface, found a model of a signal, {one!r}")
-    first, second = (None if isinstance(one, Model) else as_surface(one) for one in (surface, other))
+    first, second = (None if isinstance(one, Model) else surface_of(name, one) for name, one in given)
     return (
         _evaluated(surface, second, threads) if first is None else first,
         _evaluated(other, first, threads) if second is None else second,

@@ -20,6 +20,7 @@ _Fitted = tuple[Model, Union[_Floats, None], str, list[tuple[str, str]]]
 __all__ = [
     "CohortRun",
     "Group",
+    "Labels",
     "Model",
     "Modes",
     "Moments",
@@ -46,6 +47,7 @@ __all__ = [
     "repair",
     "resample",
     "shape_align",
+    "shape_check",
     "shape_correspond",
     "shape_describe",
     "shape_even",
@@ -104,6 +106,7 @@ class Group:
     @staticmethod
     def read(folder: str, names: Sequence[str] | None) -> tuple[Group, list[str]]: ...
     def carry(self, points: _Floats, source: int, target: int) -> tuple[_Floats, _Floats, _Flags]: ...
+    def misplaced_landmarks(self, landmarks: Sequence[_Floats], labels: Sequence[str]) -> list[tuple[int, str]]: ...
     def add(
         self,
         surfaces: Sequence[_Given],
@@ -113,6 +116,30 @@ class Group:
         threads: int | None = None,
         progress: _Progress | None = None,
     ) -> list[tuple[Model, str, _Floats, _Flags, str, list[str]]]: ...
+
+@final
+class Labels:
+    def __new__(
+        cls,
+        volume: tuple[str, list[float] | None, _Floats | None, str] | tuple[NDArray[np.int32] | _Floats, _Floats],
+        *,
+        image: tuple[int | None, int | None],
+    ) -> Labels: ...
+    def labels(self, fix: bool, chosen: Sequence[int] | None) -> dict[int, tuple[int, bool]]: ...
+    def warnings(self) -> list[str]: ...
+    def degree(self, voxels: Sequence[int]) -> int: ...
+    def parametrize(
+        self,
+        label: int,
+        *,
+        label_surface: str,
+        smooth_radius: float | None,
+        fix: bool,
+        cut_handles: bool,
+        memory: int | None = None,
+        threads: int | None = None,
+        progress: _Progress | None = None,
+    ) -> _Mapped: ...
 
 @final
 class Model:
@@ -132,6 +159,11 @@ class Model:
     def from_bytes(bytes: bytes) -> Model: ...
     def to_bytes(self) -> bytes: ...
     def write(self, path: str, *, overwrite: bool = False) -> None: ...
+    @staticmethod
+    def expand(bytes: bytes, name: str) -> Model: ...
+    def compress(
+        self, path: str, *, tolerance: float | None, bytes: int | None, overwrite: bool, threads: int | None = None
+    ) -> tuple[float, int]: ...
     @property
     def coefficients(self) -> _Floats: ...
     @property
@@ -205,6 +237,7 @@ class CohortRun:
         keep_going: bool,
         changes: tuple[bool, float | None, int | None, bool],
         voxel_size: Sequence[float] | None,
+        axes: str,
         image: tuple[int | None, int | None],
         threshold: float | None,
         probability: bool,
@@ -344,7 +377,7 @@ def repair(
     vertices: _Floats, faces: _Triangles, *, largest_repair: float | None, wrap: int | None
 ) -> tuple[_Floats, _Triangles, str, str]: ...
 def parametrize_volume(
-    volume: tuple[str, list[float] | None, _Floats | None] | tuple[NDArray[np.int32] | _Floats, _Floats],
+    volume: tuple[str, list[float] | None, _Floats | None, str] | tuple[NDArray[np.int32] | _Floats, _Floats],
     *,
     label: int | None,
     image: tuple[int | None, int | None],
@@ -363,7 +396,7 @@ def parametrize_volume(
     progress: _Progress | None = None,
 ) -> _Mapped: ...
 def labels(
-    volume: tuple[str, list[float] | None, _Floats | None] | tuple[NDArray[np.int32] | _Floats, _Floats],
+    volume: tuple[str, list[float] | None, _Floats | None, str] | tuple[NDArray[np.int32] | _Floats, _Floats],
     *,
     image: tuple[int | None, int | None],
 ) -> dict[int, int]: ...
@@ -457,6 +490,17 @@ def shape_mean(
 def shape_pca(
     models: Sequence[Model], degree: int | None, *, most: int | None, names: Sequence[str], threads: int | None = None
 ) -> tuple[Modes, list[str]]: ...
+def shape_check(
+    models: Sequence[Model],
+    names: Sequence[str],
+    *,
+    aligned: tuple[Sequence[Model], Model] | None,
+    scores: list[list[float]] | None,
+    threads: int | None = None,
+    progress: _Progress | None = None,
+) -> tuple[
+    list[tuple[list[float | None], list[float | None], tuple[int, float] | None, list[str], float]], list[str]
+]: ...
 def shape_quality(
     models: Sequence[Model],
     landmarks: list[_Floats] | None,

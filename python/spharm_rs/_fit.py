@@ -18,7 +18,7 @@ from ._repair import changes_of, named_change
 from ._store import Store
 from ._surface import Metadata, Path, Surface, as_surface, meta_of, meta_of_path, named_icosphere, opened
 from ._transform import Transform
-from ._warnings import warn
+from ._warnings import Problem, warn
 from .reports import FitReport
 
 
@@ -64,6 +64,7 @@ def _settings(
         "denoise": bool(denoise),
         "weights": weights if isinstance(weights, str) else _arrays.weights(weights, vertices),
         "mask": _arrays.mask(mask, vertices),
+        "mask_path": os.fspath(mask) if isinstance(mask, (str, os.PathLike)) else None,
         "hold_out": None if hold_out is None else float(hold_out),
         "standard_errors": bool(stderr),
         "tolerance": float(tolerance),
@@ -155,12 +156,40 @@ def _check_values(
 
 
 def _model(fitted: Any) -> Model:
+    """Returns the model of a fit, and issues its warnings."""
+    model, problems = _with_problems(fitted)
+    for category, text in problems:
+        warn([text], category)
+    return model
+
+
+def _with_problems(fitted: Any) -> tuple[Model, list[Problem]]:
+    """Returns the model of a fit, and its warnings, which aren't issued."""
     core, standard_errors, report, problems = fitted
-    for kind, text in problems:
-        warn([text], getattr(errors, kind))
     found: FitReport = json.loads(report)
     found["warnings"] = [text for _, text in problems]
-    return Model._of(core, found, standard_errors)
+    return Model._of(core, found, standard_errors), [(getattr(errors, kind), text) for kind, text in problems]
+
+
+def fit_mapped(mapped: Parametrization, progress: Progress, **settings: Any) -> tuple[Model, list[Problem]]:
+    """Fits a mapped surface as `fit` does. Returns the model and its warnings, which aren't issued."""
+    mesh = mapped.surface
+    directions, faces, parametrized = _sphere_of(len(mesh.vertices), mesh.faces, mapped)
+    return _with_problems(
+        _core.fit(
+            mesh.vertices,
+            mesh.faces,
+            directions,
+            faces,
+            metadata=(mesh._meta, None),
+            surface=True,
+            parametrized=parametrized,
+            seam=seam_of(mapped),
+            changes=changes_of(False, None, None, False),
+            settings=_settings(vertices=len(mesh.vertices), **settings),
+            progress=callback(progress),
+        )
+    )
 
 
 def fit(
@@ -212,7 +241,8 @@ def fit(
     fix : bool
         Without a sphere: repair the surface before it is mapped, as `repair` does; a warning states the changes.
     largest_repair : float, optional
-        With ``fix``: share of the area, from 0 to 1, that the repair may drop or add, as for `repair`.
+        With ``fix`` or ``wrap``: share of the area, from 0 to 1, that the repair may drop or add, or the wrap leave out,
+        as for `repair`.
     wrap : int, optional
         Without a sphere: replace the surface by the closed surface around it, as `repair` does, instead of repairing it.
     cut_handles : bool
@@ -226,12 +256,15 @@ def fit(
         be NaN; a fit of the surface leaves out the triangles that they are corners of.
     mask : array_like of bool, (n,), path, or image, optional
         Vertices to read; the others have weight 0, and may be NaN over a sphere. A file or an image (of nibabel or nilearn)
-        has a value for each vertex, of which 0 leaves it out, or is a FreeSurfer label, or a label of GIfTI. Outside of the
-        mask the model is an extrapolation, not data; the model doesn't record its mask.
+        has a value for each vertex, of which 0 leaves it out, or is a FreeSurfer label, or a label of GIfTI. An array has
+        true and false, or 1 and 0; masked elements of a masked array are left out. Outside of the mask the model is an
+        extrapolation, not data; the model doesn't record its mask.
     smoothness : float or "auto", optional
-        Penalty ``lambda * sum (l (l + 1))**2 * a**2``; ``"auto"`` chooses lambda by generalised cross-validation. By
-        default no penalty, but a small one if vertices are fitted over a sphere made by `parametrize`. A penalty shrinks
-        focal effects of single subjects: for group tests (`shape.group_test`), fit without it.
+        Penalty ``lambda * sum (l (l + 1))**2 * a**2``, added to the sum of squared distances, each multiplied by its
+        weight. Weights are used as given: if all are a tenth as large, a tenth of lambda has the same effect.
+        ``"auto"`` chooses lambda by generalised cross-validation. By default no penalty, but a small one if vertices
+        are fitted over a sphere made by `parametrize`. A penalty shrinks focal effects of single subjects: for group
+        tests (`shape.group_test`), fit without it.
     denoise : bool
         Remove independent noise of the vertices within the fit, by a penalty for each degree that is estimated from the
         surface, or from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has
@@ -252,19 +285,22 @@ def fit(
     passes : int, optional
         Passes over the store, of ``irf`` and ``mirf``; by default 1, and at most 16 with ``accelerate``.
     granularity : int
-        Number of basis functions that ``irf`` solves for together.
+        Largest number of basis functions that ``irf`` solves for together.
     start_degree : int
         Last degree of the first block of ``sirf`` and ``mirf``.
     accelerate : bool
         Conjugate gradients over pairs of passes, for ``irf`` and ``mirf``.
     tolerance : float
-        Optimality to reach: the gradient relative to the gradient at zero coefficients.
+        Optimality that ``lsq`` must reach: the gradient relative to the gradient at zero coefficients.
     max_iterations : int
+        Maximum number of iterations of ``lsq``.
     preconditioner : {"auto", "none", "density", "factor"}
         ``density`` computes moments of uneven samples and divides by the samples' density; ``factor`` factorises the
-        normal equations; ``auto`` uses ``density`` if that pays off, and ``factor`` if iterations are slow.
+        normal equations; ``auto`` uses ``density`` if that pays off, and ``factor`` if iterations are slow. With fewer
+        vertices than coefficients and no penalty, no preconditioner is used, for the solution of minimum norm.
     strict : bool
-        Raise an error if the tolerance isn't met, or if the sphere is doubtful or doesn't seem to belong to the surface.
+        Raise an error if the tolerance isn't met, if the sphere is doubtful, or if the sphere or the mask doesn't seem to
+        belong to the surface.
     dtype : {"f64", "f32"}, optional
         Scalar type of the store's basis.
     memory : int or str, optional
@@ -300,8 +336,9 @@ def fit(
     NotDetermined, NotConverged, Oscillation
         Doubts about the fit.
     SpharmWarning
-        If the sphere isn't centred or closed; if it reverses the orientation of the surface; or if, according to the
-        metadata or names of the files, it belongs to the other hemisphere.
+        If the sphere isn't centred or closed; if it reverses the orientation of the surface; if the triangles of a surface
+        without a sphere wind inwards; if its map to the sphere is doubtful; or if, according to the metadata or names of
+        the files, the sphere or the mask belongs to the other hemisphere.
 
     Examples
     --------

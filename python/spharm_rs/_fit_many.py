@@ -6,19 +6,19 @@ import os
 import threading
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Iterable, Iterator, Literal, TypedDict, overload
+from typing import TYPE_CHECKING, Any, Callable, Generator, Iterable, Iterator, Literal, TypedDict, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _arrays, _core
 from ._arrays import Floats
-from ._fit import _model, _settings, fit, refuse_both
+from ._fit import _model, _read, _settings, fit, refuse_both
 from ._model import Model, seam_of, sphere_arrays
-from ._progress import Progress, callback
+from ._progress import Callback, Progress, callback
 from ._repair import changes_of, named_change
 from ._store import Store
-from ._surface import Metadata, Path, as_surface, meta_of, opened
+from ._surface import Metadata, Path, meta_of, opened
 from .errors import SpharmError
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def fit_many(
     Parameters
     ----------
     surfaces : array_like of float, (s, n, 3) or (s, n, c), or iterable
-        As for `fit`; over a sphere, each has the sphere's vertices.
+        As for `fit`; over a sphere, each has the sphere's vertices, and files of signals are read, too.
     sphere : Surface or what `as_surface` takes, Parametrization, or ndarray of float, (n, 3), optional
         The sphere of all surfaces. Without it, each surface is mapped to a sphere of its own, as by `fit_each`.
     max_degree : int
@@ -148,7 +148,7 @@ def fit_many(
     kinds = set()
     arrays: list[Floats] = []
     metas: list[Metadata] = []
-    triangles = None
+    triangles: Any = None
     for surface in surfaces:  # type: ignore[union-attr]
         refuse_both("surfaces", surface)
         image = _arrays.is_image(surface) and not _arrays.has_mesh(surface)
@@ -157,13 +157,15 @@ def fit_many(
             metas.append(None)
             kinds.add(isinstance(surface, np.ndarray) and surface.ndim == 2 and surface.shape[1] == 3)
         else:
-            mesh = as_surface(surface)
-            arrays.append(mesh.vertices)
-            metas.append(mesh._meta)
-            if triangles is not None and not np.array_equal(triangles, mesh.faces):
+            values, own, meta = _read(surface, sphere, True)
+            arrays.append(values)
+            metas.append(meta)
+            kinds.add(own is not None)
+            if own is None:
+                continue
+            if triangles is not None and not np.array_equal(triangles, own):
                 raise ValueError(f"surfaces: the triangles of surface {len(arrays) - 1} differ from those of the surfaces before it")
-            triangles = mesh.faces
-            kinds.add(True)
+            triangles = own
     if len(kinds) > 1:
         raise ValueError("surfaces: expected surfaces or signals, found both")
     if not arrays:
@@ -261,8 +263,12 @@ def fit_each(
     changes_of(fix, largest_repair, wrap, cut_handles)
     each: dict[str, Any] = {**settings, "max_degree": max_degree}
     each.update(fix=fix, largest_repair=largest_repair, wrap=wrap, cut_handles=cut_handles)
-    workers = _arrays.threads(each.pop("threads", None)) or _processors()
-    return _each(iter(surfaces), workers, collects, each)
+    workers = _arrays.threads(each.pop("threads", None)) or processors()
+
+    def work(surface: Any, check: Callback) -> Model | Exception:
+        return fit(surface, threads=1, progress=check, **each)
+
+    return in_parallel(work, surfaces, workers, (lambda _, error: error) if collects else None)
 
 
 def _check_several(surfaces: Any) -> None:
@@ -270,7 +276,7 @@ def _check_several(surfaces: Any) -> None:
         raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; use fit for it")
 
 
-def _processors() -> int:
+def processors() -> int:
     """Returns the number of processors that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return (os.cpu_count() or 1) if affinity is None else len(affinity(0))
@@ -280,37 +286,51 @@ class _Stopped(Exception):
     """Ends a fit whose result nobody waits for."""
 
 
-def _each(surfaces: Iterator[Any], workers: int, collects: bool, settings: dict[str, Any]) -> Iterator[Model | Exception]:
+_Item = TypeVar("_Item")
+_Found = TypeVar("_Found")
+
+
+def in_parallel(
+    work: Callable[[_Item, Callback], _Found],
+    items: Iterable[_Item],
+    workers: int,
+    failed: Callable[[_Item, Exception], _Found] | None,
+) -> Generator[_Found, None, None]:
+    """Applies `work` to several items at a time, and yields the results in order.
+
+    `work` gets a function as well, which it calls now and then, and which stops it if nobody waits for the result.
+    An error is raised, or `failed` returns the result in its place.
+    """
     stopped = threading.Event()
 
     def check(*_: Any) -> None:
         if stopped.is_set():
             raise _Stopped
 
-    def work(surface: Any) -> Model:
-        return fit(surface, threads=1, progress=check, **settings)
-
-    running: deque[Future[Model]] = deque()
+    left = iter(items)
+    running: deque[tuple[_Item, Future[_Found]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         try:
             more = True
             while more or running:
-                # One surface more than workers, so that none waits while a result is used.
+                # One item more than workers, so that none waits while a result is used.
                 while more and len(running) <= workers:
                     try:
-                        running.append(pool.submit(work, next(surfaces)))
+                        item = next(left)
+                        running.append((item, pool.submit(work, item, check)))
                     except StopIteration:
                         more = False
                 if not running:
                     break
+                item, future = running.popleft()
                 try:
-                    found: Model | Exception = running.popleft().result()
+                    found = future.result()
                 except (SpharmError, ValueError, OSError) as error:
-                    if not collects:
+                    if failed is None:
                         raise
-                    found = error
+                    found = failed(item, error)
                 yield found
         finally:
             stopped.set()
-            for future in running:
+            for _, future in running:
                 future.cancel()

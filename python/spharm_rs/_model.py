@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import pathlib
 from typing import Any, cast
 
 import numpy as np
@@ -20,6 +21,10 @@ from ._spectra_degree import sums
 from ._surface import Path, Surface, as_surface, icosphere, named_icosphere
 from ._warnings import warn
 from .reports import FitReport
+
+
+#: The ending of compressed models.
+_COMPRESSED = ".sphz"
 
 
 class Model(Values):
@@ -127,13 +132,15 @@ class Model(Values):
         """Root mean square error of the fit, in the unit of the surface or signal; None if it wasn't fitted in this process.
 
         For a surface, the distance between it and the model, both ways; for a fit of vertices, the residual at them.
+        Also None if moments don't determine it.
         """
         report = self.report
         if "surface_distance" in report:
             return report["surface_distance"]["rms_raw"]
         if "passes" in report:
             return float(np.sqrt(report["passes"][-1]["msd_raw"]))
-        return float(np.sqrt(np.square(report["rms"]).sum())) if "rms" in report else None
+        rms = report.get("rms", [None])
+        return None if None in rms else float(np.sqrt(np.square(rms).sum()))
 
     @property
     def sphere(self) -> Surface | None:
@@ -340,23 +347,96 @@ class Model(Values):
         """Writes the model as a NumPy archive, atomically; ``spharm reconstruct`` reads it, too.
 
         The file has the coefficients, the provenance, and the sphere, which is usually the largest part. Standard errors and
-        the report aren't written; pickles have them. ``spharm shape compress`` makes much smaller files.
+        the report aren't written; pickles have them. `compress` makes much smaller files.
 
         Parameters
         ----------
         path : str or os.PathLike
-            By convention ``NAME.spharm.npz``.
+            By convention ``NAME.spharm.npz``; an ending has to be ``.npz``.
         overwrite : bool
             Replace an existing file.
+
+        Raises
+        ------
+        ValueError
+            If the name has the ending of another format.
         """
         name = os.fspath(path)
-        if _core.is_mesh_name(name):
-            raise ValueError(f"path: expected a model's name such as NAME.spharm.npz, found {name}; model.surface(5).save writes meshes")
+        if (ending := pathlib.PurePath(name).suffix.lower()) not in ("", ".npz"):
+            advice = "; model.surface(5).save writes meshes" if _core.is_mesh_name(name) else ""
+            advice = "; model.compress writes compressed models" if ending == _COMPRESSED else advice
+            raise ValueError(f"path: expected a model's name such as NAME.spharm.npz, found {name}{advice}")
         self._inner.write(name, overwrite=bool(overwrite))
+
+    def compress(
+        self,
+        path: Path,
+        *,
+        tolerance: float | None = None,
+        bytes: int | None = None,
+        overwrite: bool = False,
+        threads: int | None = None,
+    ) -> float:
+        """Writes the model to a small file, with rounded coefficients and without its sphere.
+
+        As ``spharm shape compress`` does, which has more settings.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            ``NAME.sphz``.
+        tolerance : float, optional
+            Largest root mean square distance between the surfaces, measured both ways, with the bounding box scaled to
+            volume 1; from 1e-8 to 1. For signals, a fraction of each channel's standard deviation over the sphere.
+        bytes : int, optional
+            Largest size of the file. Either this or ``tolerance`` is required.
+        overwrite : bool
+            Replace an existing file.
+        threads : int, optional
+
+        Returns
+        -------
+        float
+            The distance reached, in the unit of ``tolerance``.
+
+        Raises
+        ------
+        ValueError
+            If no file meets the tolerance or the size.
+
+        Warns
+        -----
+        SpharmWarning
+            If the highest degrees, which are all zero, don't fit into a file this small.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, spharm_rs as sp
+        >>> model = sp.fit(*sp.example_surface(3), 6)
+        >>> file = pathlib.Path(tempfile.mkdtemp(), "m.sphz")
+        >>> model.compress(file, tolerance=1e-3) <= 1e-3, file.stat().st_size < 1500
+        (True, True)
+        >>> sp.Model.load(file)
+        Model(degree 6, surface)
+        """
+        name = os.fspath(path)
+        if pathlib.PurePath(name).suffix.lower() != _COMPRESSED:
+            raise ValueError(f"path: expected a name that ends in {_COMPRESSED}, found {name}")
+        distance, degree = self._inner.compress(
+            name,
+            tolerance=None if tolerance is None else float(tolerance),
+            bytes=None if bytes is None else _arrays.whole("bytes", bytes, 1),
+            overwrite=bool(overwrite),
+            threads=_arrays.threads(threads),
+        )
+        if degree < self.max_degree:
+            reason = "because they are all zero and don't fit into a file this small"
+            warn([f"{name}: the degrees above {degree} are omitted, {reason}"])
+        return distance
 
     @classmethod
     def load(cls, path: Path) -> Model:
-        """Reads a model: any NumPy archive with an array ``coefficients``, (K, c).
+        """Reads a model: any NumPy archive with an array ``coefficients``, (K, c), or a compressed model ``NAME.sphz``.
 
         Parameters
         ----------
@@ -366,7 +446,10 @@ class Model(Values):
         -------
         Model
         """
-        return cls._of(_core.Model.read(os.fspath(path)))
+        name = os.fspath(path)
+        if pathlib.PurePath(name).suffix.lower() == _COMPRESSED:
+            return cls._of(_core.Model.expand(pathlib.Path(name).read_bytes(), name))
+        return cls._of(_core.Model.read(name))
 
     def to_frame(self) -> Any:
         """Returns the coefficients as a pandas ``DataFrame``: index degree and order, and a column for each channel.

@@ -175,6 +175,18 @@ class Moments:
         -------
         Model
             Its ``report`` has ``rms``, ``explained``, ``largest_gap``, ``scheme_key`` and ``solver``.
+
+        Raises
+        ------
+        ValueError
+            `stderr`, `denoise` or ``smoothness="auto"`` are given, and the mean of the values is so large that rounding
+            errors hide the residual. Subtract a constant, such as the mean, from the values of all parts.
+
+        Warns
+        -----
+        SpharmWarning
+            Rounding errors hide the residual, so ``rms`` and ``explained`` are None; or parts of the samples are
+            missing.
         """
         settings = _settings(
             self.max_degree if max_degree is None else max_degree,

@@ -51,10 +51,16 @@ class Parametrization:
 
 
 def _made(mapped: Any, meta: Metadata = None) -> Parametrization:
-    """Returns a mapped surface with the metadata of the given one, which is at the same place."""
-    vertices, faces, sphere, report, problems, seam = mapped
+    """Returns a mapped surface with the metadata of the given one, which is at the same place, and issues its warnings."""
+    found, problems = with_warnings(mapped, meta)
     warn(problems)
-    return Parametrization(Surface._of(vertices, faces, meta), Surface(sphere, faces), json.loads(report), seam)
+    return found
+
+
+def with_warnings(mapped: Any, meta: Metadata = None) -> tuple[Parametrization, list[str]]:
+    """Returns a mapped surface as `_made` does, and its warnings, which aren't issued."""
+    vertices, faces, sphere, report, problems, seam = mapped
+    return Parametrization(Surface._of(vertices, faces, meta), Surface(sphere, faces), json.loads(report), seam), problems
 
 
 def _settings(
@@ -94,7 +100,8 @@ def parametrize(
         Repair the surface as `repair` does, instead of refusing it. The repaired surface is mapped, and a warning states the
         changes.
     largest_repair : float, optional
-        With ``fix``: share of the area, from 0 to 1, that the repair may drop or add, as for `repair`.
+        With ``fix`` or ``wrap``: share of the area, from 0 to 1, that the repair may drop or add, or the wrap leave out,
+        as for `repair`.
     wrap : int, optional
         Replace the surface by the closed surface around it, as `repair` does, instead of repairing it.
     cut_handles : bool
@@ -196,8 +203,8 @@ def parametrize_volume(
         Size of the voxels, instead of ``affine``: along the axes of an array, or along x, y and z of a file, where it
         replaces the size in the file.
     axes : {"xyz", "zyx"}
-        Order of the axes of an array: ``zyx`` for images of scikit-image, tifffile and napari. The axes of a file have
-        a fixed order.
+        Order of the axes of an array or a NumPy file: ``zyx`` for images of scikit-image, tifffile and napari. The axes
+        of other files have a fixed order, for which ``zyx`` is refused.
     fix : bool
         Repair a label whose surface isn't of genus zero, instead of refusing it. A warning states the changes.
     cut_handles : bool
@@ -283,15 +290,14 @@ def _volume(
     spacing: ArrayLike | None = None,
     axes: str = "xyz",
 ) -> Any:
-    if axes not in ("xyz", "zyx"):
-        raise ValueError(f"axes: expected 'xyz' or 'zyx', found {axes!r}")
+    axes = _axes(axes)
     if affine is not None and spacing is not None:
         raise ValueError(f"spacing: expected None with affine, which has the voxel size, found {spacing!r}")
     matrix, sizes = None if affine is None else _affine(affine), None if spacing is None else _spacing(spacing)
     if isinstance(volume, (str, os.PathLike)):
-        if axes != "xyz":
-            raise ValueError(f"axes: expected 'xyz' for a file, which has its own order of axes, found {axes!r}")
-        return os.fspath(volume), sizes, matrix
+        return os.fspath(volume), sizes, matrix, axes
+    if np.ma.is_masked(volume):
+        raise ValueError("volume: expected a value of each voxel, found masked ones; volume.filled(0) gives background")
     array = np.asarray(volume)
     if array.ndim != 3:
         raise ValueError(f"volume: expected shape (i, j, k), found {array.shape}")
@@ -307,6 +313,12 @@ def _volume(
     if matrix is None:
         matrix = np.diag([*(sizes or [1.0] * 3), 1.0])
     return np.require(array, np.float64 if of_values else np.int32, "A"), matrix
+
+
+def _axes(axes: str) -> str:
+    if axes not in ("xyz", "zyx"):
+        raise ValueError(f"axes: expected 'xyz' or 'zyx', found {axes!r}")
+    return axes
 
 
 def _affine(affine: ArrayLike) -> _arrays.Floats:

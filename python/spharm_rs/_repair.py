@@ -43,14 +43,16 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
 
     With ``wrap``, the mesh is replaced by the closed surface around it instead, whatever its defects: the surface of the
     voxels of a grid whose generalized winding number is above 0.5, without handles and cavities, smoothed, and moved onto
-    the mesh where it is at most a voxel away. Walls and gaps thinner than a voxel are lost.
+    the mesh where it is at most a voxel away. Walls and gaps thinner than a voxel are lost. A wrap that leaves out more
+    than 0.05 of the mesh's area, or of the body's voxels, is refused.
 
     Parameters
     ----------
     surface : Surface or what `as_surface` takes
     largest_repair : float, optional
         Share of the area, from 0 to 1, that the repair may lose by welding, drop with pieces or add by filling holes, if
-        more than the usual 0.05 lost, 0.05 dropped and 0.25 added.
+        more than the usual 0.05 lost, 0.05 dropped and 0.25 added. With ``wrap``: share of the mesh's area and of the
+        body's voxels that the wrap may leave out, if more than the usual 0.05.
     wrap : int, optional
         Number of voxels along the longest side of the mesh, from 16 to 512; 128 suits most meshes.
 
@@ -61,7 +63,8 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
     Raises
     ------
     MeshError
-        If the repair would drop or add a larger share of the area, or a wrap would enclose nothing.
+        If the repair would drop or add a larger share of the area, a wrap would enclose nothing or leave out a larger
+        share, or the mesh can't enclose a body: an open sheet, or a surface with one side only.
 
     Examples
     --------
@@ -76,8 +79,6 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
     """
     mesh = as_surface(surface)
     share, voxels = _share(largest_repair), _voxels(wrap)
-    if share is not None and voxels is not None:
-        raise ValueError(f"largest_repair: expected None with wrap={wrap}, found {largest_repair!r}")
     vertices, faces, report, changes = _core.repair(mesh.vertices, mesh.faces, largest_repair=share, wrap=voxels)
     return Repair(Surface._of(vertices, faces, mesh._meta), changes, json.loads(report))
 
@@ -89,8 +90,8 @@ def changes_of(
     if wrap is not None and (fix or cut_handles):
         name = "fix=True" if fix else "cut_handles=True"
         raise ValueError(f"wrap: expected None with {name}, found {wrap!r}")
-    if largest_repair is not None and not fix:
-        raise ValueError(f"largest_repair: expected None without fix=True, found {largest_repair!r}")
+    if largest_repair is not None and not fix and wrap is None:
+        raise ValueError(f"largest_repair: expected None without fix=True or wrap, found {largest_repair!r}")
     return bool(fix), _share(largest_repair), _voxels(wrap), bool(cut_handles)
 
 

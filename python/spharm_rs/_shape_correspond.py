@@ -74,10 +74,11 @@ class Member:
         ``pose_distance``: median distance from the group's mean, in the pose found. ``cover_rms``, ``cover_most`` (99
         %) and ``cover_farthest``: distances of the surface from the places. ``unreached``: share of the surface's area
         without places. ``without_counterpart``: number of places without a counterpart on the surface. ``turned``:
-        number of triangles turned over. ``model_rms``: distance between model and places.
+        number of triangles turned over. ``model_rms``: distance between model and places. ``area`` and ``volume`` of
+        the surface, in its own unit; 0 in groups of earlier versions.
     warnings : tuple of str
-        Reasons to check the surface: another kind or unit, a mirror image, parts without a counterpart. Each has also
-        been issued as a `SpharmWarning`.
+        Reasons to check the surface: another kind or unit, a mirror image, parts without a counterpart, the surface of
+        an existing member. Each has also been issued as a `SpharmWarning`.
     """
 
     name: str
@@ -205,10 +206,10 @@ class Group:
     def warnings(self) -> list[str]:
         """Doubts about the result, each with the member's name.
 
-        They concern doubtful poses and kinds, mirror images, parts without counterpart, equal surfaces, and landmarks
-        far from their surface.
+        They concern doubtful poses and kinds, mirror images, parts without counterpart, equal surfaces, landmarks far
+        from their surface, and landmarks that seem to be swapped or misplaced.
         """
-        return [*self._inner.warnings, *self._far()]
+        return [*self._inner.warnings, *self._far(), *self._misplaced()]
 
     @cached_property
     def report(self) -> dict[str, Any]:
@@ -267,6 +268,14 @@ class Group:
             if far := int((off > self._own_places(index)[1]).sum()):
                 found.append(f"{name}: {far} of {len(points)} landmarks are far from the surface, by up to {off.max():.4g}")
         return found
+
+    def _misplaced(self) -> list[str]:
+        """Returns a warning for each member with landmarks that aren't at their places on the other members."""
+        if self._landmarks is None:
+            return []
+        labels, points = self._landmarks
+        found = self._inner.misplaced_landmarks(points, [] if labels is None else list(labels))
+        return [f"{self.names[member]}: {text}" for member, text in found]
 
     def _placed(self) -> list[Landmarks] | list[Floats] | None:
         """Returns the landmarks in the group's frame."""

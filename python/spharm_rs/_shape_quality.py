@@ -163,6 +163,7 @@ def quality(
     level = _arrays.whole("sphere", sphere, 2)
     if level > 7:
         raise ValueError(f"sphere: expected 2 to 7 subdivisions, found {level}")
+    kept = _arrays.mask(mask, 10 * 4**level + 2)
     names, points = (None, None) if landmarks is None else matched(landmarks, len(members))
     settings = {
         "degree": None if degree is None else _arrays.whole("degree", degree),
@@ -173,7 +174,7 @@ def quality(
         "rigid": bool(rigid),
         "surfaces": bool(surfaces),
         "seed": _arrays.whole("seed", seed),
-        "mask": None if mask is None else np.asarray(mask, dtype=bool).ravel().tolist(),
+        "mask": None if kept is None else kept.tolist(),
     }
     variance, variances, points_curves, surface_curves, apart, warnings = _core.shape_quality(
         members, points, settings=settings, threads=_arrays.threads(threads), progress=callback(progress)

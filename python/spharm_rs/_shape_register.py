@@ -130,7 +130,7 @@ def register(
     vertices, faces, reached, transform, cover = _core.shape_register(
         given(template),
         given(surface),
-        None if masked is None else np.asarray(masked, dtype=bool).tolist(),
+        None if masked is None else _arrays.flags("masked", masked, masked=True).tolist(),
         pose=bool(pose),
         scale=bool(scale),
         mirror=bool(mirror),

@@ -149,14 +149,6 @@ def _covariates(given: Any, count: int, blocks: list[str] | None) -> list[tuple[
     return [(name, cells_of(f"covariates, {name}", cells)) for name, cells in zip(names, columns)]
 
 
-def _order(levels: Sequence[Any]) -> list[str]:
-    names = [str(level).strip() for level in levels]
-    for at, name in enumerate(names):
-        if name in names[:at]:
-            raise ValueError(f"levels: expected each level once, found the duplicate level {name!r}")
-    return names
-
-
 def _asked(
     count: int, groups: Any, effect: Any, interaction: Any, mean: bool, design: Any, contrast: Any, covariates: Any,
     interactions: Any, levels: Any, blocks: list[str] | None,
@@ -193,7 +185,7 @@ def _asked(
     if groups is not None:
         of, order = levels_of("groups", groups, count)
         asked["effect"] = [("groups", of)]
-        asked["levels"] = order if levels is None else _order(levels)
+        asked["levels"] = order if levels is None else [str(level).strip() for level in levels]
     elif effect is not None:
         cells = numbers_or_levels("effect", effect, count)
         if isinstance(cells, list):
@@ -280,7 +272,8 @@ def group_test(
         ``design``; text, such as ``"mild - control"`` or ``"severe - 1/2 mild - 1/2 control"``, names columns of any
         design. ``groups`` has a column for each group, ``effect`` the columns ``mean`` and ``effect``, an interaction
         ``level:name`` or ``level:level``; a covariate's column has its name or, for levels, its name and each level but
-        the first. `TestResult.columns` lists them.
+        the first. `TestResult.columns` lists them. A name that is also a combination of other columns, such as ``a - b``,
+        needs double quotes.
     covariates : dict of array_like, (n,), or array_like of float, (n, k), optional
         Nuisance variables: numbers, or names of levels; for ``groups``, ``effect``, ``interaction`` and ``mean``. Text
         such as ``"60"`` is a number, as in the program's tables; a ``pandas.Categorical`` has levels, even of numbers.

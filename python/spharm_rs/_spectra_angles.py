@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays
 from ._arrays import Floats
+from ._warnings import warn
 
 #: The excess over a range, in radians, that the rounding of a float32 explains.
 _ROUNDING = 1e-6
@@ -28,6 +29,24 @@ def angles(what: str, values: ArrayLike, least: float, most: float, degrees: boo
         bounds = f"{least:g} to {most:g}" if degrees else f"{low:.4g} to {high:.4g}"
         raise ValueError(f"{what}: expected {unit} from {bounds}, found a number outside this range in row {int(bad.argmax())}")
     return np.clip(radians, low, high)
+
+
+#: The number of points from which angles are doubted that may be radians, as by ``spharm moments --lonlat``.
+_ENOUGH = 10
+
+
+def warn_if_radians(what: str, most: float, first: Floats, longitude: Floats, points: int, remedy: str) -> None:
+    """Warns of latitudes or colatitudes and longitudes in degrees that are so small that they may be in radians.
+    ``most`` is the end of the range of the first, in degrees."""
+    north, east = (float(abs(values).max(initial=0)) for values in (first, longitude))
+    small = north <= np.radians(most) + _ROUNDING and east <= 2 * np.pi + _ROUNDING
+    if points >= _ENOUGH and east > 0 and small:
+        warn(
+            [
+                f"{what}, longitude: {what}s up to {north:.4g} and longitudes up to {east:.4g} look like radians, but "
+                f"degrees are expected; {remedy}"
+            ]
+        )
 
 
 def unit_vectors(z: Floats, across: Floats, longitude: Floats) -> Floats:

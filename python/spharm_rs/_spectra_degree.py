@@ -19,7 +19,7 @@ from . import _arrays
 from ._arrays import Floats
 from ._model_values import Values
 from ._pyshtools import SHCoeffs
-from .convert import NORMALIZATIONS, degree_of, from_pyshtools, norms_over_4pi
+from .convert import _NORMALIZATIONS, _norms_over_4pi, degree_of, from_pyshtools
 
 Degrees = NDArray[np.intp]
 
@@ -173,6 +173,14 @@ def _products(first: Floats, second: Floats) -> tuple[Floats, Floats, Floats]:
     return sums(first**2), sums(second**2), sums(first * second)
 
 
+def _scaled(coefficients: Floats) -> tuple[Floats, NDArray[np.intc]]:
+    """Returns coefficients with the largest of each degree between 0.5 and 1, so that squares neither overflow nor
+    underflow, and the exponents of the powers of 2 by which they were divided, (L + 1, c)."""
+    degrees = round(len(coefficients) ** 0.5)
+    powers = np.frexp(np.maximum.reduceat(abs(coefficients), np.arange(degrees) ** 2))[1]
+    return np.ldexp(coefficients, -np.repeat(powers, 2 * np.arange(degrees) + 1, axis=0)), powers
+
+
 def _errors(what: str, errors: ArrayLike, given: ArrayLike, rows: int) -> Floats:
     array = finite(what, _arrays.channels(what, errors))
     if np.shape(errors) != np.shape(given):
@@ -206,12 +214,12 @@ def _own_normalization(normalization: str, *given: object) -> None:
 
 
 def _scaled_norms(degree: int, normalization: str, convention: str) -> Floats:
-    _arrays.choice("normalization", normalization, NORMALIZATIONS)
+    _arrays.choice("normalization", normalization, _NORMALIZATIONS)
     if convention != "l2norm":
-        return norms_over_4pi(degree, normalization)
+        return _norms_over_4pi(degree, normalization)
     if normalization == "unnorm":
         raise ValueError("convention: expected power or energy with normalization 'unnorm', found 'l2norm'")
-    return norms_over_4pi(degree, "4pi")
+    return _norms_over_4pi(degree, "4pi")
 
 
 def spectrum(
@@ -371,6 +379,7 @@ def admittance(a: ArrayLike | SHCoeffs, b: ArrayLike | SHCoeffs) -> Admittance:
     """
     first, second, shape = _pair(_of(a), _of(b))
     degree = shape[0] - 1
+    (first, above), (second, below) = _scaled(first), _scaled(second)
     aa, bb, ab = _products(first, second)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.where(bb > 0, ab / bb, np.nan)
@@ -378,6 +387,8 @@ def admittance(a: ArrayLike | SHCoeffs, b: ArrayLike | SHCoeffs) -> Admittance:
         rest = np.maximum(aa - ab * ratio, 0)
         error = np.sqrt(rest / bb / (2.0 * np.arange(degree + 1))[:, np.newaxis])
     error[0] = np.nan
+    with np.errstate(over="ignore", under="ignore"):
+        ratio, error = (np.ldexp(values, above - below) for values in (ratio, error))
     return Admittance(np.arange(degree + 1), ratio.reshape(shape), error.reshape(shape))
 
 
@@ -404,7 +415,7 @@ def correlation(a: ArrayLike | SHCoeffs, b: ArrayLike | SHCoeffs) -> Correlation
     """
     first, second, shape = _pair(_of(a), _of(b))
     degree = shape[0] - 1
-    aa, bb, ab = _products(first, second)
+    aa, bb, ab = _products(_scaled(first)[0], _scaled(second)[0])
     with np.errstate(invalid="ignore", divide="ignore"):
         r = np.clip(ab / np.sqrt(aa) / np.sqrt(bb), -1, 1)
     confidence = np.full(r.shape, np.nan)

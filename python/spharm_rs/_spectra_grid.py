@@ -12,7 +12,7 @@ from . import _arrays
 from ._arrays import Floats
 from ._model import Model
 from ._model_tables import channel_names
-from ._spectra_angles import angles, unit_vectors
+from ._spectra_angles import angles, unit_vectors, warn_if_radians
 from ._spectra_degree import finite
 from ._spectra_quadrature import gauss_legendre, latitude_weights, longitude_weights
 from ._transform import Transform
@@ -37,6 +37,11 @@ class Grid:
     ------
     ValueError
         If the values don't have a row for each latitude and a column for each longitude.
+
+    Warns
+    -----
+    SpharmWarning
+        If the angles of a grid of 10 points or more are so small that they may be in radians.
 
     Examples
     --------
@@ -66,6 +71,7 @@ class Grid:
                 f"values: expected a row for each of {shape[0]} latitudes and a column for each of {shape[1]} longitudes, "
                 f"found shape {array.shape}"
             )
+        warn_if_radians("latitude", 90, north, east, len(north) * len(east), "numpy.degrees converts radians")
         if isinstance(channel, str):
             raise ValueError(f"channel: expected a list of names, found the text {channel!r}")
         names, count = list(channel), array.shape[2] if array.ndim == 3 else 0

@@ -36,6 +36,9 @@ _MOST_CONDITION = 1e12
 #: The relative excess of a sum of weights over 4 pi that rounding or an approximation of areas explains.
 _EXCESS = 0.01
 
+#: The fraction of 4 pi below which a sum of weights is doubted.
+_SMALL = 0.5
+
 #: Directions are uneven if the means over them of a degree's 4 pi-normalised harmonics, 1 to 4, have a norm above this.
 _UNEVEN = 0.1
 
@@ -172,12 +175,7 @@ def _weights(weights: ArrayLike | None, mask: ArrayLike | None, count: int) -> t
         areas = finite("weights", _arrays.weights(weights, count))
     kept = np.ones(count)
     if mask is not None:
-        found = np.asarray(mask)
-        kept = _arrays.real("mask", found.astype(float) if found.dtype == bool else found, f"({count},)")
-        if kept.shape != (count,):
-            raise ValueError(f"mask: expected shape ({count},), found {kept.shape}")
-        if not ((kept >= 0) & (kept <= 1)).all():
-            raise ValueError("mask: expected true or false, or numbers from 0 to 1; found other numbers")
+        kept = _arrays.graded_mask(mask, count)
     if not (areas * kept).any():
         raise ValueError("mask: expected directions with a weight other than 0, found none")
     return areas, kept
@@ -210,12 +208,31 @@ def _powers(transform: Transform, values: Floats) -> Floats:
     return _products(found, found)
 
 
+def _unevenness(at: Floats, shares: Floats) -> tuple[float, float]:
+    """Returns the norms of the means of 4 pi-normalised harmonics, given each direction's share: the largest one of the
+    degrees 1 to 4, and that of the zonal harmonics of degrees 2 and 4."""
+    square = 4 * np.pi * Transform(at, 4, accuracy=1e-6, channels=1).adjoint(shares[:, np.newaxis]) ** 2
+    return float(np.sqrt(sums(square)[1:].max())), float(np.sqrt(square[6, 0] + square[20, 0]))
+
+
+def _warn_if_not_areas(at: Floats, areas: Floats) -> None:
+    """Warns of given weights that cover the whole sphere evenly, but whose sum is far below its area, or is 1."""
+    total = float(areas.sum())
+    if not 0 < total < _SMALL * 4 * np.pi:
+        return
+    if abs(total - 1) < 1e-6 or max(_unevenness(at, areas / total)) < _UNEVEN:
+        warn(
+            [
+                f"the weights have a sum of {total:.4g}, but areas on the unit sphere have a sum of 4 pi = 12.57 if the "
+                "directions cover the sphere, so that powers can be much too small; scale the weights to the area that the "
+                "directions cover, such as weights * (4 * np.pi / weights.sum()) for the whole sphere"
+            ]
+        )
+
+
 def _warn_if_uneven(at: Floats) -> None:
     """Warns if the default weights, which are equal, aren't areas of the directions."""
-    equal = np.full((len(at), 1), 1 / len(at))
-    square = 4 * np.pi * Transform(at, 4, accuracy=1e-6, channels=1).adjoint(equal) ** 2
-    norm = float(np.sqrt(sums(square)[1:].max()))
-    zonal = float(np.sqrt(square[6, 0] + square[20, 0]))
+    norm, zonal = _unevenness(at, np.full(len(at), 1 / len(at)))
     worst, (by_degree, by_latitude) = max(norm, zonal), _BY_CHANCE
     if worst > _UNEVEN and max(norm / by_degree, zonal / by_latitude) > len(at) ** -0.5:
         warn(
@@ -258,7 +275,8 @@ def pseudo_spectrum(
     max_degree : int
         Highest degree L, inclusive.
     mask : array_like of bool or float, (n,), optional
-        Observed directions; or numbers from 0 to 1, such as an apodised mask. By default all.
+        Observed directions; or numbers from 0 to 1, such as an apodised mask. Masked elements of a masked array aren't
+        observed. By default all.
     weights : array_like of float, (n,), optional
         Areas on the unit sphere or weights of a quadrature, such as `Grid.weights`. Their sum is 4 pi for directions over the
         whole sphere, and less if the directions cover a part of it. By default ``4 pi / n``, which is right only for
@@ -282,7 +300,8 @@ def pseudo_spectrum(
     Warns
     -----
     SpharmWarning
-        If the directions aren't spread evenly, without weights.
+        If the directions aren't spread evenly, without weights; or if the sum of weights that cover the sphere is far
+        below 4 pi, such as 1.
 
     Notes
     -----
@@ -312,6 +331,8 @@ def pseudo_spectrum(
     double = Transform(at, 2 * degree, channels=1)
     if weights is None:
         _warn_if_uneven(at)
+    else:
+        _warn_if_not_areas(at, areas)
     power, added, window = _pseudo(double, array, areas * kept, noise)
     flat = np.ndim(values) == 1
     f_sky = (areas * kept**2).sum() ** 2 / (4 * np.pi * (areas * kept**4).sum())

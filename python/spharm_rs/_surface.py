@@ -192,6 +192,11 @@ def as_surface(mesh: Any) -> Surface:
     >>> sp.as_surface((vertices, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
     Surface(4 vertices, 4 faces)
     """
+    return surface_of("surface", mesh)
+
+
+def surface_of(what: str, mesh: Any) -> Surface:
+    """Converts a mesh as `as_surface` does; `what` is the argument that errors name."""
     if isinstance(mesh, Surface):
         return mesh
     if isinstance(mesh, (str, os.PathLike)):
@@ -199,25 +204,25 @@ def as_surface(mesh: Any) -> Surface:
     if isinstance(mesh, (tuple, list)):
         if any(isinstance(one, (Surface, str, os.PathLike)) or hasattr(one, "faces") for one in mesh):
             found = f"{len(mesh)} meshes in a {type(mesh).__name__}"
-            raise ValueError(f"surface: expected one mesh, found {found}; use fit_many for several")
+            raise ValueError(f"{what}: expected one mesh, found {found}; use fit_many for several")
         if len(mesh) == 2:
             return Surface(*mesh)
     if hasattr(mesh, "agg_data"):
         arrays = mesh.agg_data(("pointset", "triangle"))
         if not all(isinstance(array, np.ndarray) for array in arrays):
-            raise ValueError("surface: expected a GIfTI image with exactly one point set and one array of triangles")
+            raise ValueError(f"{what}: expected a GIfTI image with exactly one point set and one array of triangles")
         return Surface(*arrays)
     if hasattr(mesh, "cells_dict") and hasattr(mesh, "extract_surface"):
         return _of_grid(mesh)
     if hasattr(mesh, "cells_dict"):
         if "triangle" not in mesh.cells_dict:
-            raise ValueError(f"surface: this mesh has no triangles, only {sorted(mesh.cells_dict)}")
+            raise ValueError(f"{what}: this mesh has no triangles, only {sorted(mesh.cells_dict)}")
         return Surface(mesh.points, mesh.cells_dict["triangle"])
     # A scene of trimesh, such as of a GLB file, with its meshes at their places.
     if hasattr(mesh, "geometry") and hasattr(mesh, "to_mesh"):
-        joined = as_surface(mesh.to_mesh())
+        joined = surface_of(what, mesh.to_mesh())
         if len(joined.faces) == 0:
-            raise ValueError("surface: expected a scene with triangles, found none")
+            raise ValueError(f"{what}: expected a scene with triangles, found none")
         return joined
     # pyvista.PolyData raises an error for `regular_faces` if the numbers of corners differ.
     if not getattr(mesh, "is_all_triangles", True) and hasattr(mesh, "triangulate"):
@@ -229,8 +234,8 @@ def as_surface(mesh: Any) -> Surface:
     if isinstance(parts, dict):
         if len(parts) != 1:
             found = " and ".join(map(str, parts)) or "none"
-            raise ValueError(f"surface: expected one hemisphere, found {found}; give a mesh, such as that of parts['left']")
-        return as_surface(*parts.values())
+            raise ValueError(f"{what}: expected one hemisphere, found {found}; give a mesh, such as that of parts['left']")
+        return surface_of(what, *parts.values())
     for vertices in ("vertices", "coordinates"):
         if hasattr(mesh, vertices) and hasattr(mesh, "faces"):
             return Surface(getattr(mesh, vertices), mesh.faces)
@@ -239,9 +244,9 @@ def as_surface(mesh: Any) -> Surface:
     if isinstance(inner, Surface):
         return inner
     if callable(inner):
-        raise ValueError(f"surface: expected a mesh, found {type(mesh).__name__}; call model.surface() or model.surface(5)")
+        raise ValueError(f"{what}: expected a mesh, found {type(mesh).__name__}; call model.surface() or model.surface(5)")
     kinds = "a path, (vertices, faces), or a mesh of trimesh, nilearn, pyvista, meshio or nibabel"
-    raise ValueError(f"surface: expected {kinds}, found {type(mesh).__name__}")
+    raise ValueError(f"{what}: expected {kinds}, found {type(mesh).__name__}")
 
 
 #: VTK's number of the cell type triangle.

@@ -9,6 +9,9 @@ from typing import Iterable
 
 from .errors import SpharmWarning
 
+#: The category and the text of a warning that isn't issued yet.
+Problem = tuple[type[Warning], str]
+
 _PACKAGE = os.path.dirname(__file__) + os.sep
 
 

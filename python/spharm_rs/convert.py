@@ -242,22 +242,22 @@ def _from_pyshtools(array: Any, normalization: str, csphase: int) -> Floats:
 
 def _pyshtools_factors(degree: int, normalization: str, csphase: int) -> Floats:
     """Returns the factors from canonical coefficients to pyshtools' of a normalisation and phase, (K, 1)."""
-    _arrays.choice("normalization", normalization, NORMALIZATIONS)
+    _arrays.choice("normalization", normalization, _NORMALIZATIONS)
     if csphase not in (1, -1):
         raise ValueError(f"csphase: expected 1 or -1, found {csphase!r}")
-    factors = norms_over_4pi(degree, "ortho") / norms_over_4pi(degree, normalization)
+    factors = _norms_over_4pi(degree, "ortho") / _norms_over_4pi(degree, normalization)
     orders = degrees_and_orders(degree)[1][:, np.newaxis]
     return factors if csphase == 1 else factors * np.where(orders % 2, -1.0, 1.0)
 
 
 #: pyshtools' names of normalisations, and ``"orthonormal"`` for ``"ortho"``.
-NORMALIZATIONS = ("orthonormal", "ortho", "4pi", "schmidt", "unnorm")
+_NORMALIZATIONS = ("orthonormal", "ortho", "4pi", "schmidt", "unnorm")
 
 #: The largest degree at which the norm of an unnormalised harmonic is a float64.
 _MOST_UNNORMALISED = 150
 
 
-def norms_over_4pi(degree: int, normalization: str) -> Floats:
+def _norms_over_4pi(degree: int, normalization: str) -> Floats:
     """Returns the norm of each harmonic over that of a 4 pi-normalised one, (K, 1)."""
     degrees, orders = degrees_and_orders(degree)
     if normalization == "4pi":

@@ -221,12 +221,16 @@ class WrapReport(TypedDict):
     voxel: float
     #: Share of the mesh's area farther than a voxel from the wrap: inner walls and parts thinner than a voxel.
     hidden_area: float
+    #: Share of the mesh's area outside of the wrap and farther than two voxels from it: parts that were left out.
+    lost_area: float
     #: Share of the wrap's area farther than a voxel from the mesh: the wrap spans holes there.
     bridged_area: float
     #: Root mean square distance of the wrap from the mesh, in the coordinates' unit.
     rms_distance: float
     #: Pieces of the body left out, which are all except the largest.
     pieces: int
+    #: Share of the body's voxels in the pieces left out.
+    left_out: float
     #: Cavities filled.
     cavities: int
     #: Handles removed.
@@ -248,12 +252,16 @@ class RepairReport(TypedDict):
     #: Vertices added where parts touched.
     vertices_split: int
     pieces_dropped: int
+    #: Dropped pieces that shared edges with the kept piece, such as a body behind a common wall.
+    attached_pieces_dropped: int
     holes_filled: int
     #: Triangles that fill the holes; they are the last of the repaired surface.
     triangles_added: int
     unused_vertices_dropped: int
     #: Share of the area, from 0 to 1, lost by welding rims.
     lost_area: float
+    #: Share of the area, from 0 to 1, in the dropped fins and walls between chambers.
+    fins_area: float
     #: Share of the area of all pieces, from 0 to 1, in the dropped pieces.
     dropped_area: float
     #: Share of the area of the repaired surface in the filled holes.
@@ -331,10 +339,12 @@ class FitReport(TypedDict):
     #: Fits of moments alone: number of samples with weight, and sum of the weights.
     samples: int
     weight: float
-    #: Fits of moments alone: root of the weighted mean of the squared residual of each channel, in its unit.
-    rms: List[float]
-    #: Fits of moments alone: share of the sum of squares that the model explains, for each channel.
-    explained: List[float]
+    #: Fits of moments alone: root of the weighted mean of the squared residual of each channel, in its unit; None if
+    #: the mean of the values is so large that rounding errors hide the residual.
+    rms: List[Optional[float]]
+    #: Fits of moments alone: share of the sum of squares that the model explains, for each channel; None as for
+    #: ``rms``.
+    explained: List[Optional[float]]
     #: Fits of moments alone: diameter of the largest cap without samples, and resolution at the highest degree (None at
     #: degree 0), degrees.
     largest_gap: float

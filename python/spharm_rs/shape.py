@@ -31,6 +31,7 @@ from ._arrays import Floats
 from ._model import Model, directions_at, sphere_arrays
 from ._model import core as _model
 from ._progress import Progress, callback
+from ._shape_check import Check, check
 from ._shape_correspond import Carried, Group, Member, correspond
 from ._shape_inference import Cluster
 from ._shape_modes import Modes, Quality, pca
@@ -46,6 +47,7 @@ from ._warnings import warn
 __all__ = [
     "Alignment",
     "Carried",
+    "Check",
     "Cluster",
     "Curve",
     "Description",
@@ -66,6 +68,7 @@ __all__ = [
     "SimilarityTransform",
     "TestResult",
     "align",
+    "check",
     "correspond",
     "describe",
     "even",
@@ -193,17 +196,25 @@ def measure(
     >>> round(sp.shape.measure(sp.Model(coefficients)).volume, 12) == round(4 * np.pi / 3, 12)
     True
     """
-    text, found = _core.shape_measure(
+    measures, problems = _measured(model, degree, tolerance, threads, progress)
+    warn(problems)
+    return measures
+
+
+def _measured(
+    model: Model, degree: int | None, tolerance: float, threads: int | None, progress: Progress
+) -> tuple[Measures, list[str]]:
+    """Measures a model as `measure` does. Returns the measures and the warnings, which aren't issued."""
+    text, problems = _core.shape_measure(
         _model("model", model),
         _degree(model, degree),
         tolerance=float(tolerance),
         threads=_arrays.threads(threads),
         progress=callback(progress),
     )
-    warn(found)
     figures = json.loads(text)
     figures["centroid"] = tuple(figures["centroid"])
-    return Measures(**figures)
+    return Measures(**figures), problems
 
 
 def geometry(
@@ -251,7 +262,7 @@ def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -
     ----------
     model : Model
     fwhm : float
-        Full width at half maximum, in degrees of arc on the sphere: ``4 sqrt(s ln 2)`` radians.
+        Full width at half maximum, from 0 to 180 degrees of arc on the sphere: ``4 sqrt(s ln 2)`` radians.
     s : float
         Diffusion time, as an alternative to a width.
 

@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays
 from ._arrays import Floats
-from ._spectra_angles import angles, unit_vectors
+from ._spectra_angles import angles, unit_vectors, warn_if_radians
 from ._spectra_degree import (
     Admittance,
     Correlation,
@@ -110,6 +110,11 @@ def directions(
     ValueError
         If an angle is NaN or outside its range, or if the shapes don't broadcast.
 
+    Warns
+    -----
+    SpharmWarning
+        If angles of 10 points or more, in degrees, are so small that they may be in radians.
+
     Examples
     --------
     >>> import numpy as np
@@ -131,11 +136,11 @@ def directions(
     if (latitude is None) == (colatitude is None):
         raise ValueError(f"latitude, colatitude: expected one of them, found {'none' if latitude is None else 'both'}")
     if latitude is not None:
-        what, angle = "latitude", angles("latitude", latitude, -90, 90, degrees)
+        what, most, angle = "latitude", 90, angles("latitude", latitude, -90, 90, degrees)
         z, across = np.sin(angle), np.cos(angle)
     else:
         assert colatitude is not None
-        what, angle = "colatitude", angles("colatitude", colatitude, 0, 180, degrees)
+        what, most, angle = "colatitude", 180, angles("colatitude", colatitude, 0, 180, degrees)
         z, across = np.cos(angle), np.sin(angle)
     phi = angles("longitude", longitude, -360, 360, degrees)
     try:
@@ -145,6 +150,9 @@ def directions(
             f"longitude: expected shape {z.shape}, as {what} has, or one that broadcasts with it; found {phi.shape}; "
             "for all points of a grid, give the arrays of np.meshgrid"
         ) from None
+    if degrees:
+        points = int(np.prod(shape))
+        warn_if_radians(what, most, np.degrees(angle), np.degrees(phi), points, "degrees=False reads radians")
     z, across, phi = (np.broadcast_to(array, shape).ravel() for array in (z, across, phi))
     return unit_vectors(z, across, phi)
 

@@ -143,3 +143,9 @@ def test_an_aligned_copy_of_a_model_still_corresponds() -> None:
     assert not sp.compare(turned, model).corresponding
     found = sp.compare(sp.shape.align(turned, model).model, model)
     assert found.corresponding and found.rms < 1e-9
+
+
+def test_errors_name_the_argument(pair: tuple[sp.Model, sp.Model]) -> None:
+    for given, name in (((pair[0], None), "other"), ((None, pair[0]), "surface"), ((bump(1), 3), "other")):
+        with pytest.raises(ValueError, match=f"^{name}: expected a path"):
+            sp.compare(*given)

@@ -145,7 +145,10 @@ def test_a_group_has_its_parts(group: sp.shape.Group, folder: Path) -> None:
 def test_a_new_member_leaves_the_group_as_it_is(group: sp.shape.Group, folder: Path) -> None:
     before = group.mean.coefficients.copy()
     surface = sp.read_surface(paths(folder)[2])
-    member = group.add(surface)
+    with pytest.warns(sp.SpharmWarning, match="5: the surface is identical to s03"):
+        member = group.add(surface)
+    with pytest.warns(sp.SpharmWarning, match="5: the surface is identical to s03"):
+        group.add(moved(surface))
     assert isinstance(member, sp.shape.Member) and member.name == "5"
     assert member.places.shape == group.places[2].shape and member.reached.all() and member.report["turned"] == 0
     both = group.add([paths(folder)[2], surface])
@@ -242,6 +245,14 @@ def test_landmarks_that_cannot_be_right_are_named(folder: Path, marks: list[sp.L
     with pytest.warns(sp.SpharmWarning, match=rf"s02: {len(points[1])} of {len(points[1])} landmarks are far from the surface"):
         found = sp.shape.correspond(few, 6, subdivisions=3, refine=False, landmarks=[points[0], points[1] + 30, points[2]])
     assert len(found.warnings) == 1
+
+
+def test_swapped_landmarks_are_named(folder: Path, marks: list[sp.Landmarks], group: sp.shape.Group) -> None:
+    assert not any("swapped" in warning for warning in group.warnings)
+    points = [own.points.copy() for own in marks]
+    points[2][[0, 7]] = points[2][[7, 0]]
+    with pytest.warns(sp.SpharmWarning, match="s03: the landmarks 0 and 7 seem to be swapped"):
+        sp.shape.correspond(paths(folder), 6, subdivisions=3, refine=False, landmarks=points)
 
 
 def test_landmarks_that_guide_stay_together(folder: Path, marks: list[sp.Landmarks], group: sp.shape.Group) -> None:

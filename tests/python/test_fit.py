@@ -195,6 +195,25 @@ def test_many_are_fitted_as_each(study: Study) -> None:
     assert sp.fit_many([], sphere, 8) == []
 
 
+def test_many_signals_are_read_from_files(study: Study, tmp_path: Path) -> None:
+    surface, sphere = study
+    values = [sphere.vertices[:, axis] ** 2 for axis in range(2)]
+    keep = np.ones(len(sphere.vertices), bool)
+    keep[5] = False
+    values[1][5] = np.nan
+    paths = [tmp_path / f"{at}.csv" for at in range(2)]
+    for path, one in zip(paths, values):
+        sp.write_signal(path, one)
+    found = sp.fit_many(paths, sphere, 4, mask=keep)
+    assert not found[0].is_surface
+    for model, path in zip(found, paths):
+        assert np.allclose(model.coefficients, sp.fit(path, sphere, 4, mask=keep).coefficients, rtol=0, atol=1e-10)
+    with pytest.raises(ValueError, match="surfaces: expected surfaces or signals, found both"):
+        sp.fit_many([surface, paths[0]], sphere, 4)
+    with pytest.raises(sp.MeshError, match="1.csv: expected finite numbers, found NaN at vertex 5"):
+        sp.fit_many(paths, sphere, 4)
+
+
 def test_surfaces_without_a_common_sphere_are_fitted_one_by_one(tmp_path: Path) -> None:
     surfaces = [sp.example_surface(level, level)[0] for level in (3, 2, 3, 2)]
     alone = [sp.fit(surface, max_degree=5, threads=1, smoothness=1e-4) for surface in surfaces]
@@ -274,6 +293,39 @@ def test_samples_of_a_part_of_the_sphere_are_doubted_where_noise_decides() -> No
         whole, _ = sp.solve(at, noisy, 30)
         smooth, _ = sp.solve(at, noisy, 30, mask=seen, smoothness=1e-3)
     assert np.abs(exact - truth).max() < 1e-3 and np.abs(whole - truth).max() < 0.1 and np.abs(smooth).max() < 10
+
+
+def test_a_mask_of_fewer_vertices_than_coefficients_gives_the_solution_of_minimum_norm(study: Study) -> None:
+    surface, sphere = study
+    at = sphere.vertices / np.linalg.norm(sphere.vertices, axis=1, keepdims=True)
+    mask = np.zeros(len(at), bool)
+    mask[np.random.default_rng(2).choice(len(at), 150, replace=False)] = True
+    with pytest.warns(sp.SpharmWarning, match="150 vertices don't determine 441 coefficients"):
+        best = sp.fit(surface.vertices[mask], at[mask], 20, objective="vertices", preconditioner="none")
+    for preconditioner in ("auto", "factor"):
+        settings: dict[str, Any] = {"mask": mask, "objective": "vertices", "preconditioner": preconditioner}
+        with pytest.warns(sp.SpharmWarning) as warned:
+            model = sp.fit(surface.vertices, at, 20, **settings)
+        assert any("150 vertices don't determine 441 coefficients" in str(one.message) for one in warned)
+        assert (preconditioner == "factor") == any("no factor was computed" in str(one.message) for one in warned)
+        assert np.abs(model.coefficients - best.coefficients).max() < 1e-5 * np.abs(best.coefficients).max()
+
+
+def test_settings_that_the_method_does_not_have_are_refused(study: Study, tmp_path: Path) -> None:
+    store = sp.Store(tmp_path / "store")
+    store.build(study[1], 4)
+    refused: list[tuple[dict[str, Any], str]] = [
+        ({"method": "sirf", "passes": 3}, "passes needs the method irf or mirf, found sirf"),
+        ({"method": "nlsf", "passes": 2}, "passes needs the method irf or mirf, found nlsf"),
+        ({"method": "sirf", "granularity": 50}, "granularity needs the method irf, found sirf"),
+        ({"method": "irf", "start_degree": 2}, "start_degree needs the method sirf or mirf, found irf"),
+        ({"method": "lsq", "accelerate": True}, "accelerate needs the method irf or mirf, found lsq"),
+        ({"method": "irf", "tolerance": 1e-6}, "tolerance needs the method lsq, found irf"),
+        ({"method": "mirf", "max_iterations": 9}, "max_iterations needs the method lsq, found mirf"),
+    ]
+    for settings, message in refused:
+        with pytest.raises(ValueError, match=message):
+            sp.fit(*study, 4, store=store, **settings)
 
 
 def test_a_model_goes_to_a_file_and_back(study: Study, tmp_path: Path) -> None:
@@ -388,6 +440,35 @@ def test_the_sphere_of_the_other_hemisphere_is_doubted(study: Study, tmp_path: P
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         sp.fit(surface, over, 4)
+
+
+def test_a_mask_of_the_other_hemisphere_is_doubted(study: Study, tmp_path: Path) -> None:
+    surface, sphere = study
+    surface.save(tmp_path / "lh.pial")
+    sp.write_signal(tmp_path / "lh.thickness", surface.vertices[:, 2])
+    rows = "".join(f"{vertex} 0 0 0 0\n" for vertex in range(len(surface.vertices)))
+    left, right = (tmp_path / f"{side}.cortex.label" for side in ("lh", "rh"))
+    for path in (left, right):
+        path.write_text(f"#!ascii label, from a test\n{len(surface.vertices)}\n{rows}")
+    read = sp.read_surface(tmp_path / "lh.pial")
+    other = "lh.{}: this file belongs to the left hemisphere, but the mask .*rh.cortex.label belongs to the right hemisphere"
+    works: list[tuple[str, Callable[[], Any]]] = [
+        ("pial", lambda: sp.fit(tmp_path / "lh.pial", sphere, 4, mask=right)),
+        ("pial", lambda: sp.fit(read, max_degree=4, mask=str(right))),
+        ("pial", lambda: sp.fit_many([surface, read], sphere, 4, mask=right)[1]),
+        ("thickness", lambda: sp.fit(tmp_path / "lh.thickness", sphere, 4, mask=right)),
+    ]
+    for name, work in works:
+        with pytest.warns(sp.SpharmWarning, match=other.format(name)):
+            found = work()
+        assert any("but the mask" in text for text in found.report["warnings"]), name
+    for over in (sphere, None):
+        with pytest.raises(ValueError, match=other.format("pial")):
+            sp.fit(read, over, 4, mask=right, strict=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sp.fit(read, sphere, 4, mask=left)
+        sp.fit(surface, sphere, 4, mask=right)
 
 
 def test_a_sphere_that_turns_the_surface_inside_out_is_doubted(study: Study) -> None:

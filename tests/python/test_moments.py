@@ -46,6 +46,32 @@ def test_a_fit_is_that_of_the_samples() -> None:
     assert surface.is_surface and not model.is_surface
 
 
+def test_a_mean_that_hides_the_residual_is_noticed() -> None:
+    values = 0.01 * VALUES[:, 0]
+    expected = sp.Moments(DIRECTIONS, values, max_degree=10).fit().report
+    raised = sp.Moments(DIRECTIONS, np.column_stack([values + 980000, values + 1]), max_degree=10, channels=["g", "h"])
+    with pytest.warns(sp.SpharmWarning, match="rms and explained of channel g are unknown.*subtract a constant"):
+        model = raised.fit()
+    assert model.report["rms"][0] is None and model.report["explained"][0] is None and model.rms is None
+    assert np.isclose(model.report["rms"][1], expected["rms"][0], rtol=1e-6)
+    settings: list[dict[str, Any]] = [{"stderr": True}, {"denoise": True}, {"smoothness": "auto"}]
+    for setting in settings:
+        with pytest.raises(ValueError, match='determine the residual, found channel "g".*leave out this channel'):
+            raised.fit(**setting)
+
+
+def test_the_chosen_smoothness_ignores_the_mean() -> None:
+    height = DIRECTIONS[:, 2] / np.linalg.norm(DIRECTIONS, axis=1)
+    values = np.sin(5 * height) + 0.5 * VALUES[:, 0]
+    chosen = [sp.solve(DIRECTIONS, values + mean, 10, smoothness="auto")[1]["smoothness"] for mean in (0, 6371000)]
+    assert np.isclose(*chosen, rtol=1e-6)
+
+
+def test_a_missing_part_is_noticed() -> None:
+    with pytest.warns(sp.SpharmWarning, match="missing: shard 1/2"):
+        in_parts(2)[0].fit(3)
+
+
 def test_parts_add_up_travel_and_are_kept(tmp_path: Path) -> None:
     whole = sp.Moments(DIRECTIONS, VALUES, WEIGHTS, max_degree=12).fit(tolerance=1e-13)
     parts = in_parts(3)
@@ -108,6 +134,8 @@ def test_bad_samples_are_refused(tmp_path: Path) -> None:
         moments.fit(memory="1KiB")
     with pytest.warns(sp.NotDetermined):
         sp.Moments(DIRECTIONS[:10], VALUES[:10], max_degree=12).fit()
+    with pytest.warns(sp.NotDetermined):
+        sp.Moments(np.repeat(DIRECTIONS[:5], 100, axis=0), np.repeat(VALUES[:5], 100, axis=0), max_degree=8).fit()
     (tmp_path / "bad.moments").write_bytes(b"no moments")
     with pytest.raises(sp.SpharmError, match="bad.moments"):
         sp.Moments.load(tmp_path / "bad.moments")

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Callable
 
@@ -136,6 +137,23 @@ def test_threads_of_python_get_the_same_bits() -> None:
     for thread in threads:
         thread.join()
     assert len(found) == 4 and all(np.array_equal(found[0], other) for other in found)
+
+
+def test_calls_with_one_thread_run_at_the_same_time() -> None:
+    values = np.random.default_rng(0).normal(size=(60, 20_000))
+    both = threading.Barrier(2, timeout=20)
+
+    def meet(*_: Any) -> None:
+        both.wait()
+        raise LookupError
+
+    def work(_: int) -> None:
+        # Takes minutes: if the calls waited for each other, the barrier would break.
+        with pytest.raises(LookupError):
+            sp.shape.test(values, [0, 1] * 30, permutations=1_000_000, threads=1, progress=meet)
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(work, range(2)))
 
 
 #: Prints the growth in bytes of the process's largest memory during 10,000 rounds of small calls.

@@ -119,6 +119,16 @@ def test_fix_repairs_before_the_map(open_ball: sp.Surface, tmp_path: Path) -> No
     assert map_report is not None and 0.3 < map_report["mesh_repair"]["filled_area"] < 0.4
 
 
+def test_a_mesh_that_winds_inwards_is_a_warning() -> None:
+    ball = sp.icosphere(2)
+    inward = sp.Surface(ball.vertices, np.ascontiguousarray(ball.faces[:, ::-1]))
+    with pytest.warns(sp.SpharmWarning, match="the triangles wind inwards"):
+        model = sp.fit(inward, max_degree=4)
+    assert any("wind inwards" in text for text in model.report["warnings"])
+    outward = sp.fit(ball, max_degree=4)
+    assert not any("wind inwards" in text for text in outward.report["warnings"])
+
+
 def test_a_wrap_is_the_closed_surface_around_all_parts(tmp_path: Path) -> None:
     ball = sp.icosphere(4)
     beside = 0.7 * ball.vertices + [0.9, 0, 0]
@@ -154,9 +164,40 @@ def test_a_wrap_is_the_closed_surface_around_all_parts(tmp_path: Path) -> None:
         sp.fit(parts, max_degree=8, fix=True, wrap=32)
     with pytest.raises(ValueError, match="wrap: expected no sphere"):
         sp.fit(ball, ball, 4, wrap=32)
+    apart = (np.concatenate([ball.vertices, beside + [2, 0, 0]]), parts[1])
+    with pytest.raises(sp.MeshError, match=r"1 smaller piece left out \(.*; largest_repair=0\.3\d allows this wrap$"):
+        sp.repair(apart, wrap=32)
+    kept = sp.repair(apart, wrap=32, largest_repair=0.4)
+    assert 0.3 < kept.report["wrap"]["lost_area"] < 0.36 and 0.2 < kept.report["wrap"]["left_out"] < 0.3
     sheet = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
     with pytest.raises(sp.MeshError, match="encloses no voxel of a grid with 64 voxels"):
         sp.repair(sheet, wrap=64)
+
+
+def test_surfaces_that_enclose_nothing_are_refused_with_the_reason() -> None:
+    x, y = np.meshgrid(np.arange(8.0), np.arange(8.0), indexing="ij")
+    first = (8 * np.arange(7)[:, None] + np.arange(7)).ravel()
+    faces = np.concatenate([first[:, None] + [0, 8, 9], first[:, None] + [0, 9, 1]])
+    sheet = (np.column_stack([x.ravel(), y.ravel(), np.zeros(64)]), faces)
+    for call in (sp.repair, lambda surface: sp.fit(surface, max_degree=2)):
+        with pytest.raises(sp.MeshError, match="the mesh is an open sheet") as refused:
+            call(sheet)
+        assert "repair(" not in str(refused.value)
+    # A Klein bottle has no rim, so there is a closed surface around it.
+    i, j = np.divmod(np.arange(64), 8)
+    after, next_j = (i + 1) % 8, (j + 1) % 8
+    beyond, next_beyond = (np.where(i < 7, k, -k % 8) for k in (j, next_j))
+    corners = [8 * i + j, 8 * after + beyond, 8 * after + next_beyond, 8 * i + next_j]
+    faces = np.concatenate([np.column_stack([corners[k] for k in face]) for face in ([0, 1, 2], [0, 2, 3])])
+    u, v = 2 * np.pi * i / 8, 2 * np.pi * j / 8
+    bottle = (np.column_stack([(2 + np.cos(v)) * np.cos(u), (2 + np.cos(v)) * np.sin(u), np.sin(v)]), faces)
+    with pytest.raises(sp.MeshError, match=r"not orientable: .*; spharm_rs\.repair\(surface, wrap=128\) replaces"):
+        sp.fit(bottle, max_degree=2)
+    ball = sp.icosphere(2)
+    vertices = ball.vertices.copy()
+    vertices[5, 0] = 1e30
+    with pytest.raises(sp.MeshError, match=r"vertex 5 \(counted from 0\) lies 1\.\d*e30 times as far"):
+        sp.fit((vertices, ball.faces), max_degree=2)
 
 
 def test_settings_that_have_no_effect_are_refused(open_ball: sp.Surface) -> None:

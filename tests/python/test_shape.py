@@ -37,7 +37,7 @@ def test_smoothing_damps_each_degree(study: Any) -> None:
     assert smooth.provenance["transform"][0]["heat_kernel"]["s"] == 0.01
     by_width = sp.shape.smooth(model, fwhm=np.degrees(4 * np.sqrt(0.01 * np.log(2))))
     assert np.allclose(by_width.coefficients, smooth.coefficients, rtol=1e-12)
-    for bad in ({}, {"fwhm": 1, "s": 1}, {"fwhm": -1}, {"s": float("nan")}):
+    for bad in ({}, {"fwhm": 1, "s": 1}, {"fwhm": -1}, {"fwhm": 181}, {"s": float("nan")}):
         with pytest.raises(ValueError):
             sp.shape.smooth(model, **bad)
 

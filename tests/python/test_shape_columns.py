@@ -34,6 +34,16 @@ def test_text_of_numbers_is_numbers() -> None:
         found_of(effect=GROUPS)
 
 
+def test_levels_that_differ_only_in_case_are_doubted() -> None:
+    names = ["A", *GROUPS[1:]]
+    doubt = 'the levels "A" and "a" differ only in case'
+    with pytest.warns(sp.SpharmWarning, match=doubt):
+        found = found_of(names)
+    assert found.levels == {"A": 1, "a": 5, "b": 6} and any(doubt in text for text in found.warnings)
+    with pytest.warns(sp.SpharmWarning, match=f"site: {doubt}"):
+        found_of(effect=AGES, covariates={"site": names})
+
+
 def test_missing_levels_are_refused_with_their_row() -> None:
     names = GROUPS[:3] + ["?"] + GROUPS[4:]
     for missing in ("", "  ", "NA", "n/a", "nan", None, float("nan")):
@@ -65,7 +75,7 @@ def test_levels_that_do_not_fit_are_named() -> None:
     mixed = np.array([*GROUPS[:-1], 3], object)
     with pytest.raises(ValueError, match="groups: .*; found 3 in row 11, and 'a' in row 0"):
         found_of(mixed)
-    with pytest.raises(ValueError, match="levels: .* duplicate level 'a'"):
+    with pytest.raises(ValueError, match='levels: .* duplicate level "a"'):
         found_of(GROUPS, levels=["a", "a", "b"])
     for constant in (["x"] * 12, [True] * 12, [7] * 12):
         with pytest.raises(ValueError, match="omit the co"):

@@ -131,6 +131,8 @@ def test_the_mean_is_numpys_and_lower_degrees_are_said(group: list[sp.Model]) ->
     with pytest.warns(sp.SpharmWarning, match="degrees from 3 to 5"):
         lower = sp.shape.mean([*group[:3], group[3].truncate(3)])
     assert lower.max_degree == 3
+    with pytest.warns(sp.SpharmWarning, match=r"7 not smoothed \(first: models\[0\]\), 1 smoothed by a heat kernel"):
+        sp.shape.mean([*group[:7], sp.shape.smooth(group[7], fwhm=10)])
     for other in (sp.Model(np.ones((36, 1))), sp.Model(np.ones((36, 2)), surface=True)):
         with pytest.raises(ValueError, match=r"models\[1\]: expected a model of a surface"):
             sp.shape.mean([group[0], other])

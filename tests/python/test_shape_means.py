@@ -103,3 +103,17 @@ def test_counts_and_codes() -> None:
         values, effect=np.arange(12.0), covariates={"site": [f"site{one}" for one in site]}, permutations=0
     )  # fmt: skip
     assert levels.codes == {} and len(levels.columns) == 4
+
+
+def test_models_in_another_unit_are_named() -> None:
+    models = [lump(seed) for seed in range(6)] + [lump(6, 1000.0)]
+    for call, name in (
+        (lambda: sp.shape.pca(models), "models[6]"),
+        (lambda: sp.shape.mean(models), "models[6]"),
+        (lambda: sp.shape.procrustes(models, method="fixed"), "member 6"),
+    ):
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            call()
+        texts = [str(one.message) for one in found if "another unit" in str(one.message)]
+        assert len(texts) == 1 and texts[0].startswith(f"{name}: ") and "about 1000 times" in texts[0], texts

@@ -263,7 +263,18 @@ def test_axes_and_spacing_of_images(tmp_path: Path) -> None:
         sp.parametrize_volume(tmp_path / "labels.nii.gz", spacing=(0.2, 0.3, 0.5))
     with pytest.raises(ValueError, match="spacing: expected None with affine"):
         sp.parametrize_volume(labels, affine=np.eye(4), spacing=(1, 1, 1))
-    with pytest.raises(ValueError, match="axes: expected 'xyz' for a file"):
+    # The axes of a NumPy file may have this order, too; its voxel size is that along x, y and z.
+    uneven = labels.copy()
+    uneven[6:9, 3:8, 2:6] = 4
+    np.save(tmp_path / "image.npy", np.ascontiguousarray(uneven.transpose()))
+    of_array_file = sp.parametrize_volume(tmp_path / "image.npy", axes="zyx", spacing=(0.2, 0.3, 0.5))
+    of_array = sp.parametrize_volume(uneven, spacing=(0.2, 0.3, 0.5))
+    assert np.allclose(of_array_file.surface.vertices, of_array.surface.vertices)
+    rows = [{"id": "a", "surface": tmp_path / "image.npy"}]
+    [row] = sp.fit_cohort(rows, tmp_path, 6, voxel_size=(0.2, 0.3, 0.5), axes="zyx")
+    assert row.model is not None
+    assert sp.shape.measure(row.model).centroid == pytest.approx((1.0, 1.5, 1.75), abs=0.1)
+    with pytest.raises(ValueError, match="a NIfTI file always has, found zyx; omit axes="):
         sp.parametrize_volume(tmp_path / "labels.nii.gz", axes="zyx")
     with pytest.raises(ValueError, match="axes: expected 'xyz' or 'zyx', found 'xzy'"):
         sp.parametrize_volume(labels, axes="xzy")

@@ -6,7 +6,7 @@ use std::path::Path;
 use spharm_store::{BuildParams, Codec, Scalar, catalog};
 
 use super::{build_here, verified, write_signal, write_sphere};
-use crate::common::{fail, succeed, tool};
+use crate::common::{fail, finish, succeed, text, tool};
 
 const N: usize = 400;
 
@@ -44,6 +44,16 @@ fn an_extension_adds_files_and_touches_none() {
         assert_eq!(file.header().codec == Codec::Zstd, degree > 6);
     }
     assert_eq!(verified(&store).len(), 11);
+}
+
+#[test]
+fn a_build_that_keeps_files_names_the_command_that_checks_them() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut build = tool("basis-build");
+    build.arg("--store").arg(folder.path().join("store")).arg("--sphere").arg(write_sphere(folder.path(), N));
+    build.args(["--max-degree", "3"]);
+    let [first, again] = [text(&finish(&mut build)), text(&finish(&mut build))];
+    assert!(!first.contains("store verify") && again.contains("`spharm store verify "), "{first}{again}");
 }
 
 /// An extension plans its memory with the existing chunk size instead of the requested one.

@@ -44,6 +44,12 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let factor = cli.factor.map(|degree| plan_factor(cli, &sphere, params.scalar, degree, &console)).transpose()?;
     let basis = (!cli.factor_only).then(|| pool.install(|| basis(cli, &sphere, &params, &console))).transpose()?;
     let factor = factor.map(|planned| pool.install(|| factor_row(&planned, &console))).transpose()?;
+    if basis.as_ref().is_some_and(|report| report.present > 0) || factor.as_ref().is_some_and(|row| row.present) {
+        console.note(format!(
+            "existing files were opened but not read completely; `spharm store verify {}` checks every byte",
+            cli.store.display()
+        ));
+    }
     let key = SchemeKey::of(&sphere.directions, params.scalar);
     let report = Report {
         tool: "basis-build",

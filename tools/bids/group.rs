@@ -11,6 +11,7 @@ use spharm_cli::paths::model_name;
 use spharm_cli::paths::shown;
 use spharm_cohort::Merged;
 use spharm_model::arrays::{Entry, write_arrays};
+use spharm_model::recorded_name;
 
 use super::args::{Cli, Hemi, Surface};
 use super::dataset::text;
@@ -150,7 +151,7 @@ fn other_spaces(models: &[Model], paths: &[PathBuf]) -> Option<String> {
 /// Returns the space to which the sphere of a model is registered, by the name of the sphere's file. Names without a
 /// space, such as FreeSurfer's `lh.sphere.reg`, stand for fsaverage. `None` for a model without the sphere's name.
 fn space(model: &Model) -> Option<String> {
-    let name = Path::new(model.provenance.sphere.as_deref()?).file_name()?.to_str()?;
+    let name = recorded_name(model.provenance.sphere.as_deref()?);
     let space = name.split('_').find_map(|part| part.strip_prefix("space-"));
     Some(space.unwrap_or("fsaverage").to_owned())
 }
@@ -223,5 +224,7 @@ mod tests {
         let warning = other_spaces(&[freesurfer, average, other], &paths).unwrap();
         assert!(warning.starts_with("sub-3_pial is over spheres registered to fsLR, but the other"), "{warning}");
         assert!(warning.contains("registered to fsaverage, so"), "{warning}");
+        let elsewhere = model(r"of_space-fsLR_data\lh.sphere.reg");
+        assert_eq!(space(&elsewhere).as_deref(), Some("fsaverage"), "a folder of another operating system");
     }
 }

@@ -61,6 +61,11 @@ fn work(cli: &Cli) -> Result<()> {
     let budget = cli.memory.budget(cli.threads.count());
     budget.check_inputs("compare", [cli.original.as_path(), &cli.reconstruction])?;
     let [first, second] = [Surface::read(&cli.original)?.finest(), Surface::read(&cli.reconstruction)?.finest()];
+    for (surface, path) in [(&first, &cli.original), (&second, &cli.reconstruction)] {
+        if let Some(text) = surface.cut_handles() {
+            monitor.console().warn(format!("{}: {text}", path.display()));
+        }
+    }
     // A model is evaluated at the vertices of an icosphere, which have no counterparts in a mesh.
     let surface_distance = cli.surface_distance || first.is_model() || second.is_model();
     let evaluating = first.bytes_to_evaluate().max(second.bytes_to_evaluate());

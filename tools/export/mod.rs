@@ -11,7 +11,7 @@ use spharm_cli::output::{OutputFile, check_outputs, prepare, print_json, print_l
 use spharm_cli::paths::{all_shown, expand, model_file_name, shown, with_ending};
 use spharm_exchange::{ExportOptions, Exported, Format, Normalization, check, export, files};
 use spharm_model::Model;
-use spharm_surface::io::bytes_to_read;
+use spharm_surface::io::{Output, bytes_to_read, check_output};
 
 pub(crate) use self::args::{Cli, FORMATS, normalization};
 
@@ -31,6 +31,9 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         false => with_ending(&cli.output.join(model_file_name(model)), cli.to.ending()),
     };
     let targets: Vec<PathBuf> = models.iter().map(target).collect();
+    for target in targets.iter().filter(|target| target.extension().is_some()) {
+        check_output(target, Output::Ending(cli.to.endings())).context("--output")?;
+    }
     // Check all models before writing the first one.
     let budget = cli.memory.budget(1);
     let mut outputs = Vec::new();

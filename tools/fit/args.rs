@@ -53,7 +53,8 @@ pub(crate) struct Cli {
 pub(super) struct Input {
     /// Surfaces, or signals on the sphere's vertices
     ///
-    /// @LIST reads the paths from the file LIST: one per line, relative to LIST; # begins a comment.
+    /// A folder stands for its meshes, without spheres, surfaces written by fits, and subfolders. @LIST reads the paths
+    /// from the file LIST: one per line, relative to LIST; # begins a comment. A file given twice is fitted once.
     #[arg(value_name = "FILE", required_unless_present_any = ["surface", "moments", "manifest"])]
     pub(super) files: Vec<PathBuf>,
     /// Alternative to FILE
@@ -70,7 +71,8 @@ pub(super) struct Input {
     /// Moments of samples, in place of surfaces
     ///
     /// A file written by `spharm moments` or `spharm moments merge`. Models can have any degree up to the degree of
-    /// this file.
+    /// this file. The printed table has a row for each channel: rms is the root mean square residual, and explained is
+    /// 1 - sum w r^2 / sum w f^2, for values f of weight w with residuals r.
     #[arg(
         long,
         value_name = "ALL.moments",
@@ -95,20 +97,21 @@ pub(super) struct Input {
     /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, orients all
     /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces of
     /// least bending; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
-    #[arg(long, conflicts_with = "sphere")]
+    #[arg(long, group = "mending", conflicts_with = "sphere")]
     pub(super) fix: bool,
-    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for area lost by welding,
-    /// 5 for dropped pieces and 25 for filled holes
-    #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true)]
+    /// Raise the limits of --fix and --wrap to this percentage of a mesh's area; the usual limits are 5 for area lost
+    /// by welding, 5 for dropped pieces, 25 for filled holes, and 5 for parts that --wrap leaves out
+    #[arg(long, value_name = "PERCENT", requires = "mending", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
     /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the
     /// longest side
     ///
     /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
     /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
-    /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 voxels suit most meshes; allowed are
-    /// 16 to 512. The new mesh is written next to the model, NAME.fixed.surf.gii.
-    #[arg(long, value_name = "VOXELS", conflicts_with_all = ["sphere", "fix", "cut_handles"], value_parser = voxels, hide_short_help = true)]
+    /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost; a wrap that leaves out more than 5 % of
+    /// the mesh is refused. 128 voxels suit most meshes; allowed are 16 to 512. The new mesh is written next to the
+    /// model, NAME.fixed.surf.gii.
+    #[arg(long, value_name = "VOXELS", group = "mending", conflicts_with_all = ["sphere", "fix", "cut_handles"], value_parser = voxels, hide_short_help = true)]
     pub(super) wrap: Option<usize>,
     #[command(flatten)]
     pub(super) label_surface: LabelSurfaceArgs,
@@ -138,8 +141,8 @@ pub(super) struct Input {
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
     ///
-    /// Doubtful inputs are surfaces that aren't closed and of genus zero, spheres that are off centre, and spheres of
-    /// the other hemisphere.
+    /// Doubtful inputs are surfaces that aren't closed and of genus zero, spheres that are off centre, and spheres and
+    /// masks of the other hemisphere.
     #[arg(long)]
     pub(super) strict: bool,
 }
@@ -201,10 +204,12 @@ pub(super) struct MethodArgs {
     pub(super) start_degree: Option<usize>,
     /// Smoothness penalty (lsq) [default: 0]
     ///
-    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the sum of squared distances, in which the weights sum to the number of
-    /// vertices; auto chooses LAMBDA for each surface by generalised cross-validation. With --objective vertices and
-    /// without --sphere, the default penalty at the highest degree has a hundredth of the weight of the vertices, which
-    /// keeps the model from oscillating between vertices.
+    /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the sum of squared distances, each multiplied by its weight. Weights are
+    /// used as given: if all weights are a tenth as large, a tenth of LAMBDA has the same effect. In a fit of the
+    /// surface, the weights of the samples have the same sum as those of the vertices. auto chooses LAMBDA for each
+    /// surface by generalised cross-validation. With --objective vertices and without --sphere, the default penalty at
+    /// the highest degree has a hundredth of the weight of the vertices, which keeps the model from oscillating between
+    /// vertices.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
     /// Remove noise, degree by degree (lsq)
@@ -241,7 +246,7 @@ pub(super) struct Solver {
     ///
     /// auto: use the density of uneven samples if computing their moments pays off, and a Cholesky factor if iterations
     /// are slow. density: always compute the moments and use the density. none: use no preconditioner. factor: use a
-    /// Cholesky factor from the start.
+    /// Cholesky factor from the start. With fewer vertices than coefficients and no penalty, no preconditioner is used.
     #[arg(long, value_name = "auto|none|density|factor", default_value = "auto", hide_short_help = true)]
     pub(super) preconditioner: Preconditioner,
     /// Scalar type of the basis [default: the type in the store, f64 if it has both]

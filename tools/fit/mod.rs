@@ -4,7 +4,8 @@ mod args;
 mod moments;
 mod settings;
 
-use std::path::PathBuf;
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Result, bail};
@@ -12,6 +13,7 @@ use serde_json::{Map, json};
 use spharm::parametrize::volume::is_volume;
 use spharm::{FitParams, Preparation, Sphere};
 use spharm_cli::Usage;
+use spharm_cli::console::Console;
 use spharm_cli::inputs::{expand_lists, read_sphere};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
@@ -21,7 +23,7 @@ use spharm_cohort::files::ModelFiles;
 use spharm_cohort::reader::SurfaceReader;
 use spharm_cohort::rerun::IfExists;
 use spharm_cohort::run::{Cohort, RunParams};
-use spharm_cohort::{Manifest, Row};
+use spharm_cohort::{FolderMeshes, Manifest, Row, meshes_of_folder, volumes_hint};
 use spharm_surface::SurfaceError;
 
 pub(crate) use self::args::Cli;
@@ -134,16 +136,15 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
     let read = |path: &PathBuf| -> Result<Sphere> { read_sphere(path, input.strict, console) };
     let sphere = input.sphere.as_ref().map(read).transpose()?;
     let of_volumes = sphere.is_none();
-    let paths = input.paths();
+    let paths = files(input, console)?;
     let surfaces = if options.run.keep_going {
         let mut surfaces = Vec::new();
-        for path in expand_lists(&paths)? {
-            let paths = std::slice::from_ref(&path);
-            match named(reader, paths, &input.label, of_volumes, monitor) {
+        for path in paths {
+            match named(reader, std::slice::from_ref(&path), &input.label, of_volumes, monitor) {
                 Ok(found) => surfaces.extend(found),
                 // Keep the path as a row without a label: the row fails for the same reason, without stopping the
                 // other rows.
-                Err(_) if is_volume(&path) || path.is_dir() => surfaces.push((path, None)),
+                Err(_) if is_volume(&path) => surfaces.push((path, None)),
                 Err(error) => return Err(error),
             }
         }
@@ -165,4 +166,32 @@ fn of_list(cli: &Cli, options: &Options, reader: &SurfaceReader, monitor: &Conso
     let mut cohort = Cohort::new(shard.of(&rows).cloned().collect(), PathBuf::new());
     (cohort.sphere, cohort.check_first) = (sphere, true);
     Ok(cohort)
+}
+
+/// Returns the given files, each once, with each @LIST replaced by its paths and each folder by its meshes.
+fn files(input: &Input, console: &Console) -> Result<Vec<PathBuf>> {
+    let weights = Some(Path::new(&input.weights));
+    let used = [input.sphere.as_deref(), input.mask.as_deref(), weights].into_iter().flatten().collect::<Vec<_>>();
+    let mut files = Vec::new();
+    for path in expand_lists(&input.paths())? {
+        if !path.is_dir() {
+            files.push(path);
+            continue;
+        }
+        let FolderMeshes { meshes, others, volumes } = meshes_of_folder(&path, &used)?;
+        if others > 0 {
+            let (found, all) = (meshes.len(), meshes.len() + others);
+            console.note(format!(
+                "{}: fits {found} of {all} files; skips the others, which are spheres, outputs of fits, or not named as \
+                 meshes{}",
+                path.display(),
+                volumes_hint(&path, volumes)
+            ));
+        }
+        files.extend(meshes);
+    }
+    // `a.ply` and `./a.ply` are one file.
+    let mut seen = HashSet::new();
+    files.retain(|path| seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.clone())));
+    Ok(files)
 }

@@ -68,7 +68,10 @@ pub(super) fn run(cli: &Cli, path: &Path, params: &FitParams, monitor: &ConsoleM
         rows[0].extend(["sigma", "freedom"].map(str::to_owned));
     }
     let channels = fit.report.channels.iter().zip(&fit.report.rms).zip(&fit.report.explained);
-    rows.extend(channels.map(|((name, rms), share)| vec![name.clone(), number(*rms), format!("{share:.4}")]));
+    rows.extend(channels.map(|((name, rms), share)| {
+        let cells = [rms.map(number), share.map(|share| format!("{share:.4}"))];
+        std::iter::once(name.clone()).chain(cells.map(|cell| cell.unwrap_or_else(|| "-".to_owned()))).collect()
+    }));
     for (channel, row) in rows.iter_mut().skip(1).enumerate() {
         // The three channels of a surface share one noise estimate; a signal has one for each channel.
         if let Some(of) = removed.get(channel.min(removed.len().saturating_sub(1))) {

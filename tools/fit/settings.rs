@@ -73,6 +73,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     }
     let repeated = matches!(method, Irf | Mirf);
     let by_factor = cli.solver.preconditioner != Preconditioner::Auto;
+    let (tolerance, most) = (cli.solver.tolerance, cli.solver.max_iterations);
     let weighted = cli.input.weights != "uniform" || args.hold_out.is_some();
     let of_surface_in_store = args.objective == Some(Objective::Surface) && cli.input.store.is_some();
     let of_basis = cli.solver.dtype.is_some() || cli.solver.verify;
@@ -91,6 +92,8 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (args.denoise && method != Lsq, "--denoise", "; use --method lsq"),
         (cli.output.stderr && method != Lsq, "--stderr", "; use --method lsq"),
         (by_factor && method != Lsq, "--preconditioner", "; use --method lsq"),
+        (tolerance != defaults::TOLERANCE && method != Lsq, "--tolerance", "; use --method lsq"),
+        (most != defaults::MAX_ITERATIONS && method != Lsq, "--max-iterations", "; use --method lsq"),
         (weighted && method == Quadrature, "--weights or --hold-out", ""),
         (of_basis && !streamed, "--dtype or --verify", ", because this method doesn't read a basis"),
     ];

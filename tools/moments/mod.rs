@@ -2,14 +2,15 @@
 
 mod args;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Result;
 use serde_json::{Value, json};
 use spharm::Directions;
-use spharm::moments::{Accumulated, Moments, Request, accumulate, merge_named};
+use spharm::moments::{Accumulated, Moments, Request, accumulate, equal_sums, merge_named};
 use spharm_cli::Usage;
+use spharm_cli::console::Console;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::machine::memory;
 use spharm_cli::memory::Budget;
@@ -27,7 +28,7 @@ use self::args::{Command, Form, Merge, OutputArgs};
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let monitor = ConsoleMonitor::new(cli.common.console());
     match &cli.command {
-        Some(Command::Merge(merge)) => add(merge),
+        Some(Command::Merge(merge)) => add(merge, monitor.console()),
         None => cli.form.threads.pool()?.install(|| read(&cli.form, &monitor)),
     }
 }
@@ -75,17 +76,24 @@ fn vertices(form: &Form, budget: Budget, monitor: &ConsoleMonitor) -> Result<Opt
     Ok(Some(sphere.directions))
 }
 
-fn add(cli: &Merge) -> Result<()> {
+fn add(cli: &Merge, console: &Console) -> Result<()> {
     let started = Instant::now();
     let output = Output::new(&cli.output)?;
     // Memory of the sum, and of the part being added to it.
     let largest = cli.parts.iter().map(|path| bytes_to_read(path)).max().unwrap_or(0);
     cli.memory.budget(1).check("moments merge", largest.saturating_mul(2))?;
-    let names = cli.parts.iter().map(|path| path.display().to_string()).collect();
-    let moments = merge_named(cli.parts.iter().map(|path| Moments::read(path)), names, cli.partial)?;
+    let names: Vec<_> = cli.parts.iter().map(|path| path.display().to_string()).collect();
+    let mut hashes = Vec::new();
+    let read = |path: &PathBuf| Moments::read(path).inspect(|part| hashes.push(part.sums_hash()));
+    let moments = merge_named(cli.parts.iter().map(read), names.clone(), cli.partial)?;
+    let warnings = equal_sums(&hashes, &names);
+    for warning in &warnings {
+        console.warn(warning);
+    }
     let seconds = started.elapsed().as_secs_f64();
     let mut report = output.write(&moments)?;
     report["parts"] = json!(all_shown(&cli.parts));
+    report["warnings"] = json!(warnings.iter().map(ToString::to_string).collect::<Vec<_>>());
     report["seconds"] = json!({ "total": seconds });
     output.finish(&moments, &report, seconds)
 }

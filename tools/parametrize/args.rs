@@ -46,20 +46,21 @@ pub(crate) struct Cli {
     /// repeated and degenerate triangles, fins, unused vertices and all pieces except the largest, orients all
     /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces
     /// of least bending; the repaired mesh is written to --surface-output.
-    #[arg(long, help_heading = INPUT)]
+    #[arg(long, group = "mending", help_heading = INPUT)]
     pub(super) fix: bool,
-    /// Raise the limits of --fix to this percentage of a mesh's area; the usual limits are 5 for area lost by welding,
-    /// 5 for dropped pieces and 25 for filled holes
-    #[arg(long, value_name = "PERCENT", requires = "fix", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
+    /// Raise the limits of --fix and --wrap to this percentage of a mesh's area; the usual limits are 5 for area lost
+    /// by welding, 5 for dropped pieces, 25 for filled holes, and 5 for parts that --wrap leaves out
+    #[arg(long, value_name = "PERCENT", requires = "mending", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
     pub(super) largest_repair: Option<f64>,
     /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the
     /// longest side
     ///
     /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
     /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
-    /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost. 128 voxels suit most meshes; allowed are
-    /// 16 to 512. The new mesh is written to --surface-output.
-    #[arg(long, value_name = "VOXELS", conflicts_with_all = ["fix", "cut_handles"], value_parser = voxels, hide_short_help = true, help_heading = INPUT)]
+    /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost; a wrap that leaves out more than 5 % of
+    /// the mesh is refused. 128 voxels suit most meshes; allowed are 16 to 512. The new mesh is written to
+    /// --surface-output.
+    #[arg(long, value_name = "VOXELS", group = "mending", conflicts_with_all = ["fix", "cut_handles"], value_parser = voxels, hide_short_help = true, help_heading = INPUT)]
     pub(super) wrap: Option<usize>,
     #[command(flatten, next_help_heading = INPUT)]
     pub(super) label_surface: LabelSurfaceArgs,

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use spharm_cli::inputs::stem;
+use spharm_cli::inputs::{expand_lists, stem};
 use spharm_cli::output::{OutputFile, check_files, check_outputs};
 use spharm_cli::surfaces::{Labels, surfaces};
 use spharm_cohort::reader::SurfaceReader;
@@ -51,7 +51,7 @@ pub(super) fn items(cli: &Cli, reader: &SurfaceReader, monitor: &dyn spharm::Mon
             single(cli, input, None)?;
         }
     }
-    let inputs = surfaces(reader, &paths, &cli.label, true, monitor)?;
+    let inputs = surfaces(reader, &expand_lists(&paths)?, &cli.label, true, monitor)?;
     inputs.iter().try_for_each(|(input, _)| check(cli, input))?;
     let items = match &inputs[..] {
         [(input, label)] if file && *input == paths[0] => vec![single(cli, input, *label)?],

@@ -26,6 +26,7 @@ use spharm_surface::{Kind, Mesh, Seam, Sphere, TargetWarning, Welded};
 
 pub(crate) use self::args::Cli;
 use self::outputs::{Item, items};
+use crate::surfaces::cut_handles;
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -114,6 +115,10 @@ fn one(cli: &Cli, item: &Item, shared: Option<&Sphere>, budget: Budget, console:
     };
     if let Some(given) = shared {
         warn_of_hemispheres(&model, &item.model, given, console);
+        // On its own sphere, the model is evaluated without the caps.
+        if let Some(text) = cut_handles(&model).filter(|_| model.kind() == Kind::Surface) {
+            console.warn(format!("{}: {text}", named()));
+        }
     }
     let mut vertices = sphere.directions.len();
     check_memory(cli, (sphere, degree), (&model, &item.model), budget, console)?;

@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use spharm_cli::Usage;
+use spharm_cli::names::is_named_file;
 use spharm_cli::output::{OutputFile, check_outputs};
 use spharm_cli::paths::{expand, model_file_name, with_ending};
 use spharm_surface::io::Output;
@@ -45,6 +47,10 @@ pub(super) fn items(cli: &Cli) -> Result<Vec<Item>> {
         let target = || Target::File(cli.output.clone());
         models.into_iter().map(|model| Item { model, target: target() }).collect()
     } else {
+        if is_named_file(&cli.output) {
+            let given = "several models, a folder of models or --format";
+            return Err(Usage::conflict(format!("--output must name a folder if {given} are given")).into());
+        }
         let target = |model: &Path| {
             let path = cli.output.join(model_file_name(model));
             match &cli.format {

@@ -80,6 +80,7 @@ fn heading(column: &str, area: &str) -> String {
         "area" => area.to_owned(),
         "peak" => "peak's vertex".to_owned(),
         "p_fwe" => "p-fwe".to_owned(),
+        "x" | "y" | "z" => format!("{column} on the mean"),
         _ => column.to_owned(),
     }
 }

@@ -64,10 +64,18 @@ pub(super) struct Summary {
     groups: usize,
     pub(super) scheme: Option<String>,
     pub(super) dtype: Option<&'static str>,
-    pub(super) batches: Vec<BatchReport>,
+    pub(super) batches: Vec<Batch>,
     numbered: Vec<(usize, Fitted)>,
     states: BTreeMap<State, usize>,
     printed: HashSet<String>,
+}
+
+/// Surfaces that were fitted together, and the report on their fit.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Batch {
+    ids: Vec<String>,
+    #[serde(flatten)]
+    report: BatchReport,
 }
 
 /// A surface that was skipped because its model exists.
@@ -134,7 +142,7 @@ impl Summary {
         [self.msd.report(), self.xsd.report()]
     }
 
-    fn add_group(&mut self, report: &ManyReport, listed: bool) {
+    fn add_group(&mut self, report: &ManyReport, rows: &[&Row], listed: bool) {
         let (sum, more) = (&mut self.seconds, report.seconds);
         sum.read += more.read;
         sum.plan += more.plan;
@@ -144,7 +152,11 @@ impl Summary {
         self.scheme = Some(report.scheme.to_string()).filter(|_| self.groups == 1);
         self.dtype = self.dtype.or(Some(report.scalar.name()));
         if listed {
-            self.batches.extend(report.batches.iter().cloned());
+            let batch = |(report, targets): (&BatchReport, &Vec<usize>)| {
+                let ids = targets.iter().filter_map(|&target| rows.get(target)).map(|row| row.id.clone()).collect();
+                Batch { ids, report: report.clone() }
+            };
+            self.batches.extend(report.batches.iter().zip(&report.targets).map(batch));
         }
     }
 
@@ -303,7 +315,7 @@ impl Observer for Rows<'_> {
                 warning => warning.to_string(),
             }),
             Event::Finished { number, row, entry, outcome, .. } => self.finished(*number, row, entry, outcome),
-            Event::Fitted(report) => self.lock().add_group(report, self.rows <= LISTED),
+            Event::Fitted { report, rows } => self.lock().add_group(report, rows, self.rows <= LISTED),
             Event::RowWarning(text) => self.warn_once((*text).to_owned()),
             Event::Warning(text) | Event::CohortWarning(text) => self.warn(text),
             Event::Note(text) => self.note(text),

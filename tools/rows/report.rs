@@ -72,6 +72,12 @@ pub(super) fn show(options: &Options, report: &Value, summary: &Summary, total: 
         return print_json(report);
     }
     let done = summary.count(State::Done);
+    if summary.counts().all(|(_, count)| count == 0) {
+        return print(&match options.about.get("shard").and_then(Value::as_str) {
+            Some(shard) => format!("shard {shard} has no rows"),
+            None => "no rows".to_owned(),
+        });
+    }
     let nothing = summary.counts().all(|(state, count)| state == State::Skipped || count == 0);
     if nothing {
         return print("nothing to do: every output exists");

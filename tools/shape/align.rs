@@ -368,10 +368,14 @@ fn together(
         .iter()
         .map(|end| json!({ "template": end.template, "spread": end.spread, "rounds": end.rounds }))
         .collect();
-    let warnings = |name: &dyn Fn(&Path) -> String| -> Vec<String> {
-        report.warnings.iter().map(|warning| warning.naming(|member| name(&paths[member]))).collect()
+    let named = |warning: &ProcrustesWarning, name: &dyn Fn(&Path) -> String| -> String {
+        warning.naming(|member| name(&paths[member]))
     };
-    let mut own = warnings(&|path| shown(path));
+    let mut own: Vec<String> =
+        report.warnings.iter().map(|warning| named(warning, &|path: &Path| shown(path))).collect();
+    // The quality control of a study compares the sizes of the models itself.
+    let of_poses = report.warnings.iter().filter(|warning| !matches!(warning, ProcrustesWarning::Unit(_)));
+    let named_warnings = of_poses.map(|warning| named(warning, &model_name)).collect();
     own.extend(equal_models(&members, paths, |path| shown(path)));
     let mirrored = report.warnings.iter().flat_map(ProcrustesWarning::mirrored);
     let mirrored: Vec<&PathBuf> = mirrored.map(|member| &paths[*member]).collect();
@@ -380,7 +384,7 @@ fn together(
         transforms: found.transforms.clone(),
         distances: before.into_iter().zip(&report.rmsd).map(|(before, after)| [before, *after]).collect(),
         warnings: own,
-        named_warnings: warnings(&model_name),
+        named_warnings,
         summary: json!({
             "degree": report.degree,
             "spread_before": report.spread_before,

@@ -47,7 +47,7 @@ pub(super) struct Cli {
     #[arg(short, long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
     /// Name models in the table by file name, such as a01, instead of by path
-    #[arg(long, requires = "output", help_heading = OUTPUT)]
+    #[arg(long, help_heading = OUTPUT)]
     names: bool,
     #[command(flatten)]
     report: ReportArgs,

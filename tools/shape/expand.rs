@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::{Value, json};
+use spharm::ModelError;
 use spharm::shape::codec::{ExpandParams, expand};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
@@ -18,6 +19,9 @@ use super::outputs::{check, finish};
 
 /// Maximum size of a compressed model in bytes. Each channel of degree 2,000 has at most 96 MB of coefficients.
 const MOST_BYTES: u64 = 1 << 30;
+
+/// First bytes of a gzipped file.
+const GZIP: &[u8] = b"\x1f\x8b";
 
 /// Restore models from compressed files
 ///
@@ -100,8 +104,12 @@ fn one(cli: &Cli, path: &Path, target: &Path) -> Result<Value> {
 
 /// Reads the bytes of a regular file.
 fn read(path: &Path) -> Result<Vec<u8>> {
-    spharm_files::read(path, MOST_BYTES)
-        .with_context(|| format!("{}: cannot read the compressed model", path.display()))
+    let open = |source| ModelError::Open { path: path.to_owned(), source };
+    let bytes = spharm_files::read(path, MOST_BYTES).map_err(open)?;
+    if bytes.starts_with(GZIP) {
+        bail!("{}: expected a compressed model, found a gzipped file; unpack the file with gunzip", path.display());
+    }
+    Ok(bytes)
 }
 
 /// Returns the output of each file: the named one for a single file, otherwise `NAME.spharm.npz` in the output folder.

@@ -4,7 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
 use spharm::shape::places::one_key;
-use spharm::shape::{CommonDegree, PosesDiffer, equal_members, mean, places_differ, rmsd, to_common_degree};
+use spharm::shape::{
+    CommonDegree, PosesDiffer, Smoothing, SmoothingDiffers, equal_members, mean, other_units, places_differ, rmsd,
+    to_common_degree,
+};
 use spharm::{Coefficients, Kind, Monitor};
 use spharm_cli::console::Console;
 use spharm_cli::output::counted;
@@ -55,12 +58,20 @@ pub(super) fn read_group(
             };
             bail!("{}: expected a model of {expected}, found {found}", path.display());
         }
-        Ok(((model.coefficients.clone(), model.scheme_key.clone()), model.hemisphere(Some(path))))
+        let of_model = (model.coefficients.clone(), model.scheme_key.clone());
+        Ok((of_model, (model.hemisphere(Some(path)), Smoothing::of(&model.provenance))))
     };
-    let (models, hemispheres): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
+    let (models, records): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
     let (members, keys): (Vec<_>, Vec<_>) = models.into_iter().unzip();
+    let (hemispheres, smoothing): (Vec<_>, Vec<_>) = records.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
+    let smoothing = SmoothingDiffers::of(&smoothing);
+    warnings.extend(smoothing.map(|differs| differs.with_names(|index| paths[index].display().to_string())));
+    if kind == Kind::Surface {
+        let units = other_units(&members);
+        warnings.extend(units.iter().map(|of| format!("{}: {}", paths[of.member].display(), of.of_member())));
+    }
     // Signals have no pose, so poses are only compared for surfaces.
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
     // Check whether places differ only if the poses agree, because different poses imply different places.

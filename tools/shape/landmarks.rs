@@ -1,5 +1,6 @@
 //! Finds the landmark files of models, matches the landmarks' names, and warns about implausible positions.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
@@ -77,11 +78,32 @@ pub(super) fn of_surfaces(
     if matched.names.is_empty() {
         bail!("--landmarks: no landmark name occurs in all {} files", files.len());
     }
-    for (file, alone) in files.iter().zip(&matched.alone).filter(|(_, alone)| !alone.is_empty()) {
-        let names = first_of(alone.iter().map(String::as_str), 5);
-        warnings.push(format!("{}: landmarks omitted because other files lack them: {names}", file.display()));
-    }
+    warnings.extend(omitted(&files, &matched.alone));
     Ok(Marks { names: matched.names, points: matched.points, warnings })
+}
+
+/// Returns warnings about landmarks that some files lack. `alone` has the names of each file that aren't common to all
+/// files. A landmark of half of the files or more is reported for the files that lack it, other landmarks for the files
+/// that have them.
+fn omitted(files: &[PathBuf], alone: &[Vec<String>]) -> Vec<String> {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    alone.iter().flatten().for_each(|name| *counts.entry(name).or_default() += 1);
+    let usual = |name: &str| counts.get(name).is_some_and(|count| 2 * count >= files.len());
+    let mut warnings = Vec::new();
+    for (file, own) in files.iter().zip(alone) {
+        let lacks: Vec<&str> =
+            counts.keys().copied().filter(|name| usual(name) && !own.iter().any(|of| of == name)).collect();
+        if !lacks.is_empty() {
+            let names = first_of(lacks, 5);
+            warnings.push(format!("{}: lacks {names}; these landmarks are left out for all surfaces", file.display()));
+        }
+        let rare: Vec<&str> = own.iter().map(String::as_str).filter(|name| !usual(name)).collect();
+        if !rare.is_empty() {
+            let names = first_of(rare, 5);
+            warnings.push(format!("{}: landmarks left out because other files lack them: {names}", file.display()));
+        }
+    }
+    warnings
 }
 
 /// Reads one subject's landmarks in the frame of its surface. Returns the landmarks, and warnings about landmarks that

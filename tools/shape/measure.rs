@@ -20,6 +20,7 @@ use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree}
 use super::maps::Maps;
 use super::outputs::{TABLES, check, exact, finish, table_for, write_text};
 use super::plan::Plan;
+use crate::surfaces::cut_handles;
 
 /// Measure models: area, volume, centroid and maps of curvature
 ///
@@ -56,7 +57,7 @@ pub(super) struct Cli {
     #[arg(short, long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
     /// Name models in the table by file name, such as a01, instead of by path
-    #[arg(long, requires = "output", help_heading = OUTPUT)]
+    #[arg(long, help_heading = OUTPUT)]
     names: bool,
     /// Folder for the maps
     #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
@@ -124,9 +125,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let coefficients = to_degree(&model, path, cli.max_degree)?;
         let found = pool.install(|| measure(&coefficients, &params, monitor)).with_context(named)?;
         let mut warnings: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
-        if model.provenance.handles.is_some() {
-            warnings.push("handles were cut: the measures include the caps that close the cuts".to_owned());
-        }
+        warnings.extend(cut_handles(&model).map(str::to_owned));
         let mut singular = None;
         if let Some(maps) = maps.as_ref().and_then(|maps| maps.get(number)) {
             let sphere = sphere_of(shared.as_ref(), &model, path)?;
@@ -147,8 +146,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
             console.warn(format!("{}: {warning}", path.display()));
         }
         let degree = coefficients.max_degree();
-        rows.push(row(&named(), degree, &found));
         let key = if cli.names { model_name(path) } else { named() };
+        rows.push(row(&key, degree, &found));
         cells.push(cells_of(key, degree, &found));
         let mut report = of(&found);
         report["model"] = json!(shown(path));

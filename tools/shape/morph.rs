@@ -1,9 +1,9 @@
 //! `shape morph`: interpolates shapes between two models.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 use serde_json::json;
 use spharm::model::made;
@@ -13,7 +13,7 @@ use spharm::shape::morph::{Morph, volume_ratio, volume_warning};
 use spharm::{Kind, Model, Sphere};
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
-use spharm_cli::output::{OutputFile, prepare};
+use spharm_cli::output::{OutputFile, prepare, same_place};
 use spharm_cli::paths::{all_shown, shown};
 use spharm_render::{Settings, View, render_frames, write_gif};
 use spharm_surface::Mesh;
@@ -22,12 +22,13 @@ use spharm_surface::io::{Output, WriteOptions, write_mesh};
 use super::args::{ReportArgs, Resources};
 use super::outputs::{check, finish};
 use super::plan::Plan;
+use crate::surfaces::cut_handles;
 
 /// Interpolate shapes between two models
 ///
 /// The first model is aligned to the second one; then shapes are interpolated linearly. With --keep-pose, the path
 /// begins at the first model's pose in space and ends at the second's; otherwise all shapes are in the second model's
-/// pose.
+/// pose. --force also removes files of an earlier path that aren't replaced, such as step3.ply.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -89,6 +90,15 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     };
     let animation = cli.animation.iter().map(|path| OutputFile::with_ending(path, "--animation", &[".gif"]));
     check(files.iter().map(|path| kind(path.as_path())).chain(animation), &cli.report)?;
+    let mut stale = stale(&cli.output, format, &files)?;
+    stale.retain(|path| !same_place(path, &cli.from) && !same_place(path, &cli.to));
+    if let Some(path) = stale.first().filter(|_| !cli.report.force) {
+        bail!(
+            "{}: expected no frames of an earlier path besides the new ones; choose another folder, or give --force to \
+             remove these frames",
+            path.display()
+        );
+    }
     let plan = Plan::new("morph", &[cli.from.clone(), cli.to.clone()], cli.resources.both())?;
     // All shapes are held in memory for the animation.
     let held = if cli.animation.is_some() { u64::from(cli.steps) } else { 1 };
@@ -111,6 +121,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         Ok((morph, ratio))
     })?;
     let mut warnings: Vec<String> = morph.alignment.report.warnings.iter().map(ToString::to_string).collect();
+    for (model, path) in [(&from, &cli.from), (&to, &cli.to)] {
+        warnings.extend(cut_handles(model).map(|text| format!("{}: {text}", path.display())));
+    }
     warnings.extend(volume_warning(ratio));
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
     let options = WriteOptions { overwrite: cli.report.force, double: false };
@@ -143,6 +156,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         prepare(path)?;
         write_gif(path, &frames, DELAY, &options)?;
     }
+    for path in &stale {
+        std::fs::remove_file(path).with_context(|| path.display().to_string())?;
+    }
     let seconds = started.elapsed().as_secs_f64();
     let after = morph.alignment.report.rmsd_after;
     let report = json!({
@@ -161,4 +177,23 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         files.len()
     );
     finish("morph", &report, &[vec![line]], &cli.report)
+}
+
+/// Returns the frames of an earlier path in a folder that aren't among the new `files`, sorted.
+fn stale(folder: &Path, format: &str, files: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let is_frame = |path: &PathBuf| {
+        let name = path.file_name().and_then(|name| name.to_str());
+        let step = name.and_then(|name| name.strip_prefix("step")?.strip_suffix(format)?.strip_suffix('.'));
+        step.is_some_and(|step| !step.is_empty() && step.bytes().all(|byte| byte.is_ascii_digit()))
+    };
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let paths = entries.map(|entry| -> std::io::Result<PathBuf> { Ok(folder.join(entry?.file_name())) });
+    let paths = paths.collect::<std::io::Result<Vec<_>>>();
+    let mut paths = paths.with_context(|| folder.display().to_string())?;
+    paths.retain(|path| is_frame(path) && path.is_file() && !files.contains(path));
+    paths.sort_unstable();
+    Ok(paths)
 }

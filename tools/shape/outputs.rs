@@ -7,6 +7,7 @@ use anyhow::Result;
 use serde_json::{Value, json};
 use spharm_cli::Usage;
 use spharm_cli::machine::memory;
+use spharm_cli::names::is_named_file;
 use spharm_cli::output::{
     OutputFile, check_files, check_outputs, is_stdout, prepare, print, print_json, table, write_json,
 };
@@ -21,13 +22,16 @@ pub(super) fn outputs(models: &Models, paths: &[PathBuf], output: &Path, ending:
     if models.single(paths) && !output.is_dir() {
         return Ok(vec![output.to_owned()]);
     }
-    let name = output.to_string_lossy();
-    if !output.is_dir()
-        && ([".npz", ".sphz"].iter().any(|ending| name.ends_with(ending)) || to_write_mesh(output).is_ok())
-    {
+    check_folder(output)?;
+    Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
+}
+
+/// Refuses the name of a file for a folder of outputs.
+pub(super) fn check_folder(output: &Path) -> Result<()> {
+    if is_named_file(output) || !output.is_dir() && to_write_mesh(output).is_ok() {
         return Err(Usage::conflict("--output must name a folder if several files are written").into());
     }
-    Ok(paths.iter().map(|path| with_ending(&output.join(model_file_name(path)), ending)).collect())
+    Ok(())
 }
 
 /// Refuses, before any work, outputs that couldn't be written at the end.

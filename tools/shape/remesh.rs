@@ -18,8 +18,9 @@ use spharm_surface::Sphere;
 use spharm_surface::io::{Output, WriteOptions, write_mesh};
 
 use super::args::{Models, ReportArgs, Resources, Sampling, sphere_of, to_degree};
-use super::outputs::{check, finish, outputs};
+use super::outputs::{check, check_folder, finish, outputs};
 use super::plan::Plan;
+use crate::surfaces::cut_handles;
 
 /// Number of integration steps with which vertices are moved; the error is far below the resolution of a mesh.
 const STEPS: usize = 16;
@@ -139,6 +140,7 @@ fn targets(cli: &Cli, paths: &[PathBuf]) -> Result<Vec<Vec<PathBuf>>> {
         let each = outputs(&cli.models, paths, &cli.output, &cli.format)?;
         return Ok(each.into_iter().map(|path| vec![path]).collect());
     };
+    check_folder(&cli.output)?;
     let file = |path: &PathBuf, level: &usize| {
         with_ending(&cli.output.join(model_file_name(path)), &format!("degree{level}.{}", cli.format))
     };
@@ -156,6 +158,9 @@ fn one(
     let named = || path.display().to_string();
     let model = Model::read(path)?;
     extent(&model.coefficients).with_context(named)?;
+    if let Some(text) = cut_handles(&model) {
+        monitor.console().warn(format!("{}: {text}", path.display()));
+    }
     let degrees = cli.degree.of(&model, path)?;
     let tails = tails(&model.coefficients).with_context(named)?;
     let sphere = sphere_of(shared, &model, path)?;

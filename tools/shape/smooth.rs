@@ -25,7 +25,8 @@ use super::plan::check_each;
 ///
 /// Coefficients of degree l are multiplied by exp(-l (l + 1) s). The width is an angle on the sphere, FWHM = 4 sqrt(s
 /// ln 2) rad; on the surface the width is about FWHM sqrt(area / 4 pi), and larger where the map to the sphere is
-/// compressed. Both surfaces and signals can be smoothed.
+/// compressed. For a width of w mm on a sphere of radius R mm, give 57.3 w / R degrees. Both surfaces and signals can
+/// be smoothed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -51,8 +52,8 @@ pub(super) struct Cli {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct Width {
-    /// Full width at half maximum, in degrees of arc
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, help_heading = METHOD)]
+    /// Full width at half maximum, from 0 to 180 degrees of arc, not in the surface's unit
+    #[arg(long, value_name = "DEG", value_parser = degrees, allow_negative_numbers = true, help_heading = METHOD)]
     fwhm: Option<f64>,
     /// Time of diffusion, s
     #[arg(long = "s", value_name = "S", allow_negative_numbers = true, help_heading = METHOD)]
@@ -63,13 +64,23 @@ impl Width {
     fn kernel(&self) -> Result<HeatKernel> {
         match self.fwhm {
             // The message is in degrees, the unit of the argument; the kernel's own message is in radians.
-            Some(degrees) if !(degrees >= 0.0 && degrees.is_finite()) => {
-                bail!("--fwhm: expected a width that is finite and not negative, found {degrees} degrees")
+            Some(degrees) if !(0.0..=WIDEST).contains(&degrees) => {
+                bail!("--fwhm: expected a width from 0 to {WIDEST} degrees of arc, found {degrees} degrees")
             }
             Some(degrees) => HeatKernel::of_width(degrees.to_radians()).context("--fwhm"),
             None => HeatKernel::after(self.time.unwrap_or(0.0)).context("--s"),
         }
     }
+}
+
+/// Largest width in degrees: half of the sphere's circumference.
+const WIDEST: f64 = 180.0;
+
+/// Parses a width in degrees.
+fn degrees(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_| {
+        "expected degrees of arc, without a unit; on a sphere of radius R, a length w is 57.3 w / R degrees".to_owned()
+    })
 }
 
 /// Runs the subcommand.

@@ -9,6 +9,8 @@ use spharm_cli::inputs::read_text;
 use spharm_cli::paths::model_name;
 use spharm_cohort::Manifest;
 
+use crate::cells::check_cells;
+
 /// A table of subjects, from which the design of a test is built.
 pub(crate) trait Subjects {
     /// Returns the number of subjects.
@@ -47,6 +49,7 @@ impl Table {
         let mut reader = csv::ReaderBuilder::new()
             .delimiter(if tabs { b'\t' } else { b',' })
             .trim(csv::Trim::All)
+            .flexible(true)
             .from_reader(text.as_bytes());
         let header: Vec<String> = reader.headers().with_context(named)?.iter().map(str::to_owned).collect();
         if let Some(twice) = header.iter().enumerate().find(|(at, name)| header[..*at].contains(name)) {
@@ -61,9 +64,12 @@ impl Table {
                 );
             }
         }
-        let rows: Result<Vec<Vec<String>>, csv::Error> =
-            reader.records().map(|record| Ok(record?.iter().map(str::to_owned).collect())).collect();
-        let rows = rows.with_context(named)?;
+        let rows = reader.records().map(|record| -> Result<Vec<String>> {
+            let record = record?;
+            check_cells(&text, &record, header.len(), false)?;
+            Ok(record.iter().map(str::to_owned).collect())
+        });
+        let rows: Vec<Vec<String>> = rows.collect::<Result<_>>().with_context(named)?;
         if rows.is_empty() {
             bail!("{}: the table has no rows", path.display());
         }
@@ -298,6 +304,8 @@ mod tests {
             let error = table("a.csv", text.as_bytes()).unwrap().column("age").unwrap_err().to_string();
             assert!(error.contains("row 2: column \"age\"") && error.contains(cell.trim_matches('"')), "{error}");
         }
+        let error = format!("{:#}", table("a.csv", b"model,age\r\na,3\r\nb,4,5\r\n").err().unwrap());
+        assert!(error.contains("a.csv: line 3: expected 2 cells as in the header, found 3"), "{error}");
         let found = table("a.csv", b"model,age\na,\na,3\n").unwrap();
         assert!(found.column("age").is_err() && found.column("sex").is_err() && found.paths("model").is_err());
     }

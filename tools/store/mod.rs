@@ -17,7 +17,7 @@ use spharm_store::factor::factors;
 
 pub(crate) use self::args::Cli;
 use self::args::{Command, Which};
-use self::output::{DegreeRow, FactorRow, Row, SchemeRow, degree_lines, factor_lines, scheme_lines};
+use self::output::{DegreeRow, FactorRow, Row, SchemeRow, degree_lines, factor_lines, missing_degrees, scheme_lines};
 
 /// Runs the verb.
 pub(crate) fn run(cli: &Cli) -> Result<()> {
@@ -62,6 +62,10 @@ fn show(which: &Which, json: bool) -> Result<()> {
 fn verify_all(which: &Which, threads: Threads, console: &Console) -> Result<()> {
     let (keys, monitor) = (which.keys()?, ConsoleMonitor::new(*console));
     let found = threads.pool()?.install(|| verify(&which.dir, &keys, &monitor))?;
+    for &key in &keys {
+        let degrees: Vec<usize> = degrees(&which.dir, key)?.iter().map(|(degree, _)| *degree).collect();
+        missing_degrees(key, &degrees).iter().for_each(|warning| console.warn(warning));
+    }
     let mut problems = found.damaged;
     if problems.len() > 1 {
         problems.iter().for_each(|problem| console.warn(problem));

@@ -145,6 +145,39 @@ impl FactorRow {
     }
 }
 
+/// Returns a warning if a basis lacks degrees below its highest. `degrees` are in ascending order.
+pub(super) fn missing_degrees(key: SchemeKey, degrees: &[usize]) -> Option<String> {
+    let (mut there, mut missing): (Vec<[usize; 2]>, Vec<[usize; 2]>) = (Vec::new(), Vec::new());
+    for &degree in degrees {
+        let next = there.last().map_or(0, |[_, last]| last + 1);
+        if degree > next {
+            missing.push([next, degree - 1]);
+        }
+        match there.last_mut() {
+            Some([_, last]) if degree == next => *last = degree,
+            _ => there.push([degree, degree]),
+        }
+    }
+    let (noun, verb) = match missing[..] {
+        [] => return None,
+        [[first, last]] if first == last => ("degree", "is"),
+        _ => ("degrees", "are"),
+    };
+    let (name, there, missing) = (key.to_string(), ranges(&there), ranges(&missing));
+    Some(format!("{}: degrees {there}; {noun} {missing} {verb} missing; run spharm basis-build again", &name[..12]))
+}
+
+/// Returns ranges of numbers as text: `0 to 8, 10 and 12 to 20`.
+fn ranges(ranges: &[[usize; 2]]) -> String {
+    let text =
+        |[first, last]: &[usize; 2]| if first == last { first.to_string() } else { format!("{first} to {last}") };
+    let texts: Vec<String> = ranges.iter().map(text).collect();
+    match texts.split_last() {
+        Some((last, others @ [_, ..])) => format!("{} and {last}", others.join(", ")),
+        _ => texts.concat(),
+    }
+}
+
 fn size_or_problem(bytes: Option<u64>, problem: Option<String>) -> String {
     bytes.map_or(problem.unwrap_or_default(), |bytes| Size(bytes as usize).to_string())
 }
@@ -189,4 +222,21 @@ pub(super) fn factor_lines(rows: Vec<FactorRow>) -> Vec<Vec<String>> {
         ]);
     }
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn missing_degrees_are_named() {
+        let key = SchemeKey::of(&spharm_surface::Sphere::icosphere(0).directions, Scalar::F64);
+        let missing = |degrees: &[usize]| missing_degrees(key, degrees);
+        assert_eq!(missing(&[]), None);
+        assert_eq!(missing(&[0, 1, 2]), None);
+        let found = missing(&[0, 1, 2, 4, 5]).unwrap();
+        assert!(found.contains(": degrees 0 to 2 and 4 to 5; degree 3 is missing; run "), "{found}");
+        let found = missing(&[1, 2, 3, 5, 9]).unwrap();
+        assert!(found.contains(": degrees 1 to 3, 5 and 9; degrees 0, 4 and 6 to 8 are missing; run "), "{found}");
+    }
 }

@@ -100,7 +100,8 @@ pub(super) struct Fit {
 impl Fit {
     /// Returns the arguments about reading volumes.
     pub(super) fn of_volumes(&self) -> Vec<String> {
-        let with_value = ["--voxel-size", "--threshold", "--channel", "--time", "--smooth-radius"].into_iter();
+        let with_value =
+            ["--voxel-size", "--axes", "--threshold", "--channel", "--time", "--smooth-radius"].into_iter();
         let mut found: Vec<String> =
             with_value.filter_map(|name| Some([name.to_owned(), self.value(name)?.to_owned()])).flatten().collect();
         found.extend(self.arguments.iter().find(|argument| *argument == "--probability").cloned());

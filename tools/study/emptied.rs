@@ -79,11 +79,14 @@ fn is_of_levels(test: &Test, name: &str, cells: &[&str]) -> bool {
     test.categorical.iter().any(|of| of == name) || is_ordered() || matches!(column_of(cells), Ok(Column::Levels(_)))
 }
 
-/// Returns whether a test names a level, in `levels` or as a word of a contrast that isn't a number.
+/// Returns whether a test names a level, in `levels`, or in a contrast in quotes or as a word that isn't a number.
+/// Quotes may contain an interaction, such as `"a - b:male"`.
 fn is_named(test: &Test, level: &str) -> bool {
     let words = test.contrast.iter().flat_map(|text| text.split(|c: char| c.is_whitespace() || c == ':'));
     let words = words.filter(|word| word.parse::<f64>().is_err());
-    test.levels.iter().map(String::as_str).chain(words).any(|name| name == level)
+    let quoted = test.contrast.iter().flat_map(|text| text.split('"').skip(1).step_by(2));
+    let quoted = quoted.flat_map(|name| std::iter::once(name).chain(name.split(':')));
+    test.levels.iter().map(String::as_str).chain(words).chain(quoted).any(|name| name == level)
 }
 
 /// Lists subjects with their reasons, as a part of a message; empty without subjects.
@@ -97,5 +100,27 @@ fn listed(how: &str, subjects: &[(&str, &str)]) -> String {
     match subjects.is_empty() {
         true => String::new(),
         false => format!("; {how}: {}", first_of(subjects.iter().map(String::as_str), LISTED)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_in_contrasts_are_recognised() {
+        let test = |contrast: &str| Test { contrast: vec![contrast.to_owned()], ..Test::default() };
+        for (contrast, level) in [
+            ("patient - 0.5 control", "patient"),
+            ("patient:male", "male"),
+            ("\"a - b\" - c", "a - b"),
+            ("\"a - b:male\" - 0.5 c", "a - b"),
+            ("\"a - b:male\" - 0.5 c", "male"),
+            ("\"a:b\" - c", "a:b"),
+        ] {
+            assert!(is_named(&test(contrast), level), "{contrast}: {level}");
+        }
+        assert!(!is_named(&test("\"a - b:male\" - 0.5 c"), "female"));
+        assert!(!is_named(&test("patient - 0.5 control"), "0.5"));
     }
 }

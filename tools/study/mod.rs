@@ -14,6 +14,7 @@
 //! | `ending` | the output of a study at its end |
 //! | `stage` | one command, and the decision whether it must run |
 //! | `tidy` | removal of files that no longer belong to the study |
+//! | `hemispheres` | warning about fits with a sphere or mask of the other hemisphere |
 //! | `voxels` | warning about groups with voxels of different sizes |
 //! | `warnings` | the warnings at the head of the page |
 
@@ -24,6 +25,7 @@ mod emptied;
 mod ending;
 mod exclusion;
 mod fits;
+mod hemispheres;
 mod init;
 mod keys;
 mod lists;
@@ -248,7 +250,9 @@ impl Call<'_> {
             self.console
                 .note(format!("removed {removed} of subjects that are excluded, failed or no longer in the table"));
         }
-        self.warnings.extend(check::fitted(self.plan, &subjects, &self.failed)?);
+        let (plan, failed, pool) = (self.plan, &self.failed, self.cli.resources.threads.pool()?);
+        self.warnings.extend(pool.install(|| hemispheres::differ(plan, &subjects))?);
+        self.warnings.extend(pool.install(|| check::fitted(plan, &subjects, failed))?);
         self.plan.write_lists(&subjects)?;
         self.plan.write_status(&outcomes)?;
         let stages = self.plan.stages(&subjects);

@@ -8,6 +8,7 @@ use spharm_cohort::Manifest;
 
 use super::config::Subjects;
 use super::sides::{COLUMNS, NO_MASK, SIDE, filled, id_of};
+use crate::cells::check_cells;
 use crate::freesurfer::cortex_label;
 use crate::shape::correspond::surfaces::With;
 use crate::shape::table::{LANDMARKS, files_of};
@@ -172,6 +173,7 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
         .delimiter(if commas { b',' } else { b'\t' })
         .comment(Some(b'#'))
         .trim(csv::Trim::All)
+        .flexible(true)
         .from_reader(given.as_bytes());
     let header = reader.headers()?.clone();
     let Some(id) = header.iter().position(|name| name == subjects.id) else {
@@ -196,6 +198,7 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
     let sides: Vec<Option<&String>> = if two { subjects.sides.iter().map(Some).collect() } else { vec![None] };
     for record in reader.records() {
         let record = record?;
+        check_cells(&given, &record, header.len(), true)?;
         let name = record.get(id).unwrap_or_default();
         for (index, side) in sides.iter().enumerate() {
             let file = |pattern: &str| -> Result<String> {
@@ -244,5 +247,8 @@ mod tests {
         }
         std::fs::write(&table, "participant_id\tgroup\nsub-01\ta\n../x\tb\n").unwrap();
         assert!(format!("{:#}", of(&subjects).unwrap_err()).contains("separators"));
+        std::fs::write(&table, "participant_id\tgroup\r\nsub-01\ta\r\nsub-02\r\n").unwrap();
+        let error = format!("{:#}", of(&subjects).unwrap_err());
+        assert!(error.contains("line 3: expected 2 cells as in the header, found 1"), "{error}");
     }
 }

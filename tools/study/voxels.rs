@@ -2,8 +2,10 @@
 //! between the levels may come from the volumes rather than from the bodies.
 
 use std::collections::HashMap;
+use std::path::Path;
 
 use anyhow::Result;
+use rayon::prelude::*;
 use spharm::Model;
 use spharm::parametrize::volume::is_volume;
 use spharm_cohort::Row;
@@ -20,15 +22,19 @@ pub(super) type Sizes<'a> = HashMap<&'a str, [f64; 3]>;
 
 /// Reads the voxel sizes that the subjects' models record.
 pub(super) fn sizes<'a>(subjects: &[Subject<'a>]) -> Result<Sizes<'a>> {
-    let mut sizes = HashMap::new();
-    for subject in subjects.iter().filter(|subject| is_volume(&subject.surface)) {
-        if let Some(voxels) = Model::read(&subject.model)?.provenance.voxels {
-            let mut size = voxels.size;
-            size.sort_unstable_by(f64::total_cmp);
-            sizes.insert(subject.id, size);
-        }
-    }
-    Ok(sizes)
+    let of_volumes = subjects.par_iter().filter(|subject| is_volume(&subject.surface));
+    let sizes = of_volumes.map(|subject| size(&subject.model).map(|size| Some((subject.id, size?))));
+    Ok(sizes.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+}
+
+/// Reads the voxel size that a model records, in ascending order; `None` if it records no voxels.
+fn size(model: &Path) -> Result<Option<[f64; 3]>> {
+    let voxels = Model::read_provenance(model)?.voxels;
+    Ok(voxels.map(|voxels| {
+        let mut size = voxels.size;
+        size.sort_unstable_by(f64::total_cmp);
+        size
+    }))
 }
 
 /// Returns a warning if most subjects of one level have voxels of another size than most subjects of another level.

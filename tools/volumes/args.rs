@@ -55,6 +55,8 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, help_heading = INPUT)]
     pub(super) min_voxels: usize,
     /// Skip labels that touch the border of their volume, which may be cut off
+    ///
+    /// With --fix, only the piece that the repair keeps counts.
     #[arg(long, help_heading = INPUT)]
     pub(super) skip_border: bool,
     /// Highest degree, inclusive [default: chosen by the labels' size in voxels]
@@ -80,7 +82,10 @@ pub(crate) struct Cli {
     /// {parent}.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
     pub(super) name_template: NameTemplate,
-    /// Keep existing models that were made from the same label with the same settings
+    /// Keep existing models that were made from the same file and label with the same settings
+    ///
+    /// Files are compared by their contents: if one label of a file was edited, the models of all its labels are
+    /// refused. --force replaces them.
     #[arg(long, conflicts_with = "force", help_heading = OUTPUT)]
     pub(super) skip_existing: bool,
     /// Replace existing outputs

@@ -104,7 +104,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
-    doubts.chain(reader.warnings()).for_each(|warning| monitor.console().warn(warning));
+    doubts.chain(table::cut_off(&rows)).chain(reader.warnings()).for_each(|warning| monitor.console().warn(warning));
     let failed = rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let skipped = rows.iter().filter(|row| matches!(row.outcome, Outcome::Skipped(_))).count();
     let models = counted(rows.len() - failed - skipped, "model");
@@ -159,7 +159,9 @@ fn suitable_degree(cli: &Cli, volumes: &[PathBuf], reader: &SurfaceReader, monit
         let there = volume.labels();
         let kept = |label: i64| {
             let voxels = *there.get(&label)?;
-            cli.reason_to_skip(voxels, volume.touches_border(label)).is_none().then_some(voxels)
+            // With --fix, checking the border takes long for a large label, and only --skip-border depends on it.
+            let border = cli.skip_border && volume.touches_border_if(label, cli.fix, monitor).ok()?;
+            cli.reason_to_skip(voxels, border).is_none().then_some(voxels)
         };
         let sizes: Vec<usize> = Labels::of(&cli.label, &there).into_iter().filter_map(kept).collect();
         if !sizes.is_empty() {
@@ -194,8 +196,9 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
         natural_order(&mut files);
         found.extend(files);
     }
+    // `a.npy` and `./a.npy` are one file.
     let mut seen = HashSet::new();
-    found.retain(|path| seen.insert(path.clone()));
+    found.retain(|path| seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.clone())));
     Ok(found)
 }
 
@@ -266,7 +269,10 @@ impl Call<'_> {
             let row = Row {
                 voxels: there.get(&label).copied(),
                 // `None` if the volume has no such label.
-                border: there.contains_key(&label).then(|| volume.touches_border(label)),
+                border: there
+                    .contains_key(&label)
+                    .then(|| volume.touches_border_if(label, self.cli.fix, self.monitor))
+                    .transpose()?,
                 ..row(Some(label), Outcome::default())
             };
             let model = self.output(path, label)?;

@@ -243,6 +243,31 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
     cells.into_iter().chain(powers).collect()
 }
 
+/// Returns a warning about the models of labels at the border of their volume; `None` if there are none.
+pub(super) fn cut_off(rows: &[Row]) -> Option<String> {
+    let at_border = |row: &&Row| row.border == Some(true) && matches!(row.outcome, Outcome::Model(_));
+    warning_of_cut(&rows.iter().filter(at_border).map(Row::name).collect::<Vec<_>>())
+}
+
+/// Returns a warning about labels that may be cut off, which names the first few of them.
+fn warning_of_cut(labels: &[String]) -> Option<String> {
+    const NAMED: usize = 3;
+    const REMEDY: &str = "--skip-border leaves out such labels";
+    let count = match labels {
+        [] => return None,
+        [only] => {
+            let cut = "touches the border of the volume, which may have cut off a part of it";
+            return Some(format!("{only} {cut}; {REMEDY}"));
+        }
+        labels => labels.len(),
+    };
+    let more = if count > NAMED { format!(" and {} more", count - NAMED) } else { String::new() };
+    let named = labels.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+    Some(format!(
+        "{count} labels touch the border of their volume, which may have cut off parts of them: {named}{more}; {REMEDY}"
+    ))
+}
+
 /// Returns a short description of the repairs and cuts recorded in a model's provenance.
 pub(super) fn repair(provenance: &Provenance) -> String {
     let of = |name: &str| provenance.repair.as_ref().and_then(|repair| repair[name].as_u64()).unwrap_or(0);
@@ -271,6 +296,53 @@ pub(super) fn repair(provenance: &Provenance) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Returns the row of a label with a model.
+    fn fitted(label: i64, border: Option<bool>) -> Row {
+        let measures = Measures {
+            area: 1.0,
+            area_change: 0.0,
+            rings: 1,
+            volume: 1.0,
+            centroid: [0.0; 3],
+            sphericity: 1.0,
+            inwards: false,
+            squeezed: 0.0,
+            warnings: Vec::new(),
+        };
+        let model = Model {
+            file: "a.npz".to_owned(),
+            kept: false,
+            repair: String::new(),
+            steps: None,
+            measures,
+            residual: None,
+            descriptors: Descriptors { power: vec![1.0], singular_values: vec![1.0, 0.0, 0.0], channels: 3 },
+        };
+        let outcome = Outcome::Model(Box::new(model));
+        Row { file: "a".to_owned(), label: Some(label), voxels: Some(1), border, outcome }
+    }
+
+    #[test]
+    fn labels_that_may_be_cut_off_are_counted_and_named() {
+        let names = ["a 1", "a 2", "b 1", "b 7", "c 3"].map(str::to_owned);
+        let found = |count: usize| warning_of_cut(&names[..count]).unwrap_or_default();
+        assert_eq!(found(0), "");
+        assert!(found(1).starts_with("a 1 touches the border") && found(1).contains("--skip-border"), "{}", found(1));
+        assert!(found(3).starts_with("3 labels touch") && found(3).contains("them: a 1, a 2, b 1; "), "{}", found(3));
+        assert!(found(5).contains("a 1, a 2, b 1 and 2 more; --skip-border"), "{}", found(5));
+        let failed = Row {
+            file: "a".to_owned(),
+            label: Some(1),
+            voxels: Some(1),
+            border: Some(true),
+            outcome: Outcome::default(),
+        };
+        assert_eq!(cut_off(std::slice::from_ref(&failed)), None);
+        let rows = [fitted(2, Some(true)), fitted(3, Some(false)), fitted(4, None), failed];
+        let warning = cut_off(&rows).unwrap_or_default();
+        assert!(warning.starts_with("a label 2 touches the border"), "{warning}");
+    }
 
     #[test]
     fn every_row_has_every_cell() {

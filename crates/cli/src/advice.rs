@@ -9,8 +9,9 @@ use std::io;
 use std::path::Path;
 
 use spharm::moments::accumulate;
+use spharm::shape::codec::CodecError;
 use spharm::shape::even::NO_TRIANGLES;
-use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow};
+use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow, percent_to_wrap};
 use spharm_cohort::run::RunError;
 use spharm_parametrize::wrap::USUAL_VOXELS;
 use spharm_parametrize::{Mending, ParametrizeError};
@@ -34,6 +35,7 @@ pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
         let moments = || cause.downcast_ref().and_then(of_moments);
         let model = || cause.downcast_ref().and_then(of_model);
         let shape = || cause.downcast_ref().and_then(of_shape);
+        let codec = || cause.downcast_ref().and_then(of_codec);
         let refusal = || cause.downcast_ref().map(fit::of_refusal);
         let run = || cause.downcast_ref().and_then(of_run);
         surface
@@ -44,6 +46,7 @@ pub fn advice(error: &(dyn std::error::Error + 'static)) -> Option<String> {
             .or_else(model)
             .or_else(moments)
             .or_else(shape)
+            .or_else(codec)
             .or_else(refusal)
             .or_else(run)
     })
@@ -177,8 +180,9 @@ fn of_solver(error: &SolverError) -> Option<String> {
         SolverError::Underdetermined { .. } => {
             Some("--max-degree L sets a lower degree, --smoothness LAMBDA a penalty".to_owned())
         }
+        // Only factors for a store end with this error; a fit uses a shifted factor instead.
         SolverError::NotPositiveDefinite { .. } => {
-            Some("--max-degree L sets a lower degree, --smoothness LAMBDA a penalty".to_owned())
+            Some("--factor L sets a lower degree, --smoothness LAMBDA a penalty".to_owned())
         }
         SolverError::Interrupted(_) => {
             Some("finished models are kept, and --skip-existing skips them next time".to_owned())
@@ -194,10 +198,15 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             "use --cut-handles to cut the handles and fill the cuts; spharm reconstruct restores the handles"
                 .to_owned(),
         ),
-        ParametrizeError::BadSurface { mending: None, .. } => Some(of_wrap()),
+        ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::OneSided { closed: true } => {
+            Some(of_wrap())
+        }
         ParametrizeError::LargeRepair { repair, succeeds: true, .. } => percent_to_allow(repair)
             .map(|percent| format!("--largest-repair {percent} allows this repair; alternatively, {}", of_wrap())),
         ParametrizeError::LargeRepair { .. } => Some(of_wrap()),
+        ParametrizeError::LossyWrap { wrap, .. } => {
+            Some(format!("--largest-repair {} allows this wrap", percent_to_wrap(wrap)))
+        }
         ParametrizeError::BadVolume { repairable: true, handles: 1.., .. } => {
             Some("--fix repairs the label; to keep its handles, use --cut-handles".to_owned())
         }
@@ -215,6 +224,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
             (channels, times) => format!("give --channel N from 1 to {channels} and --time N from 1 to {times}"),
         }),
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
+        ParametrizeError::FixedAxes { .. } => Some("omit --axes; it is for NumPy files".to_owned()),
         ParametrizeError::NotProbability { .. } => Some("use --threshold LEVEL for values of any range".to_owned()),
         ParametrizeError::NoLabel { .. } => Some("choose a label with --label N".to_owned()),
         ParametrizeError::SinglePrecision { .. } => {
@@ -261,6 +271,9 @@ fn of_model(error: &ModelError) -> Option<String> {
         ModelError::NoSphere => Some("give a sphere with --icosphere N or --sphere FILE".to_owned()),
         ModelError::Surface(error) => of_surface(error),
         ModelError::Input { path, source } | ModelError::Open { path, source } => of_missing(path, source),
+        ModelError::Compressed { path } => {
+            Some(format!("restore the model with `spharm shape expand {} -o NAME.spharm.npz`", path.display()))
+        }
         ModelError::Invalid { path, .. } if to_write_mesh(path).is_ok() => {
             let path = path.display();
             Some(format!("this file is a mesh; make a model with `spharm fit --surface {path} --max-degree L`"))
@@ -283,6 +296,15 @@ fn of_shape(error: &ShapeError) -> Option<String> {
         ShapeError::Setting { name: NO_TRIANGLES, .. } => {
             Some("give --icosphere N, or a --sphere with triangles".to_owned())
         }
+        _ => None,
+    }
+}
+
+fn of_codec(error: &CodecError) -> Option<String> {
+    match error {
+        CodecError::CutOff { level: Some(_), .. } => Some("give --prefix to read this model".to_owned()),
+        CodecError::Shape(error) => of_shape(error),
+        CodecError::Surface(error) => of_surface(error),
         _ => None,
     }
 }
@@ -317,6 +339,8 @@ mod tests {
         let error = Err::<(), _>(error).context("while writing").unwrap_err();
         assert!(advice(error.as_ref()).is_some_and(|advice| advice.contains("--force")));
         assert_eq!(advice(anyhow::anyhow!("no flag mends this").as_ref()), None);
+        let one_sided = |closed| advice(&ParametrizeError::OneSided { closed });
+        assert!(one_sided(true).is_some_and(|advice| advice.contains("--wrap")) && one_sided(false).is_none());
         assert!(advice(&ShapeError::NotTwoGroups).is_some_and(|advice| advice.contains("--variance-groups COLUMN")));
         let memory = || RunError::from(Error::Memory { budget: 1 << 20, needed: 2 << 20 });
         for error in [memory(), memory().of("a row").of("its file")] {

@@ -21,7 +21,7 @@ pub const SIGNALS: &str = "Values on vertices: GIfTI (.func.gii, .shape.gii), Fr
 
 /// The formats of label volumes, for `--help`.
 pub const VOLUMES: &str = "Label volumes: NIfTI-1 and -2 (.nii, .nii.gz), FreeSurfer (.mgh, .mgz), NRRD (.nrrd, .nhdr), TIFF and \
-                           OME-TIFF stacks (.tif, .tiff), arrays (.npy, first axis x, with --voxel-size).";
+                           OME-TIFF stacks (.tif, .tiff), arrays (.npy, axes xyz or --axes zyx, with --voxel-size).";
 
 /// Returns the end of a verb's long help: examples, then notes such as the formats.
 pub fn examples(examples: &[&str], notes: &[&str]) -> String {

@@ -169,6 +169,14 @@ fn in_its_folder(input: &Path) -> PathBuf {
     }
 }
 
+/// Returns whether a path that isn't a folder yet names a file rather than a folder to be made, by its ending.
+#[must_use]
+pub fn is_named_file(path: &Path) -> bool {
+    const ENDINGS: [&str; 11] = ["npz", "sphz", "csv", "tsv", "npy", "json", "gii", "gz", "png", "mgh", "mgz"];
+    let ending = path.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    !path.is_dir() && (ENDINGS.contains(&ending.as_str()) || is_named_mesh(path))
+}
+
 /// Returns the model's file for each surface: `output` itself if it ends in `.npz` and there is only one surface,
 /// otherwise a file in the folder `output`, or in the current folder.
 ///
@@ -181,7 +189,6 @@ pub fn model_files(
     template: &NameTemplate,
     surfaces: &[(PathBuf, Option<i64>)],
 ) -> Result<Vec<PathBuf>> {
-    const OTHER_FILES: [&str; 7] = ["csv", "tsv", "npy", "json", "gii", "gz", "png"];
     let folder = output.unwrap_or(Path::new(""));
     let ending = folder.extension().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     match surfaces {
@@ -194,7 +201,7 @@ pub fn model_files(
                 several.len()
             );
         }
-        _ if OTHER_FILES.contains(&ending.as_str()) || is_named_mesh(folder) => {
+        _ if is_named_file(folder) => {
             bail!("{}: --output must name a folder, or a file ending in .npz", folder.display());
         }
         _ => {}
@@ -255,6 +262,19 @@ mod tests {
         ] {
             let error = template.parse::<NameTemplate>().unwrap_err();
             assert!(error.contains(why), "{template}: {error}");
+        }
+    }
+
+    #[test]
+    fn names_of_other_files_are_no_folders() {
+        let files =
+            |output: &str| model_files(Some(Path::new(output)), &"{stem}".parse().unwrap(), &[("a.ply".into(), None)]);
+        for output in ["out.sphz", "out.PLY", "out.mgz"] {
+            let error = files(output).unwrap_err().to_string();
+            assert!(error.contains("--output must name a folder, or a file ending in .npz"), "{error}");
+        }
+        for (output, file) in [("out.npz", "out.npz"), ("v1.2", "v1.2/a.spharm.npz")] {
+            assert_eq!(files(output).unwrap(), [PathBuf::from(file)]);
         }
     }
 

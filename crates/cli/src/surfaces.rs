@@ -9,8 +9,6 @@ use spharm::Monitor;
 use spharm::parametrize::volume::{VolumeReading, is_volume};
 use spharm_cohort::reader::SurfaceReader;
 
-use crate::inputs::expand_lists;
-
 /// A value of `--label`: one label of a volume, or all.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Labels {
@@ -74,20 +72,20 @@ pub fn refuse_for_mesh(path: &Path, labels: &[Labels], reading: VolumeReading) -
         return Ok(());
     }
     bail!(
-        "{}: --label, --channel, --time, --voxel-size, --threshold and --probability are for volumes (.nii, .mgz, .nrrd, \
-         .tif, .npy)",
+        "{}: --label, --channel, --time, --voxel-size, --axes, --threshold and --probability are for volumes (.nii, \
+         .mgz, .nrrd, .tif, .npy)",
         path.display()
     )
 }
 
-/// Returns the surfaces named by paths, lists and labels: each is a file, or a file and one of its labels. Without
-/// `labels`, a volume must have a single label. If `of_volumes` is false, volumes are treated like any other file and
-/// returned without a label. The reader's volume settings are refused for files that aren't volumes.
+/// Returns the surfaces named by paths and labels: each is a file, or a file and one of its labels. Without `labels`, a
+/// volume must have a single label. If `of_volumes` is false, volumes are treated like any other file and returned
+/// without a label. The reader's volume settings are refused for files that aren't volumes.
 ///
 /// # Errors
 ///
-/// If a path is a folder, a list or volume can't be read, a label is missing, or `labels` or volume settings are given
-/// for a file that isn't a volume.
+/// If a path is a folder, a volume can't be read, a label is missing, or `labels` or volume settings are given for a
+/// file that isn't a volume.
 pub fn surfaces(
     reader: &SurfaceReader,
     paths: &[PathBuf],
@@ -96,19 +94,19 @@ pub fn surfaces(
     monitor: &dyn Monitor,
 ) -> Result<Vec<(PathBuf, Option<i64>)>> {
     let mut surfaces = Vec::new();
-    for path in expand_lists(paths)? {
+    for path in paths {
         if path.is_dir() {
             bail!(
                 "{}: this path is a folder; give the files in the folder, or a list of paths as @LIST",
                 path.display()
             );
         }
-        if !of_volumes || !is_volume(&path) {
-            refuse_for_mesh(&path, labels, reader.reading())?;
-            surfaces.push((path, None));
+        if !of_volumes || !is_volume(path) {
+            refuse_for_mesh(path, labels, reader.reading())?;
+            surfaces.push((path.clone(), None));
             continue;
         }
-        let volume = reader.volume(&path, monitor)?;
+        let volume = reader.volume(path, monitor)?;
         let found: Vec<i64> = match labels {
             [] => vec![volume.choose(None)?],
             labels => {

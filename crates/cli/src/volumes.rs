@@ -1,7 +1,7 @@
 //! Arguments that describe volumes: their voxels, and the surface of a label.
 
 use clap::Args;
-use spharm::parametrize::volume::{ImageChoice, LabelSurface, VolumeReading, VoxelValues};
+use spharm::parametrize::volume::{AxisOrder, ImageChoice, LabelSurface, VolumeReading, VoxelValues};
 
 use crate::Usage;
 use crate::surfaces::VoxelSize;
@@ -14,6 +14,12 @@ pub struct VolumeArgs {
     /// Needed for arrays, and for TIFF stacks without OME-XML or ImageJ's spacing.
     #[arg(long, value_name = "X,Y,Z", hide_short_help = true)]
     pub voxel_size: Option<VoxelSize>,
+    /// Order of the axes of NumPy files: xyz, or zyx for images of scikit-image, tifffile and napari
+    ///
+    /// NIfTI, FreeSurfer, NRRD and TIFF files have a fixed order of axes, so zyx is refused for them. --voxel-size is
+    /// X,Y,Z for both orders.
+    #[arg(long, value_name = "xyz|zyx", default_value = "xyz", value_parser = axes, hide_short_help = true)]
+    pub axes: AxisOrder,
     /// Read grey values: the body consists of the voxels with values of LEVEL or more
     ///
     /// The surface runs where linear interpolation between voxels reaches LEVEL, and has no detail smaller than a
@@ -46,7 +52,7 @@ impl VolumeArgs {
     pub fn reading(&self) -> VolumeReading {
         let values = VoxelValues::of(self.threshold, self.probability);
         let image = ImageChoice { channel: self.channel, time: self.time };
-        VolumeReading { voxel_size: self.voxel_size.map(|size| size.0), values, image }
+        VolumeReading { voxel_size: self.voxel_size.map(|size| size.0), values, image, axes: self.axes }
     }
 }
 
@@ -84,6 +90,11 @@ impl LabelSurfaceArgs {
 fn radius(text: &str) -> Result<f64, String> {
     let radius = finite(text)?;
     LabelSurface::named("smooth", Some(radius)).map(|_| radius).map_err(|_| "expected 0.25 to 4 voxels".to_owned())
+}
+
+/// Parses an order of axes.
+fn axes(text: &str) -> Result<AxisOrder, String> {
+    AxisOrder::named(text).map_err(|_| "expected xyz or zyx".to_owned())
 }
 
 /// Parses a whole number of at least 1.

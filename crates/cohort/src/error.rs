@@ -1,7 +1,7 @@
 //! Defines the errors of manifests, shards and status files.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Errors of this crate. Lines of tables are counted from 1; the header counts as a line.
 #[derive(Debug, thiserror::Error)]
@@ -74,7 +74,10 @@ pub enum CohortError {
         nearest: &'static str,
     },
     /// A row has more or fewer cells than the header.
-    #[error("{}: line {line}: expected {expected} cells as in the header, found {found}", .path.display())]
+    #[error(
+        "{}: line {line}: expected {expected} cells as in the header, found {found}{}",
+        path.display(), reason(*found, *expected)
+    )]
     Cells {
         /// Path of the table.
         path: PathBuf,
@@ -123,6 +126,18 @@ pub enum CohortError {
         /// Path of the folder.
         path: PathBuf,
     },
+    /// The folder has no meshes to fit.
+    #[error(
+        "{}: the folder has no meshes to fit (such as .ply, .obj, .surf.gii); give other files, such as volumes or \
+         lh.pial, by name{}",
+        .path.display(), volumes_hint(.path, *.volumes)
+    )]
+    NoMeshes {
+        /// Path of the folder.
+        path: PathBuf,
+        /// Number of volumes in the folder.
+        volumes: usize,
+    },
     /// The name of a surface's file can't be an id.
     #[error("{}: the id of this file would be {id:?}, but {problem}; rename the file", .path.display())]
     FileId {
@@ -161,4 +176,20 @@ pub enum CohortError {
         /// Description of the problem and its remedy.
         problem: String,
     },
+}
+
+/// Returns a likely reason for a row with more cells than the header, to be appended to its error.
+fn reason(found: usize, expected: usize) -> &'static str {
+    if found > expected { " (decimal comma or missing quotes?)" } else { "" }
+}
+
+/// Returns the hint that the verb `volumes` fits the volumes in a folder, to be appended to a message; empty if
+/// `volumes`, their number, is 0.
+#[must_use]
+pub fn volumes_hint(folder: &Path, volumes: usize) -> String {
+    let noun = if volumes == 1 { "volume" } else { "volumes" };
+    match volumes {
+        0 => String::new(),
+        _ => format!("; `spharm volumes {}` fits its {volumes} {noun}", folder.display()),
+    }
 }

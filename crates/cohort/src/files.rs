@@ -8,7 +8,7 @@ use ndarray::Array2;
 use ndarray_npy::WriteNpyExt;
 use serde::Serializer;
 use spharm::io::{WriteOptions, read_mesh, write_mesh, write_new};
-use spharm::parametrize::volume::VoxelValues;
+use spharm::parametrize::volume::{AxisOrder, VoxelValues};
 use spharm::parametrize::{Input, with_sphere};
 use spharm::{
     Error, FileRecord, Fit, FitParams, MappedSurface, Monitor, Preparation, Sphere, SurfaceError, check_memory,
@@ -50,7 +50,7 @@ impl ModelFiles {
     pub fn file_name(&self) -> OsString {
         let mut name = PathBuf::from(self.model.file_name().unwrap_or_default());
         for ending in ["npz", "spharm"] {
-            if name.extension().is_some_and(|found| found == ending) {
+            if name.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
                 name = name.with_extension("");
             }
         }
@@ -111,8 +111,7 @@ impl ModelFiles {
     /// Returns whether a sphere exists beside the model and was made from the given input, with any settings.
     #[must_use]
     pub fn has_sphere_of(&self, input: &FileRecord) -> bool {
-        let origin = read_mesh(self.sphere()).ok().and_then(|sphere| Origin::of(&sphere.meta));
-        origin.is_some_and(|origin| origin.is_of(input))
+        Origin::of_file(&self.sphere()).is_some_and(|origin| origin.is_of(input))
     }
 
     /// Maps a surface to a sphere, and writes the sphere beside the model. The surface is also written if it was
@@ -219,6 +218,7 @@ impl ModelFiles {
         provenance.region = made_of.region.cloned();
         let Preparation { reading, fix, wrap, cut_handles, .. } = made_of.preparation;
         (provenance.voxel_size, provenance.fix, provenance.cut_handles) = (reading.voxel_size, fix, cut_handles);
+        provenance.axes = (reading.axes != AxisOrder::default()).then(|| reading.axes.name().to_owned());
         provenance.wrap = wrap;
         match reading.values {
             VoxelValues::Labels => {}
@@ -306,5 +306,6 @@ mod tests {
         assert_eq!(usual.standard_errors(), Path::new("out/lh.pial.spharm.stderr.npy"));
         assert_eq!(usual.sphere(), Path::new("out/lh.pial.sphere.surf.gii"));
         assert_eq!(files("m.npz").sphere(), Path::new("m.sphere.surf.gii"));
+        assert_eq!(files("out/LH.SPHARM.NPZ").sphere(), Path::new("out/LH.sphere.surf.gii"));
     }
 }

@@ -31,7 +31,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`Manifest`], [`Row`] | the surfaces to fit, from a table |
-//! | [`rows_of_folder`] | the surfaces to fit, from a folder |
+//! | [`rows_of_folder`], [`meshes_of_folder`] | the surfaces to fit, from a folder |
 //! | [`Shard`] | the rows of one process |
 //! | [`StatusFile`], [`Entry`], [`State`] | outcomes of one process, a line at a time |
 //! | [`Merged`] | outcomes of all processes |
@@ -65,8 +65,8 @@ mod shard;
 mod status;
 mod table;
 
-pub use error::CohortError;
-pub use folder::{file_stem, is_named_sphere, rows_of_folder};
+pub use error::{CohortError, volumes_hint};
+pub use folder::{FolderMeshes, file_stem, is_named_sphere, meshes_of_folder, rows_of_folder};
 pub use formulas::{cell, guarded, unguarded};
 pub use manifest::{Manifest, Row, check_id, is_model};
 pub use merge::Merged;

@@ -8,6 +8,7 @@ use csv::StringRecord;
 use spharm::parametrize::volume::is_volume;
 
 use crate::error::CohortError;
+use crate::files::ModelFiles;
 use crate::table::{Table, decode, read_text};
 
 const ID: &str = "id";
@@ -87,7 +88,8 @@ pub struct Manifest {
 /// # Errors
 ///
 /// A description of valid ids, if the string is empty, `.` or `..`, contains a path separator or a control character,
-/// or is longer than 200 bytes.
+/// or is longer than 200 bytes. On Windows, also if the string is the name of a device, such as `con` or `con.left`, or
+/// ends in a dot or a space.
 pub fn check_id(text: &str) -> Result<(), &'static str> {
     match text {
         "" => Err("an id"),
@@ -95,8 +97,20 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
         _ if text.contains(['/', '\\']) => Err("an id without path separators"),
         _ if text.chars().any(char::is_control) => Err("an id without control characters"),
         _ if text.len() > LONGEST_ID => Err("an id of at most 200 bytes"),
+        _ if cfg!(windows) && text.ends_with(['.', ' ']) => Err("an id that doesn't end in a dot or a space"),
+        _ if cfg!(windows) && is_device(text) => {
+            Err("an id that isn't a name reserved by Windows, such as con or com1")
+        }
         _ => Ok(()),
     }
+}
+
+/// Returns whether Windows takes a file name for a device. Everything from the first dot on, and case, are ignored.
+fn is_device(name: &str) -> bool {
+    let base = name.split('.').next().unwrap_or_default().trim_end().to_ascii_lowercase();
+    let numbered =
+        |device: &str| base.strip_prefix(device).is_some_and(|number| matches!(number.as_bytes(), [b'1'..=b'9']));
+    ["con", "prn", "aux", "nul"].contains(&base.as_str()) || numbered("com") || numbered("lpt")
 }
 
 impl Manifest {
@@ -341,11 +355,9 @@ fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
     }
     let mut outputs = HashMap::with_capacity(rows.len());
     for row in rows {
-        // Compare names without their extensions. The files beside a model are named by its name without
-        // `.spharm.npz`, so equal names would give equal files.
-        let model = tidy(&row.model(Path::new(""))).with_extension("");
-        let plain = if model.extension().is_some_and(|e| e == "spharm") { model.with_extension("") } else { model };
-        match outputs.entry(plain) {
+        // The files beside a model are named by its name without `.spharm.npz`, so equal names would give equal files.
+        let files = ModelFiles { model: tidy(&row.model(Path::new(""))) };
+        match outputs.entry(files.model.with_file_name(files.file_name())) {
             Entry::Occupied(first) => {
                 return Err(twice(row, OUTPUT, &row.model(Path::new("")).to_string_lossy(), *first.get()));
             }
@@ -353,4 +365,21 @@ fn check_once(path: &Path, rows: &[Row]) -> Result<(), CohortError> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_devices_are_invalid_ids_on_windows() {
+        for name in ["con", "NUL", "aux.left", "Com1", "lpt9.", "prn .x"] {
+            assert!(is_device(name), "{name}");
+            assert_eq!(check_id(name).is_err(), cfg!(windows), "{name}");
+        }
+        for name in ["control", "com", "com0", "com10", "sub-con", "a.nul"] {
+            assert!(!is_device(name) && check_id(name).is_ok(), "{name}");
+        }
+        assert_eq!(check_id("a.").is_err(), cfg!(windows));
+    }
 }

@@ -3,9 +3,12 @@
 //! The origin is needed to decide whether a sphere can be reused. The triangles aren't sufficient: a sphere with the
 //! same triangles may have been made from another subject's surface, or for another degree.
 
+use std::path::Path;
+
 use spharm::FileRecord;
 use spharm::parametrize::CaldParams;
 use spharm_surface::Meta;
+use spharm_surface::io::read_gifti_metadata;
 
 const INPUT: &str = "SpharmInput";
 const LABEL: &str = "SpharmLabel";
@@ -40,12 +43,28 @@ impl Origin {
 
     /// Returns the origin recorded in the metadata of a sphere; `None` if no origin is recorded.
     pub(crate) fn of(meta: &Meta) -> Option<Self> {
+        Self::of_pairs(&meta.file_metadata)
+    }
+
+    /// Returns the origin recorded in the metadata of a file, given as pairs (name, value).
+    fn of_pairs(pairs: &[(String, String)]) -> Option<Self> {
         let value = |name: &str| {
-            let found = meta.file_metadata.iter().find(|(found, _)| found == name);
+            let found = pairs.iter().find(|(found, _)| found == name);
             found.map(|(_, value)| value.clone())
         };
         let label = value(LABEL).map(|label| label.parse()).transpose().ok()?;
         Some(Self { input: value(INPUT)?, label, map: value(MAP)? })
+    }
+
+    /// Returns the origin recorded in a sphere's file; `None` if the file can't be read or records no origin. The
+    /// vertices and triangles aren't read, because listing a folder calls this for many spheres.
+    pub(crate) fn of_file(sphere: &Path) -> Option<Self> {
+        Self::of_pairs(&read_gifti_metadata(sphere)?)
+    }
+
+    /// Returns whether the sphere was made from a label of a volume.
+    pub(crate) fn is_of_label(&self) -> bool {
+        self.label.is_some()
     }
 
     /// Returns whether the sphere was made from this input, regardless of the settings.
@@ -65,6 +84,9 @@ impl Origin {
 
 #[cfg(test)]
 mod tests {
+    use spharm::io::{WriteOptions, write_mesh};
+    use spharm_surface::generate::icosphere;
+
     use super::*;
 
     #[test]
@@ -80,5 +102,21 @@ mod tests {
             assert!(origin.is_of(&input) && !origin.is_of(&FileRecord { label: Some(4), ..input }));
         }
         assert_eq!(meta.file_metadata[0].0, "Date");
+    }
+
+    #[test]
+    fn the_origin_of_a_file_is_read_without_its_arrays() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.sphere.surf.gii");
+        let input = FileRecord { blake3: "ab".repeat(32), label: Some(3), ..FileRecord::default() };
+        let origin = Origin::new(&input, &CaldParams::for_degree(8), false);
+        let mut mesh = icosphere(0);
+        origin.write_to(&mut mesh.meta);
+        write_mesh(&path, &mesh, &WriteOptions::default()).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let (head, _) = text.split_once("<Data>").unwrap();
+        std::fs::write(&path, head).unwrap();
+        assert_eq!(Origin::of_file(&path), Some(origin));
+        assert_eq!(Origin::of_file(&folder.path().join("missing.surf.gii")), None);
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use spharm::io::read_mesh;
-use spharm::parametrize::volume::{LabelVolume, VolumeParams, VolumeReading};
+use spharm::parametrize::volume::{LabelVolume, VolumeDoubts, VolumeParams, VolumeReading};
 use spharm::parametrize::{Input, ParametrizeError};
 use spharm::{Error, Monitor, Preparation};
 
@@ -16,8 +16,8 @@ pub struct SurfaceReader {
     preparation: Preparation,
     /// The volume that was read last.
     volume: Mutex<Option<Arc<LabelVolume>>>,
-    /// Warnings about the volumes read so far, each once.
-    warnings: Mutex<Vec<String>>,
+    /// Doubts about the volumes read so far.
+    doubts: Mutex<VolumeDoubts>,
 }
 
 impl SurfaceReader {
@@ -25,7 +25,7 @@ impl SurfaceReader {
     /// and the fit refuses these surfaces.
     #[must_use]
     pub fn new(preparation: Preparation) -> Self {
-        Self { preparation, volume: Mutex::default(), warnings: Mutex::default() }
+        Self { preparation, volume: Mutex::default(), doubts: Mutex::default() }
     }
 
     /// Returns the settings for reading volumes.
@@ -62,21 +62,55 @@ impl SurfaceReader {
             Some(volume) => volume,
             None => {
                 let volume = LabelVolume::read_with(path, self.preparation.reading, monitor)?;
-                let mut warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
-                for warning in volume.warnings() {
-                    if !warnings.contains(&warning) {
-                        warnings.push(warning);
-                    }
-                }
+                self.doubts.lock().unwrap_or_else(PoisonError::into_inner).add(path, &volume.doubts());
                 Arc::new(volume)
             }
         };
         Ok(last.insert(volume).clone())
     }
 
-    /// Returns the warnings about the voxel sizes of all volumes read so far, see [`LabelVolume::warnings`].
+    /// Returns the warnings about voxel sizes and positions of all volumes read so far, one for each kind of doubt, see
+    /// [`LabelVolume::doubts`].
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
-        self.warnings.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.doubts.lock().unwrap_or_else(PoisonError::into_inner).warnings()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm::Silent;
+
+    use super::*;
+
+    /// Returns a NIfTI-1 file of 2 x 2 x 2 voxels with label 1, whose header has neither an sform nor a qform.
+    fn without_forms() -> Vec<u8> {
+        let mut bytes = vec![0; 352];
+        bytes[..4].copy_from_slice(&348_i32.to_le_bytes());
+        for (k, n) in [3_i16, 2, 2, 2, 1, 1, 1, 1].into_iter().enumerate() {
+            bytes[40 + 2 * k..42 + 2 * k].copy_from_slice(&n.to_le_bytes());
+        }
+        (bytes[70], bytes[72]) = (2, 8);
+        for k in 0..4 {
+            bytes[76 + 4 * k..80 + 4 * k].copy_from_slice(&1.0_f32.to_le_bytes());
+        }
+        bytes[108..112].copy_from_slice(&352.0_f32.to_le_bytes());
+        bytes[344..348].copy_from_slice(b"n+1\0");
+        bytes.extend([1; 8]);
+        bytes
+    }
+
+    #[test]
+    fn doubts_of_one_kind_about_several_volumes_share_a_warning() {
+        let folder = tempfile::tempdir().unwrap();
+        let reader = SurfaceReader::new(Preparation::default());
+        // The first volume is read twice, because the reader only keeps the last one.
+        for name in ["a", "b", "c", "d", "e", "a"] {
+            let path = folder.path().join(format!("{name}.nii"));
+            std::fs::write(&path, without_forms()).unwrap();
+            reader.volume(&path, &Silent).unwrap();
+        }
+        let [only] = &reader.warnings()[..] else { panic!("{:?}", reader.warnings()) };
+        assert!(only.starts_with("5 volumes, such as ") && only.contains("c.nii: the header has neither"), "{only}");
     }
 }

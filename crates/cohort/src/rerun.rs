@@ -44,7 +44,7 @@ pub struct Request<'a> {
     pub input: &'a FileRecord,
     /// Sphere of the fit, or `None` if the surface is to be mapped to a sphere.
     pub sphere: Option<&'a Sphere>,
-    /// Settings of the fit.
+    /// Settings of the fit. If the settings don't name a scalar type, existing models of either type are kept.
     pub params: &'a FitParams,
     /// Record of the region's file, if a signal is read only within a region. Values outside the region are
     /// extrapolated from its edge.

@@ -59,7 +59,7 @@ fn what_is_wrong_is_named_with_its_line() {
         ("id\tsurface\toutptu\na\tb\tc\n", "line 1", "rename the column to output"),
         ("id\tsurface\na\tb\n\n# c\na\tc\n", "line 5", "duplicate id a, first used on line 2"),
         ("id\tsurface\na\tb\nb\n", "line 3", "expected 2 cells as in the header, found 1"),
-        ("id\tsurface\na\tb\tc\n", "line 2", "found 3"),
+        ("id\tsurface\na\tb\tc\n", "line 2", "found 3 (decimal comma or missing quotes?)"),
         ("id\tsurface\n\tb\n", "line 2", "column id: expected an id, found nothing"),
         ("id\tsurface\na\t\n", "line 2", "column surface: expected a file, found nothing"),
         ("id\tsurface\n../a\tb\n", "line 2", "without path separators, found \"../a\""),
@@ -72,6 +72,7 @@ fn what_is_wrong_is_named_with_its_line() {
         ("id\tsurface\toutput\na\tb\tx/\n", "line 2", "column output: expected a file"),
         ("id\tsurface\toutput\na\tb\tc\nb\td\t./x/../c.npz\n", "line 3", "first used on line 2"),
         ("id\tsurface\toutput\na\tb\t\nb\td\ta.spharm.npz\n", "line 3", "first used on line 2"),
+        ("id\tsurface\toutput\na\tb\tx/c.npz\nb\td\tx/c.SPHARM.NPZ\n", "line 3", "first used on line 2"),
     ] {
         let error = refusal(text);
         assert!(error.contains(line) && error.contains(why), "{text:?}: {error}");

@@ -83,6 +83,23 @@ impl Format {
         }
     }
 
+    /// Returns the endings that the name of a file in this format may have, in lower case. A name without an ending is
+    /// valid too.
+    #[must_use]
+    pub fn endings(self) -> &'static [&'static str] {
+        match self {
+            Self::Pdm => &[".coef"],
+            Self::Mat => &[".mat"],
+            Self::Pyshtools => &[".sh", ".txt", ".dat"],
+            Self::Healpy => &[".fits", ".fit"],
+            Self::S2fft | Self::Ktch | Self::Flowshape => &[".npy"],
+            Self::Aics => &[".json", ".csv"],
+            Self::Afni => &[".1d", ".txt"],
+            Self::Csv => &[".csv"],
+            Self::Json => &[".json"],
+        }
+    }
+
     /// Returns a description of a file in this format for messages, beginning with an article.
     pub(crate) fn file(self) -> &'static str {
         match self {

@@ -37,6 +37,12 @@ pub enum ModelError {
         /// Description of the problem.
         problem: String,
     },
+    /// The file is a compressed model, which has to be expanded first.
+    #[error("{}: the file is a compressed model (.sphz); expected a NumPy archive (.npz)", .path.display())]
+    Compressed {
+        /// Path of the file.
+        path: PathBuf,
+    },
     /// A coefficient is NaN or infinite. Such a model is neither read nor written.
     #[error("{}: coefficient {row} of channel {channel} is {value}; it must be finite", .path.display())]
     NonFinite {

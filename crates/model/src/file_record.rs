@@ -76,6 +76,18 @@ impl FileRecord {
     }
 }
 
+/// Returns the name of a file from a recorded path, which may be that of another operating system.
+///
+/// ```
+/// use spharm_model::recorded_name;
+/// assert_eq!(recorded_name("surf/lh.white"), "lh.white");
+/// assert_eq!(recorded_name(r"surf\lh.white"), "lh.white");
+/// ```
+#[must_use]
+pub fn recorded_name(path: &str) -> &str {
+    path.rsplit(['/', '\\']).next().unwrap_or(path)
+}
+
 /// Deserializes a file record. Returns `None` for models of version 0.1, which store only the file's name.
 pub(crate) fn of_any_version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<FileRecord>, D::Error> {
     #[derive(Deserialize)]

@@ -8,6 +8,7 @@ use spharm_surface::io::write_new;
 use crate::error::ModelError;
 use crate::model::Model;
 use crate::npz;
+use crate::provenance::Provenance;
 
 impl Model {
     /// Writes the model to a new file. The file appears only when it is complete.
@@ -50,12 +51,26 @@ impl Model {
     ///
     /// # Errors
     ///
-    /// [`Open`](ModelError::Open) if the file can't be opened, [`Invalid`](ModelError::Invalid) if it isn't a valid
-    /// model, and [`NonFinite`](ModelError::NonFinite) if a coefficient isn't finite.
+    /// [`Open`](ModelError::Open) if the file can't be opened, [`Compressed`](ModelError::Compressed) if it is a
+    /// compressed model, [`Invalid`](ModelError::Invalid) if it isn't a valid model, and
+    /// [`NonFinite`](ModelError::NonFinite) if a coefficient isn't finite.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
         let open = |source| ModelError::Open { path: path.to_owned(), source };
         npz::read(path, BufReader::new(spharm_files::open(path).map_err(open)?))
+    }
+
+    /// Reads only the provenance of a model, which takes much less time than reading the whole model. A model without a
+    /// record has an empty provenance. The other contents of the file aren't checked.
+    ///
+    /// # Errors
+    ///
+    /// [`Open`](ModelError::Open) if the file can't be opened, and [`Invalid`](ModelError::Invalid) if it isn't a valid
+    /// archive or the record isn't text.
+    pub fn read_provenance(path: impl AsRef<Path>) -> Result<Provenance, ModelError> {
+        let path = path.as_ref();
+        let open = |source| ModelError::Open { path: path.to_owned(), source };
+        npz::read_provenance(path, BufReader::new(spharm_files::open(path).map_err(open)?))
     }
 
     /// Reads a model from the bytes of an archive. See [`read`](Self::read) for the accepted contents.

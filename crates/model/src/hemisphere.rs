@@ -5,7 +5,9 @@ use std::path::Path;
 use serde_json::Value;
 use spharm_surface::{Hemisphere, Kind, Similarity};
 
+use crate::file_record::recorded_name;
 use crate::model::Model;
+use crate::provenance::Provenance;
 
 impl Model {
     /// Returns the hemisphere of the brain to which the model belongs: from the metadata of its input, otherwise from
@@ -36,22 +38,42 @@ impl Model {
 
     /// Returns the hemisphere of the model as it is now, given the hemisphere of the files from which it was made.
     fn now(&self, of_files: Hemisphere) -> Hemisphere {
-        if self.is_mirrored() { of_files.opposite() } else { of_files }
+        if self.provenance.is_mirrored(self.kind()) { of_files.opposite() } else { of_files }
+    }
+}
+
+impl Provenance {
+    /// Returns the path of the fit's sphere or mask if its name states the hemisphere opposite to that of the input, by
+    /// the input's metadata or name. An input whose own hemisphere is unknown belongs to that of its sphere. `mask` is
+    /// the mask of the whole run, which the provenance doesn't record. `None` if all belong to one hemisphere, or if
+    /// the hemispheres are unknown.
+    #[must_use]
+    pub fn file_of_other_hemisphere<'a>(&'a self, mask: Option<&'a str>) -> Option<&'a str> {
+        // Every fit records whether it is that of a surface.
+        let kind = if self.surface.unwrap_or(true) { Kind::Surface } else { Kind::Signal };
+        let mirrored = self.is_mirrored(kind);
+        let of = |path: &str| named(Path::new(path)).map(|of| if mirrored { of.opposite() } else { of });
+        let sphere = self.sphere.as_deref().filter(|_| !self.parametrized);
+        let region = self.region.as_ref().map(|region| region.path.as_str());
+        let own = Hemisphere::of(self.anatomical_structure_primary.as_deref(), None)
+            .or_else(|| self.input.as_ref().and_then(|input| of(&input.path)))
+            .or_else(|| sphere.and_then(&of))?;
+        [sphere, mask, region].into_iter().flatten().find(|path| of(path).is_some_and(|of| of != own))
     }
 
-    /// Returns whether the model is a mirror image, according to the transforms in its provenance: those applied to the
-    /// model, and the similarity from the surface to the frame of a group.
-    fn is_mirrored(&self) -> bool {
+    /// Returns whether the model is a mirror image, according to its transforms: those applied to the model, and the
+    /// similarity from the surface to the frame of a group.
+    fn is_mirrored(&self, kind: Kind) -> bool {
         let mirrors = |matrix: &Value| {
             let matrix = serde_json::from_value::<[[f64; 3]; 3]>(matrix.clone());
             matrix.is_ok_and(|orthogonal| Similarity { orthogonal, ..Similarity::default() }.mirrors())
         };
-        let is_surface = self.kind() == Kind::Surface;
+        let is_surface = kind == Kind::Surface;
         // A signal isn't moved in space; only its sphere is mirrored.
         let step = |step: &&Value| {
             if is_surface { mirrors(&step["object"]) } else { step["antipodal"].as_bool() == Some(true) }
         };
-        let recorded = |name: &str| self.provenance.other.get(name);
+        let recorded = |name: &str| self.other.get(name);
         let steps = recorded("transform").and_then(Value::as_array).into_iter().flatten().filter(step).count();
         let to_group = recorded("to_group").is_some_and(|to_group| mirrors(&to_group["orthogonal"]));
         (steps % 2 == 1) != to_group
@@ -60,7 +82,7 @@ impl Model {
 
 /// Returns the hemisphere that the name of a file states, which another operating system may have recorded.
 fn named(path: &Path) -> Option<Hemisphere> {
-    let name = path.to_str().and_then(|path| path.rsplit(['/', '\\']).next());
+    let name = path.to_str().map(recorded_name);
     Hemisphere::of(None, name.map(Path::new))
 }
 
@@ -90,6 +112,27 @@ mod tests {
         of_input.provenance.anatomical_structure_primary = Some("CortexRight".to_owned());
         assert_eq!(of_input.hemisphere(Some(own)), Some(Hemisphere::Right));
         assert_eq!(of_input.anatomical_structure().as_deref(), Some("CortexRight"));
+    }
+
+    #[test]
+    fn a_sphere_or_mask_of_the_other_hemisphere_is_found() {
+        let of_input = |path: &str| model(Kind::Signal, Some(path)).provenance;
+        let mut fitted = of_input("surf/lh.thickness");
+        fitted.sphere = Some("surf/lh.sphere.reg".to_owned());
+        assert_eq!(fitted.file_of_other_hemisphere(None), None);
+        assert_eq!(fitted.file_of_other_hemisphere(Some("lh.cortex.label")), None);
+        assert_eq!(fitted.file_of_other_hemisphere(Some("rh.medial.label")), Some("rh.medial.label"));
+        fitted.region = Some(FileRecord { path: "rh.cortex.label".to_owned(), ..FileRecord::default() });
+        assert_eq!(fitted.file_of_other_hemisphere(None), Some("rh.cortex.label"));
+        // The hemisphere of the sphere counts if that of the input is unknown.
+        fitted.input = of_input("s1/thickness").input;
+        assert_eq!(fitted.file_of_other_hemisphere(None), Some("rh.cortex.label"));
+        fitted.input = of_input("surf/lh.thickness").input;
+        fitted.sphere = Some("surf/rh.sphere.reg".to_owned());
+        assert_eq!(fitted.file_of_other_hemisphere(None), Some("surf/rh.sphere.reg"));
+        fitted.anatomical_structure_primary = Some("CortexRight".to_owned());
+        assert_eq!(fitted.file_of_other_hemisphere(None), None, "metadata count more than names");
+        assert_eq!(of_input("thickness").file_of_other_hemisphere(None), None);
     }
 
     #[test]

@@ -71,6 +71,6 @@ mod npz;
 pub mod provenance;
 
 pub use error::ModelError;
-pub use file_record::FileRecord;
+pub use file_record::{FileRecord, recorded_name};
 pub use model::{CONVENTION, Fitted, Model};
 pub use provenance::{Distances, Provenance, Settings, Versions, VoxelRecord};

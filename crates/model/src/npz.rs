@@ -16,6 +16,9 @@ use crate::model::{CONVENTION, Model};
 use crate::npy::{Array, write_header, write_text};
 use crate::provenance::Provenance;
 
+/// First bytes of a compressed model.
+const COMPRESSED: [u8; 4] = *b"\x89SPZ";
+
 /// Writes the arrays of a model to an uncompressed archive.
 pub(crate) fn write(model: &Model, out: &mut dyn Write) -> io::Result<()> {
     if model.not_finite().is_some() {
@@ -72,8 +75,24 @@ pub(crate) fn write_all<const N: usize>(out: &mut dyn Write, values: impl Iterat
 
 /// Reads a model from an archive; `path` is only used in error messages.
 pub(crate) fn read(path: &Path, input: impl Read + Seek) -> Result<Model, ModelError> {
-    let mut zip = ZipArchive::new(input).map_err(|error| invalid(path, error))?;
+    let mut zip = opened(path, input)?;
     Archive { path, zip: &mut zip }.read()
+}
+
+/// Reads only the provenance of a model from an archive; `path` is only used in error messages.
+pub(crate) fn read_provenance(path: &Path, input: impl Read + Seek) -> Result<Provenance, ModelError> {
+    let mut zip = opened(path, input)?;
+    Archive { path, zip: &mut zip }.provenance()
+}
+
+/// Opens an archive; `path` is only used in error messages. Compressed models are recognised by their first bytes.
+pub(crate) fn opened<R: Read + Seek>(path: &Path, mut input: R) -> Result<ZipArchive<R>, ModelError> {
+    let mut start = [0; COMPRESSED.len()];
+    if input.read_exact(&mut start).is_ok() && start == COMPRESSED {
+        return Err(ModelError::Compressed { path: path.to_owned() });
+    }
+    input.rewind().map_err(|error| invalid(path, error))?;
+    ZipArchive::new(input).map_err(|error| invalid(path, error))
 }
 
 fn invalid(path: &Path, problem: impl ToString) -> ModelError {
@@ -102,8 +121,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         {
             return Err(invalid(path, "max_degree doesn't match the number of coefficients"));
         }
-        let provenance = self.array("provenance", Array::text)?;
-        let provenance = provenance.map(|text| Provenance::parse(&text)).unwrap_or_default();
+        let provenance = self.provenance()?;
         let mut sphere = self.sphere()?;
         if let Some(sphere) = &mut sphere {
             sphere.anatomical_structure.clone_from(&provenance.anatomical_structure_primary);
@@ -120,6 +138,11 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
             None => Ok(model),
             Some((row, channel, value)) => Err(ModelError::NonFinite { path: path.to_owned(), row, channel, value }),
         }
+    }
+
+    fn provenance(&mut self) -> Result<Provenance, ModelError> {
+        let text = self.array("provenance", Array::text)?;
+        Ok(text.map(|text| Provenance::parse(&text)).unwrap_or_default())
     }
 
     fn sphere(&mut self) -> Result<Option<Sphere>, ModelError> {

@@ -55,6 +55,9 @@ pub struct Provenance {
     /// Voxel size along x, y and z in mm, if the user gave one that replaces the size in the volume's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub voxel_size: Option<[f64; 3]>,
+    /// Order of the axes of a NumPy file, if the user gave another order than `xyz`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axes: Option<String>,
     /// Kind of the surface extracted from the label, if the input is a label: `smooth` or `voxels`. `None` in models of
     /// earlier versions, whose surfaces follow the voxels.
     #[serde(default, skip_serializing_if = "Option::is_none")]

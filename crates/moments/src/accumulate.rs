@@ -3,11 +3,8 @@
 //! While one chunk of samples is read, the previous chunk is converted and spread onto the grids. This needs memory for
 //! an [`Accumulator`] and three chunks, whatever the size of the tables.
 
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::sync::PoisonError;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use ndarray::ArrayView2;
@@ -19,12 +16,10 @@ use spharm_surface::io::bytes_to_read;
 use spharm_transform::{Accumulated as Found, Accumulator};
 
 use crate::MomentsError;
+use crate::key::{Key, are_equal};
 use crate::moments::{Moments, Shard, Source};
 use crate::samples::{BadRow, Chunk, Columns, Opened, Plan, Positions, STDIN, is_table, open, open_over_scheme};
 
-const KEY_CONTEXT: &str = "spharm-rs 2026-11 samples v1";
-/// Number of bytes at the beginning of a file, and also at its end, that are hashed into the key.
-const END: u64 = 1 << 16;
 /// Largest number of samples per chunk, enough to occupy all threads. It is a multiple of the block size, so the sums
 /// have the same bits for any number of threads.
 const CHUNK: usize = 1 << 19;
@@ -94,6 +89,28 @@ pub enum Warning {
         /// Number of all samples.
         rows: u64,
     },
+    /// Two tables are the same file, or equal files, so the errors of a fit seem smaller than they are.
+    #[error(
+        "{} and {} are equal, byte for byte: their samples count twice, and standard errors become too small",
+        .first.display(), .second.display()
+    )]
+    EqualTables {
+        /// Path of a table.
+        first: PathBuf,
+        /// Path of a later table with the same bytes.
+        second: PathBuf,
+    },
+    /// Two parts have equal sums, so they are probably of the same samples.
+    #[error(
+        "{first} and {second} have equal sums: if they are of the same samples, these count twice, and standard errors \
+         become too small"
+    )]
+    EqualSums {
+        /// Name of a part.
+        first: String,
+        /// Name of a later part with the same sums.
+        second: String,
+    },
 }
 
 /// Wall time in seconds by kind of work. Reading runs at the same time as the other work.
@@ -134,6 +151,8 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     let used = scheme.map_or(0..u64::MAX, |directions| request.shard.range(directions.len() as u64));
     let (mut seconds, mut largest) = (Seconds::default(), [0.0f64; 2]);
     let mut has_values = vec![false; channels];
+    // Tables may be moved or deleted as soon as they have been read, so compare them before.
+    let mut warnings = equal_tables(&request.files);
     monitor.begin(Stage::counted("moments", "rows"), 0);
     for path in &request.files {
         let check_rows = |found: u64| match scheme.map(|directions| directions.len() as u64) {
@@ -173,7 +192,6 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
     seconds.transform = spread.elapsed().as_secs_f64();
     seconds.total = started.elapsed().as_secs_f64();
     let sources = vec![Source { key: key.finish(), shard: request.shard, rows }];
-    let mut warnings = Vec::new();
     if sums.count < rows {
         warnings.push(Warning::ZeroWeights { zeros: rows - sums.count, rows });
     }
@@ -191,6 +209,23 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
         return Err(MomentsError::Range { channel: channel.to_owned() });
     }
     Ok(Accumulated { moments, warnings, seconds })
+}
+
+/// Returns a warning for each table that equals an earlier one. A table that can't be read equals no other.
+fn equal_tables(files: &[PathBuf]) -> Vec<Warning> {
+    let mut known: Vec<(&PathBuf, [u8; 32])> = Vec::new();
+    let mut warnings = Vec::new();
+    // Opening a pipe would block until another process writes to it.
+    for path in files.iter().filter(|path| files.len() > 1 && path.as_os_str() != STDIN && path.is_file()) {
+        let Ok(key) = Key::of_ends(path) else { continue };
+        let mut candidates = known.iter().filter(|(_, other)| *other == key).map(|(first, _)| *first);
+        let equal = candidates.find(|first| are_equal(first, path).unwrap_or(false));
+        match equal {
+            Some(first) => warnings.push(Warning::EqualTables { first: first.clone(), second: path.clone() }),
+            None => known.push((path, key)),
+        }
+    }
+    warnings
 }
 
 /// Returns the memory in bytes needed to compute the moments of tables for `channels` channels and fits of degrees up
@@ -212,78 +247,6 @@ fn check_memory(request: &Request, channels: usize) -> Result<(), MomentsError> 
     match request.memory {
         Some(budget) if needed > budget => Err(MomentsError::Memory { max_degree, needed, budget }),
         _ => Ok(()),
-    }
-}
-
-/// Hasher that computes the key of the input.
-struct Key(blake3::Hasher);
-
-impl Key {
-    fn new(columns: &Columns, scheme: Option<SchemeKey>) -> Self {
-        let mut key = Self(blake3::Hasher::new_derive_key(KEY_CONTEXT));
-        let (kind, names): (u8, &[String]) = match &columns.positions {
-            None => (0, &[]),
-            Some(Positions::Angles(names)) => (1, names),
-            Some(Positions::LonLat(names)) => (2, names),
-            Some(Positions::Vectors(names)) => (3, names),
-            Some(Positions::Scheme(_)) => (4, &[]),
-        };
-        key.0.update(&[kind]);
-        for list in [names, &columns.values, columns.weight.as_slice()] {
-            key.number(list.len() as u64);
-            list.iter().for_each(|name| key.bytes(name.as_bytes()));
-        }
-        columns.centre.iter().for_each(|x| key.number(x.to_bits()));
-        if let Some(SchemeKey(scheme)) = scheme {
-            key.0.update(&scheme);
-        }
-        key
-    }
-
-    fn add(&mut self, path: &Path, opened: &Opened) -> Result<(), MomentsError> {
-        match &opened.hash {
-            Some(hash) => {
-                let hash = hash.lock().unwrap_or_else(PoisonError::into_inner).finalize();
-                self.bytes(STDIN.as_bytes());
-                self.bytes(hash.as_bytes());
-            }
-            None => {
-                let was = opened.bytes.unwrap_or(0);
-                let now = std::fs::metadata(path).map_err(MomentsError::io(path, "read"))?.len();
-                if now != was {
-                    return Err(MomentsError::Changed { path: path.to_owned(), was, now });
-                }
-                self.bytes(path.file_name().unwrap_or_default().to_string_lossy().as_bytes());
-                self.number(was);
-                self.ends(path, was).map_err(MomentsError::io(path, "read"))?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Adds the first and last bytes of a file to the key, to distinguish files of equal name and size.
-    fn ends(&mut self, path: &Path, size: u64) -> io::Result<()> {
-        let mut file = File::open(path)?;
-        for start in [0, size.saturating_sub(END)] {
-            let mut bytes = Vec::new();
-            file.seek(SeekFrom::Start(start))?;
-            file.by_ref().take(END).read_to_end(&mut bytes)?;
-            self.bytes(&bytes);
-        }
-        Ok(())
-    }
-
-    fn bytes(&mut self, bytes: &[u8]) {
-        self.number(bytes.len() as u64);
-        self.0.update(bytes);
-    }
-
-    fn number(&mut self, number: u64) {
-        self.0.update(&number.to_le_bytes());
-    }
-
-    fn finish(self) -> [u8; 32] {
-        *self.0.finalize().as_bytes()
     }
 }
 

@@ -52,6 +52,19 @@ pub enum MomentsError {
         /// Names of the table's columns.
         there: Vec<String>,
     },
+    /// Two columns of a table have the name of a requested column.
+    #[error(
+        "{}: columns {} and {} both have the name {}; rename one of the two",
+        .path.display(), .places[0], .places[1], cut(.column)
+    )]
+    ColumnTwice {
+        /// Path of the file.
+        path: PathBuf,
+        /// Name of both columns.
+        column: String,
+        /// Places of the columns, counted from 1.
+        places: [usize; 2],
+    },
     /// The requested columns don't determine the samples' positions or values.
     #[error("{}: {problem}; the table has {}", .path.display(), named(.there))]
     Columns {
@@ -212,6 +225,17 @@ pub enum MomentsError {
         /// The missing shards.
         missing: Vec<String>,
     },
+    /// Shards of different tables, or of versions of a table, make up one whole.
+    #[error(
+        "{first} and {second}: the shards make up one whole, but they are of different tables or columns, or the file \
+         changed between the shards; compute all shards again from one file"
+    )]
+    Versions {
+        /// Name of a part with a shard of one table.
+        first: String,
+        /// Name of the part with the next shard, of another table.
+        second: String,
+    },
     /// A table has Parquet, Arrow or LAS format, and the program was built without support for these formats.
     #[error("{}: this build of the program can't read Parquet, Arrow or LAS files; use the program installed by cargo, or convert the table to .npy or .csv", .path.display())]
     LeftOut {
@@ -239,8 +263,25 @@ fn ranges(count: usize) -> String {
 fn named(columns: &[String]) -> String {
     match columns.len() {
         0 => "no columns".to_owned(),
-        1 => format!("the column {}", columns[0]),
-        _ => format!("the columns {}", columns.join(", ")),
+        1 => format!("the column {}", cut(&columns[0])),
+        count => {
+            let shown: Vec<_> = columns.iter().take(MOST_NAMED).map(|name| cut(name)).collect();
+            let more = if count > MOST_NAMED { format!(" and {} more", count - MOST_NAMED) } else { String::new() };
+            format!("the columns {}{more}", shown.join(", "))
+        }
+    }
+}
+
+/// Largest number of columns that a message lists.
+const MOST_NAMED: usize = 50;
+/// Largest number of characters of a name or a cell that a message shows.
+const LONGEST_SHOWN: usize = 80;
+
+/// Returns text from a file, cut to the length that a message shows.
+pub(crate) fn cut(text: &str) -> String {
+    match text.char_indices().nth(LONGEST_SHOWN) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
     }
 }
 

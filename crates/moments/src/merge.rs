@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::accumulate::Warning;
 use crate::moments::{Moments, Shard, Source};
 use crate::{MomentsError, Source as PartSource};
 
@@ -14,7 +15,8 @@ use crate::{MomentsError, Source as PartSource};
 /// # Errors
 ///
 /// [`MomentsError::Differ`] if the parts differ in degree or channels, [`MomentsError::Overlap`] if two parts have
-/// samples in common, [`MomentsError::Missing`] if shards are missing and `partial` isn't set, and
+/// samples in common, [`MomentsError::Missing`] if shards are missing and `partial` isn't set,
+/// [`MomentsError::Versions`] if the missing shards are there, but of another table or of a table that changed, and
 /// [`MomentsError::NoParts`] if the list is empty. Errors identify a part by its number in the list, from 1.
 pub fn merge(parts: Vec<Moments>, partial: bool) -> Result<Moments, MomentsError> {
     let names = (1..=parts.len()).map(|number| format!("part {number}")).collect();
@@ -48,6 +50,16 @@ pub fn merge_named(
     let mut all = all.ok_or(MomentsError::NoParts)?;
     all.sources = joined(held, &names, partial)?;
     Ok(all)
+}
+
+/// Returns a warning for each part whose sums equal those of an earlier part. `hashes` are the parts' hashes, see
+/// [`Moments::sums_hash`].
+pub fn equal_sums(hashes: &[Option<[u8; 32]>], names: &[String]) -> Vec<Warning> {
+    let known = |(number, hash): (usize, &Option<[u8; 32]>)| {
+        let first = hashes[..number].iter().position(|other| hash.is_some() && other == hash)?;
+        Some(Warning::EqualSums { first: names[first].clone(), second: names[number].clone() })
+    };
+    hashes.iter().enumerate().filter_map(known).collect()
 }
 
 fn same_kind(first: &Moments, second: &Moments, [a, b]: [&String; 2]) -> Result<(), MomentsError> {
@@ -86,7 +98,7 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
     for (source, part) in held {
         by_key.entry(source.key).or_default().push((source, part));
     }
-    let (mut joined, mut missing) = (Vec::new(), Vec::new());
+    let (mut joined, mut missing, mut incomplete) = (Vec::new(), Vec::new(), Vec::new());
     for (key, mut shards) in by_key {
         // Sort the shards by their start, which is a fraction of the whole. Cross products compare fractions exactly.
         shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
@@ -99,21 +111,66 @@ fn joined(held: Vec<(Source, usize)>, names: &[String], partial: bool) -> Result
             }
         }
         let rows = shards.iter().map(|(source, _)| source.rows).sum();
-        let mut reached = Fraction { above: 0, below: 1 };
-        let before = missing.len();
-        for (source, _) in &shards {
-            gap(reached, start(source.shard), source.shard.of, &mut missing);
-            reached = end(source.shard);
-        }
-        let of = shards.last().map_or(1, |(source, _)| source.shard.of);
-        gap(reached, Fraction { above: 1, below: 1 }, of, &mut missing);
-        if missing.len() == before {
+        let absent = absent(shards.iter().map(|(source, _)| source.shard));
+        if absent.is_empty() {
             joined.push(Source { key, shard: Shard::WHOLE, rows });
         } else {
-            joined.extend(shards.into_iter().map(|(source, _)| source));
+            joined.extend(shards.iter().map(|(source, _)| source.clone()));
+            incomplete.extend(shards);
         }
+        missing.extend(absent);
     }
-    if missing.is_empty() || partial { Ok(joined) } else { Err(MomentsError::Missing { missing }) }
+    if missing.is_empty() || partial {
+        return Ok(joined);
+    }
+    Err(match of_versions(incomplete) {
+        Some([first, second]) => MomentsError::Versions { first: names[first].clone(), second: names[second].clone() },
+        None => MomentsError::Missing { missing },
+    })
+}
+
+/// Returns two parts with adjacent shards of different keys if the shards make up one whole in spite of their keys.
+fn of_versions(mut shards: Vec<(Source, usize)>) -> Option<[usize; 2]> {
+    shards.sort_by(|(a, _), (b, _)| start(a.shard).cmp_to(start(b.shard)));
+    let mut reached = Fraction { above: 0, below: 1 };
+    for (source, _) in &shards {
+        if reached.cmp_to(start(source.shard)).is_ne() {
+            return None;
+        }
+        reached = end(source.shard);
+    }
+    let whole = reached.cmp_to(Fraction { above: 1, below: 1 }).is_eq();
+    let adjacent = |pair: &[(Source, usize)]| match pair {
+        [(a, first), (b, second)] if a.key != b.key => Some([*first, *second]),
+        _ => None,
+    };
+    whole.then(|| shards.windows(2).find_map(adjacent)).flatten()
+}
+
+impl Moments {
+    /// Returns descriptions of the shards that the moments lack, such as `shard 1/2`; empty if no shard is missing.
+    pub fn missing_shards(&self) -> Vec<String> {
+        let mut by_key: BTreeMap<[u8; 32], Vec<Shard>> = BTreeMap::new();
+        for source in &self.sources {
+            by_key.entry(source.key).or_default().push(source.shard);
+        }
+        let of_source = |mut shards: Vec<Shard>| {
+            shards.sort_by(|a, b| start(*a).cmp_to(start(*b)));
+            absent(shards.into_iter())
+        };
+        by_key.into_values().flat_map(of_source).collect()
+    }
+}
+
+/// Returns descriptions of the shards of a whole that are missing from `shards`, which are sorted by their start.
+fn absent(shards: impl Iterator<Item = Shard>) -> Vec<String> {
+    let (mut reached, mut of, mut missing) = (Fraction { above: 0, below: 1 }, 1, Vec::new());
+    for shard in shards {
+        gap(reached, start(shard), shard.of, &mut missing);
+        (reached, of) = (end(shard), shard.of);
+    }
+    gap(reached, Fraction { above: 1, below: 1 }, of, &mut missing);
+    missing
 }
 
 /// Adds a description of the shards between the fractions `from` and `to` of the whole, if there are any, to `missing`.

@@ -82,6 +82,18 @@ impl Moments {
         });
         beyond.next().map(|(_, channel)| channel.as_str())
     }
+
+    /// Returns a hash of the sums. Moments of the same samples have the same hash, whatever the name of the table;
+    /// `None` if all right-hand sides are zero, because different samples may then have the same sums.
+    pub fn sums_hash(&self) -> Option<[u8; 32]> {
+        let sums = &self.sums;
+        let mut hash = blake3::Hasher::new();
+        let values = sums.moments.iter().chain(&sums.right_sides).chain(&sums.squares);
+        values.for_each(|value| {
+            hash.update(&value.to_le_bytes());
+        });
+        sums.right_sides.iter().any(|sum| *sum != 0.0).then(|| *hash.finalize().as_bytes())
+    }
 }
 
 #[cfg(test)]

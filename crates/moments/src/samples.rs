@@ -31,6 +31,7 @@ use spharm_harmonics::directions::normalise;
 use crate::MomentsError;
 pub use crate::samples::open::ENDINGS;
 pub(crate) use crate::samples::open::{Opened, STDIN, is_table, open, open_over_scheme};
+use crate::samples::table::NULL;
 
 /// Name of the channel that holds a sample's distance from the centre, if positions are given as vectors.
 pub const RADIUS: &str = "radius";
@@ -144,7 +145,16 @@ impl Columns {
             }
             let missing =
                 || MomentsError::NoColumn { path: path.to_owned(), wanted: name.clone(), there: there.to_vec() };
-            numbers.push(there.iter().position(|column| column == name).ok_or_else(missing)?);
+            let mut found = (0..there.len()).filter(|&column| there[column] == *name);
+            let first = found.next().ok_or_else(missing)?;
+            if let Some(second) = found.next() {
+                return Err(MomentsError::ColumnTwice {
+                    path: path.to_owned(),
+                    column: name.clone(),
+                    places: [first + 1, second + 1],
+                });
+            }
+            numbers.push(first);
             names.push(name.clone());
             Ok(names.len() - 1)
         };
@@ -230,7 +240,7 @@ impl Plan {
                 row,
                 column: self.names[column].clone(),
                 expected,
-                found: cells[column].to_string(),
+                found: shown(cells[column]),
             };
             if let Some(column) = cells.iter().position(|cell| !cell.is_finite()) {
                 return Err(bad(column, "a finite number"));
@@ -287,6 +297,10 @@ impl Plan {
         }
         Ok(largest)
     }
+}
+
+fn shown(value: f64) -> String {
+    if value.to_bits() == NULL.to_bits() { "null".to_owned() } else { value.to_string() }
 }
 
 /// Returns the direction and the length of a vector; `None` if the vector is zero or not finite. The result has the

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use spharm_moments::{Moments, MomentsError, Request, Shard, accumulate, merge};
+use spharm_moments::{Moments, MomentsError, Request, Shard, Warning, accumulate, equal_sums, merge};
 use spharm_monitor::Silent;
 
 /// Writes a table of 5,000 scattered samples with two channels and weights.
@@ -69,6 +69,11 @@ fn what_does_not_belong_together_is_refused() {
     assert!(matches!(&twice, MomentsError::Overlap { .. }), "{twice}");
     let overlapping = merge(vec![second.clone(), part(&path, 2, 3)], true).unwrap_err();
     assert_eq!(overlapping.to_string(), "part 1 and part 2: both contain samples of shard 2/3; omit one of the two");
+    assert_eq!(first.missing_shards(), ["shard 1/2"]);
+    let both = merge(vec![first.clone(), second.clone()], false).unwrap();
+    assert_eq!(both.missing_shards(), [""; 0]);
+    let some = merge(vec![part(&path, 3, 7), part(&path, 1, 7)], true).unwrap();
+    assert_eq!(some.missing_shards(), ["shard 0/7", "shard 2/7", "shards 4/7 to 6/7"]);
     let missing = merge(vec![part(&path, 1, 7), part(&path, 3, 7)], false).unwrap_err();
     assert_eq!(missing.to_string(), "3 ranges of shards are missing: shard 0/7, shard 2/7, shards 4/7 to 6/7");
     assert_eq!(merge(vec![part(&path, 1, 7), part(&path, 3, 7)], true).unwrap().sources.len(), 2);
@@ -102,4 +107,30 @@ fn parts_of_different_tables_add_up() {
     assert_eq!(both.rows, 10_000);
     assert!((both.sums.squares[0] / all.sums.squares[0] - 1.0).abs() < 1e-14);
     assert!(merge(vec![part(&path, 0, 1), part(&path, 0, 1)], false).is_err());
+}
+
+#[test]
+fn shards_of_a_file_that_changed_are_refused_as_such() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = table(folder.path());
+    let first = part(&path, 0, 2);
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.trim_end().trim_end_matches(|c: char| c != '\n')).unwrap();
+    let second = part(&path, 1, 2);
+    let error = merge(vec![first.clone(), second.clone()], false).unwrap_err();
+    assert!(matches!(&error, MomentsError::Versions { .. }), "{error}");
+    assert!(error.to_string().contains("part 1 and part 2") && error.to_string().contains("changed"), "{error}");
+    assert_eq!(merge(vec![first, second], true).unwrap().sources.len(), 2);
+}
+
+#[test]
+fn parts_with_equal_sums_are_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = table(folder.path());
+    let copy = folder.path().join("copy.csv");
+    std::fs::copy(&path, &copy).unwrap();
+    let hashes = [part(&path, 0, 2), part(&copy, 0, 1), part(&copy, 0, 2)].map(|part| part.sums_hash());
+    let names = ["a", "b", "c"].map(str::to_owned);
+    let expected = Warning::EqualSums { first: "a".to_owned(), second: "c".to_owned() };
+    assert_eq!(equal_sums(&hashes, &names), [expected]);
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use spharm_moments::{Moments, MomentsError, Positions, Request, Shard, Warning, accumulate};
-use spharm_monitor::Silent;
+use spharm_monitor::{Monitor, Silent};
 
 struct Folder(tempfile::TempDir);
 
@@ -16,6 +16,15 @@ impl Folder {
         let path = self.0.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         path
+    }
+}
+
+/// A monitor that deletes a file as soon as all rows have been read.
+struct Delete(PathBuf);
+
+impl Monitor for Delete {
+    fn end(&self) {
+        std::fs::remove_file(&self.0).unwrap();
     }
 }
 
@@ -203,4 +212,87 @@ fn doubtful_samples_are_warned_of() {
         found.warnings[..],
         [Warning::ZeroWeights { zeros: 10, rows: 20 }, Warning::LooksLikeRadians { .. }]
     ));
+}
+
+#[test]
+fn columns_of_equal_names_are_refused_only_if_requested() {
+    let folder = Folder::new();
+    let path = folder.file("twice.csv", "lon,lat,h,g,h\n1,2,3,4,5\n1,3,3,4,5\n");
+    refused(&request(&path, &["h"]), &["twice.csv", "columns 3 and 5 both have the name h", "rename"]);
+    assert_eq!(read(&path, &["g"]).sums.squares, [32.0]);
+}
+
+#[test]
+fn cells_in_quotation_marks() {
+    let folder = Folder::new();
+    let plain = folder.file("plain.csv", "lon,lat,f\n10,20,1\n30,40,2\n");
+    let expected = read(&plain, &["f"]);
+    for (name, text) in [
+        ("names.csv", "who,lon,lat,f\n\"Smith, J\",10,20,1\n\"the \"\"other\"\"\",30,40,2\n"),
+        ("all.csv", "\"lon\",\"lat\",\"f\"\r\n\"10\",\"20\",\"1\"\r\n\"30\", \"40\" ,\"2\"\r\n"),
+        ("tabs.tsv", "who\tlon\tnote\tlat\tf\n\"a\tb\"\t10\t\t20\t1\n\"\"\t30\t5\"\t40\t2\n"),
+        ("header.csv", "\"a,b\";lon;lat;f\n1;10;20;1\n2;30;40;2\n"),
+        ("blanks.txt", "lon lat who f\n10 20 \"a b\" 1\n30 40 c 2\n"),
+    ] {
+        same(&expected, &read(&folder.file(name, text), &["f"]));
+    }
+    let open = folder.file("open.csv", "lon,lat,f\n\"10,20,1\n");
+    refused(&request(&open, &["f"]), &["open.csv", "row 1", "as many fields as columns", "1 fields"]);
+}
+
+#[test]
+fn text_of_other_encodings_is_named_and_messages_stay_short() {
+    let folder = Folder::new();
+    let table = "lon,lat,f\n".to_owned() + &"1,2,3\n".repeat(1000);
+    let wide: Vec<u8> = table.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    let wide = folder.file("wide.csv", [b"\xff\xfe", &wide[..]].concat());
+    refused(&request(&wide, &["f"]), &["wide.csv", "UTF-16; save the table as UTF-8"]);
+    let old = folder.file("old.csv", table.replace('\n', "\r"));
+    refused(&request(&old, &["f"]), &["old.csv", "carriage returns alone"]);
+    let long = folder.file("long.csv", format!("lon,lat,f\n1,2,{}\n", "x".repeat(5000)));
+    let many = folder.file("many.csv", (0..500).map(|i| format!("name{i},")).collect::<String>() + "f\n");
+    for path in [wide, old, long, many] {
+        let message = accumulate(&request(&path, &["f"]), &Silent).unwrap_err().to_string();
+        assert!(message.len() < 800, "{message}");
+    }
+}
+
+#[test]
+fn fields_that_are_not_requested_may_have_any_type() {
+    let folder = Folder::new();
+    let row = |v: &[f64; 3], i: usize| {
+        let place: Vec<u8> = v.iter().flat_map(|x| x.to_le_bytes()).collect();
+        // The half-precision numbers 0, 1, 2, 3, 4 and 5.
+        let half = [0x0000u16, 0x3c00, 0x4000, 0x4200, 0x4400, 0x4500][i];
+        [b"name", &place[..], &half.to_le_bytes(), &[0; 5]].concat()
+    };
+    let values: Vec<u8> = vectors().iter().enumerate().flat_map(|(i, v)| row(v, i)).collect();
+    let fields = "[('id', '|S4'), ('x', '<f8'), ('y', '<f8'), ('z', '<f8'), ('f', '<f2'), ('', '|V4'), ('ok', '|b1')]";
+    let path = folder.file("fields.npy", npy(fields, false, "(6,)", &values));
+    let found = read(&path, &["f"]);
+    assert_eq!((found.rows, found.sums.squares[0]), (6, 55.0));
+    refused(&request(&path, &["id"]), &["fields.npy", "the column id of type S4"]);
+    refused(&request(&path, &["g"]), &["the columns id, x, y, z, f, ok"]);
+}
+
+#[test]
+fn tables_that_count_twice_are_warned_of() {
+    let folder = Folder::new();
+    let text = "lon,lat,f\n10,20,1\n30,40,2\n";
+    let (path, copy) = (folder.file("a.csv", text), folder.file("b.csv", text));
+    let other = folder.file("c.csv", text.replace('2', "3"));
+    let mut request = request(&path, &["f"]);
+    let again = folder.0.path().join(".").join("a.csv");
+    for (second, warns) in [(&path, true), (&copy, true), (&again, true), (&other, false)] {
+        request.files = vec![path.clone(), second.clone()];
+        let warnings = accumulate(&request, &Silent).unwrap().warnings;
+        let told = matches!(&warnings[..], [Warning::EqualTables { first, .. }] if *first == path);
+        assert_eq!((told, warnings.is_empty()), (warns, !warns), "{warnings:?}");
+    }
+    request.files = vec![path.clone(), copy.clone()];
+    let warnings = accumulate(&request, &Delete(copy)).unwrap().warnings;
+    assert!(matches!(&warnings[..], [Warning::EqualTables { .. }]), "{warnings:?}");
+    request.files = vec![path, folder.0.path().join("missing.csv")];
+    let error = accumulate(&request, &Silent).unwrap_err();
+    assert!(matches!(&error, MomentsError::Io { action: "open", .. }), "{error}");
 }

@@ -97,6 +97,7 @@ impl CaldParams {
 ///
 /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range;
 /// [`ParametrizeError::BadSurface`] if the mesh isn't a closed surface of genus zero, or has degenerate triangles;
+/// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if it can't enclose a body;
 /// [`ParametrizeError::Argument`] if `area` is outside of 0 to 1; [`ParametrizeError::NoPlace`] or
 /// [`ParametrizeError::NotBijective`] if 64-bit numbers aren't precise enough for the map; [`ParametrizeError::Solver`]
 /// if the fit used for the adaptation fails; [`ParametrizeError::Interrupted`].

@@ -3,11 +3,13 @@
 use std::io;
 use std::path::PathBuf;
 
+use spharm_monitor::number;
 use spharm_surface::SurfaceError;
-use spharm_surface::repair::MeshRepair;
+use spharm_surface::repair::{MeshRepair, Wrap};
 
 use crate::mending::Mending;
 use crate::volume::ImageChoice;
+use crate::wrap::limits::VOXELS;
 
 /// Errors of parameterisation.
 ///
@@ -152,6 +154,15 @@ pub enum ParametrizeError {
         format: &'static str,
     },
 
+    /// The order of axes z, y, x was given for a file whose format has a fixed order.
+    #[error("{}: expected the order of axes xyz, which {format} always has, found zyx", path.display())]
+    FixedAxes {
+        /// Path of the file.
+        path: PathBuf,
+        /// The file's format, with an article: "a NIfTI file", for example.
+        format: &'static str,
+    },
+
     /// The file has a volume's format but holds values on the vertices of a surface.
     #[error("{}: expected a volume of labels, found values on {vertices} vertices", path.display())]
     VertexMap {
@@ -240,6 +251,60 @@ pub enum ParametrizeError {
         voxels: usize,
     },
 
+    /// A mesh to be wrapped has a vertex so far from the rest that the rest has too few voxels.
+    #[error(
+        "vertex {vertex} (counted from 0) at ({}) lies far from the rest of the mesh: the rest has {} of {voxels} \
+         voxels along the longest side, expected at least 8; remove this vertex with its triangles{}",
+        position.map(number).join(", "), number(*rest),
+        enough.map(|enough| format!(", or use at least {enough} voxels")).unwrap_or_default()
+    )]
+    FarVertex {
+        /// Index of the vertex.
+        vertex: usize,
+        /// Position of the vertex.
+        position: [f64; 3],
+        /// Number of voxels along the longest side of the box around the rest.
+        rest: f64,
+        /// Number of voxels along the longest side of the box around the mesh.
+        voxels: usize,
+        /// Smallest number of voxels that suffices; `None` if no accepted number suffices.
+        enough: Option<usize>,
+    },
+
+    /// A wrap would leave out a large part of the mesh.
+    #[error(
+        "a wrap with {} voxels along the longest side would leave out a large part of the surface, but at most {} % is \
+         allowed: {}{}",
+        wrap.voxels, (1e4 * *most).round() / 1e2, wrap.losses(), remedy_for_losses(wrap, *most)
+    )]
+    LossyWrap {
+        /// The wrap that wasn't accepted.
+        wrap: Box<Wrap>,
+        /// The largest share of the area, or of the body's voxels, that a wrap may leave out.
+        most: f64,
+    },
+
+    /// The mesh is an open sheet: closing it gives a surface without volume.
+    #[error(
+        "not a closed surface: the mesh is an open sheet with a rim as large as the sheet; a filling of the rim would \
+         have {:.0} % of the area and enclose no volume; use a surface that encloses a body",
+        100.0 * *filled
+    )]
+    OpenSheet {
+        /// Share of the filling in the area of the sheet with its filling.
+        filled: f64,
+    },
+
+    /// The mesh isn't orientable.
+    #[error(
+        "the surface is not orientable: it has one side only, like a Möbius strip or a Klein bottle, and encloses no \
+         body; use a surface that has an inside and an outside"
+    )]
+    OneSided {
+        /// Whether the mesh has no rim. The closed surface around it then encloses a body.
+        closed: bool,
+    },
+
     /// Wrapping a mesh needs more memory than is free.
     #[error("wrapping with {voxels} voxels along the longest side needs {room}; use fewer voxels")]
     NoRoomToWrap {
@@ -259,6 +324,16 @@ pub enum ParametrizeError {
         /// The value given.
         found: String,
     },
+}
+
+fn remedy_for_losses(wrap: &Wrap, most: f64) -> &'static str {
+    if wrap.left_out > most {
+        "; the wrap keeps one body; fit the others from files of their own"
+    } else if wrap.voxels < *VOXELS.end() {
+        "; use more voxels to keep thin parts"
+    } else {
+        ""
+    }
 }
 
 fn counted(count: usize, noun: &str) -> String {

@@ -1,10 +1,15 @@
 //! Finds the reasons, other than handles, why a mesh can't be mapped to the sphere.
 
+use spharm_monitor::number;
 use spharm_surface::Mesh;
 use spharm_surface::topology::Topology;
 
 use crate::error::ParametrizeError;
 use crate::geometry::{Vec3, area, norm, sub};
+
+/// Largest distance of a vertex from the middle of a mesh, as a multiple of the median distance. The triangles of a
+/// mesh with a vertex farther away are too small for the map.
+const FARTHEST: f64 = 1e12;
 
 /// Defects of a mesh.
 pub(crate) struct Flaws {
@@ -20,7 +25,8 @@ impl Flaws {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite or indices are out of range.
+    /// [`ParametrizeError::InvalidMesh`] if coordinates aren't finite, a vertex lies farther away than [`FARTHEST`], or
+    /// indices are out of range.
     pub(crate) fn of(mesh: &Mesh) -> Result<Self, ParametrizeError> {
         let infinite = mesh.vertices.iter().filter(|p| p.iter().any(|x| !x.is_finite())).count();
         let outside = mesh.faces.iter().filter(|face| face.iter().any(|&v| v as usize >= mesh.vertices.len())).count();
@@ -32,6 +38,14 @@ impl Flaws {
         if outside > 0 {
             let problem = counted(outside, "triangle has", "triangles have", "vertex numbers out of range");
             return bad(problem, "export the mesh again");
+        }
+        if let Some((vertex, times)) = too_far(mesh) {
+            let problem = format!(
+                "vertex {vertex} (counted from 0) lies {} times as far from the middle of the mesh as half of the \
+                 vertices, expected at most {FARTHEST:e} times",
+                number(times)
+            );
+            return bad(problem, "correct the coordinates of this vertex, or remove it with its triangles");
         }
         let topology = Topology::of(mesh);
         let genus = topology.genus();
@@ -66,6 +80,30 @@ impl Flaws {
     }
 }
 
+/// Returns the indices and positions of the vertices that triangles use, by index.
+pub(crate) fn used_vertices(mesh: &Mesh) -> Vec<(usize, Vec3)> {
+    let mut used = vec![false; mesh.vertices.len()];
+    mesh.faces.as_flattened().iter().for_each(|&v| used[v as usize] = true);
+    mesh.vertices.iter().copied().enumerate().filter(|&(v, _)| used[v]).collect()
+}
+
+/// Returns the vertex farthest from the middle of a mesh, and its distance as a multiple of the median distance; `None`
+/// if the multiple is at most [`FARTHEST`]. The middle has the median of each coordinate. Vertices that no triangle
+/// uses don't count.
+fn too_far(mesh: &Mesh) -> Option<(usize, f64)> {
+    let used = used_vertices(mesh);
+    let median = |mut values: Vec<f64>| {
+        let half = values.len() / 2;
+        (!values.is_empty()).then(|| *values.select_nth_unstable_by(half, f64::total_cmp).1)
+    };
+    let middle = [0, 1, 2].map(|k| median(used.iter().map(|(_, v)| 0.5 * v[k]).collect()).unwrap_or_default());
+    // Coordinates are halved, since the difference of two large numbers may overflow.
+    let off = |v: Vec3| (0..3).map(|k| (0.5 * v[k] - middle[k]).abs()).fold(0.0, f64::max);
+    let typical = median(used.iter().map(|&(_, v)| off(v)).collect())?;
+    let (vertex, most) = used.iter().map(|&(i, v)| (i, off(v))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (typical > 0.0 && most / typical > FARTHEST).then(|| (vertex, most / typical))
+}
+
 /// Returns `count` followed by `one` or `many`, such as "1 vertex has" or "2 vertices have", and by `rest`.
 fn counted(count: usize, one: &str, many: &str, rest: &str) -> String {
     format!("{count} {} {rest}", if count == 1 { one } else { many })
@@ -77,4 +115,30 @@ fn has_area(corners: [Vec3; 3]) -> bool {
     // The area is measured relative to the triangle's own size: a tiny triangle is valid, three points on a line are
     // not.
     area(corners) > 1e-12 * longest * longest
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_surface::generate::icosphere;
+    use spharm_surface::range::times;
+
+    use super::*;
+
+    #[test]
+    fn a_vertex_far_from_the_others_is_named() {
+        let mut ball = icosphere(2);
+        for exponent in [-990, 0, 100, 990] {
+            let vertices = ball.vertices.iter().map(|v| v.map(|x| times(x, exponent))).collect();
+            assert!(Flaws::of(&ball.with_vertices(vertices)).is_ok(), "2^{exponent}");
+        }
+        for far in [1e30, -1e200] {
+            ball.vertices[7][1] = far;
+            let error = Flaws::of(&ball).err().map(|error| error.to_string()).unwrap_or_default();
+            assert!(error.contains("vertex 7 (counted from 0)") && error.contains("at most 1e12 times"), "{error}");
+        }
+        ball.vertices[7][1] = 1e6;
+        assert!(Flaws::of(&ball).is_ok());
+        ball.vertices.push([1e20, 0.0, 0.0]);
+        assert!(Flaws::of(&ball).is_ok(), "no triangle uses the vertex");
+    }
 }

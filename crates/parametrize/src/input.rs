@@ -7,8 +7,10 @@ use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 use spharm_surface::generate::{icosphere, icosphere_counts};
 use spharm_surface::io::{bytes_to_read, read_mesh};
+use spharm_surface::range::{scale_all, scaled_meshes};
 use spharm_surface::repair::{MeshRepair, repair};
 
+use crate::enclosure::check_enclosure;
 use crate::error::ParametrizeError;
 use crate::handles::{CutSurface, HandlesReport, cut_handles, fill_holes};
 use crate::method::Source;
@@ -84,11 +86,19 @@ impl Input {
     ///
     /// # Errors
     ///
-    /// [`ParametrizeError::Interrupted`].
+    /// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if the mesh can't enclose a body;
+    /// [`ParametrizeError::BadSurface`] if only the repaired mesh has one side; [`ParametrizeError::Interrupted`].
     pub fn mended(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let Self::Mesh(mesh) = &self else { return Ok(self) };
+        // Areas of very large or small coordinates leave the range of f64.
+        let scaled = scaled_meshes([mesh]);
+        let (mesh, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
         let (mut mended, mut found) = repair(mesh);
-        fill_holes(&mut mended, &mut found, monitor)?;
+        let open = fill_holes(&mut mended, &mut found, monitor)?;
+        if !check_enclosure(mesh, &mended, &open, &found)? {
+            return Err(joined_with_a_twist(&found));
+        }
+        scale_all(mended.vertices.iter_mut().flatten(), exponent);
         Ok(if found.is_any() { Self::Fixed(mended, found) } else { self })
     }
 
@@ -150,6 +160,17 @@ impl Input {
     #[must_use]
     pub fn handles(&self) -> Option<&HandlesReport> {
         self.cut().map(|cut| &cut.report)
+    }
+}
+
+/// Returns the error of a repair that makes a mesh with two sides one-sided.
+fn joined_with_a_twist(repair: &MeshRepair) -> ParametrizeError {
+    let changes = repair.changes();
+    ParametrizeError::BadSurface {
+        problems: format!("after its repair ({changes}), the surface has one side only, like a Möbius strip"),
+        handles: 0,
+        remedy: "separate the parts of the surface that touch each other",
+        mending: None,
     }
 }
 

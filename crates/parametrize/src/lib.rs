@@ -73,6 +73,7 @@ mod density;
 mod descend;
 mod domain;
 mod embed;
+mod enclosure;
 mod energy;
 mod equal_area;
 mod error;

@@ -221,6 +221,9 @@ pub enum Warning {
         /// Number of pairs of intersecting triangles.
         pairs: usize,
     },
+    /// The triangles of the given mesh wind inwards, so its volume is negative. The map is correct, but surfaces with
+    /// these triangles, such as reconstructions over the map's sphere, are inside out.
+    Inward,
 }
 
 impl std::fmt::Display for Warning {
@@ -241,6 +244,10 @@ impl std::fmt::Display for Warning {
                 };
                 write!(f, "{pairs}: use more subdivisions, unless the given surface intersects itself")
             }
+            Self::Inward => f.write_str(
+                "the triangles wind inwards (negative volume), so reconstructions over the model's own sphere are \
+                 inside out; the option `fix` turns the triangles",
+            ),
         }
     }
 }

@@ -17,7 +17,7 @@ use crate::errors::{Failure, exception};
 use crate::fitting::{Settings, report_of};
 use crate::repairs::Changes;
 use crate::run::{Started, lock};
-use crate::volumes::{label_surface_of, reading};
+use crate::volumes::{axes_of, label_surface_of, reading};
 
 /// A finished row as returned to Python: index, id, state, path of the model, error, report as JSON, seconds.
 type Finished = (usize, String, &'static str, PathBuf, Option<String>, Option<String>, Option<f64>);
@@ -95,7 +95,7 @@ impl CohortRun {
     /// Starts to fit the rows of a table, or the given rows.
     #[new]
     #[pyo3(signature = (
-        table, rows, *, output, sphere, mask, shard, status, exists, keep_going, changes, voxel_size,
+        table, rows, *, output, sphere, mask, shard, status, exists, keep_going, changes, voxel_size, axes,
         image, threshold, probability, label_surface, smooth_radius, settings
     ))]
     #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
@@ -112,6 +112,7 @@ impl CohortRun {
         keep_going: bool,
         changes: Changes,
         voxel_size: Option<[f64; 3]>,
+        axes: &str,
         image: (Option<usize>, Option<usize>),
         threshold: Option<f64>,
         probability: bool,
@@ -151,7 +152,8 @@ impl CohortRun {
         fit.check().map_err(|error| exception(py, error.into()))?;
         let mut params = RunParams::new(fit);
         let label_surface = label_surface_of(py, label_surface, smooth_radius)?;
-        let reading = VolumeReading { voxel_size, ..reading(image, VoxelValues::of(threshold, probability)) };
+        let reading = reading(image, VoxelValues::of(threshold, probability));
+        let reading = VolumeReading { voxel_size, axes: axes_of(axes)?, ..reading };
         params.preparation = Preparation { reading, label_surface, ..changes.into() };
         (params.mask, params.status, params.keep_going) = (mask, status, keep_going);
         params.if_exists = match exists {

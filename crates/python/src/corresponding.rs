@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::correspond::{
-    CorrespondWarning, Group as Inner, GroupFiles, Joining, MemberOrigin, MemberReport, NewMember,
+    CorrespondWarning, Group as Inner, GroupFiles, IDENTICAL_TO, Joining, MemberOrigin, MemberReport, NewMember,
 };
 use spharm::model::made;
 use spharm::pose::PoseParams;
@@ -113,6 +113,7 @@ impl Group {
             name: name.clone(),
             input: None,
             mirrored: self.inner.similarities.get(member).is_some_and(Similarity::mirrors),
+            axes: None,
             warnings: self.warnings.iter().filter(|(of, _)| *of == member).map(|(_, text)| text.clone()).collect(),
         };
         let origins: Vec<MemberOrigin> = names.iter().enumerate().map(of).collect();
@@ -175,6 +176,21 @@ impl Group {
         Ok((positions(py, places), off.into_pyarray(py), reached.into_pyarray(py)))
     }
 
+    /// Returns warnings about landmarks that seem to be swapped or misplaced, each with the index of its member.
+    /// `landmarks` has the landmarks of each member, in the member's own frame, and `labels` their names.
+    fn misplaced_landmarks(
+        &self,
+        py: Python<'_>,
+        landmarks: Vec<Positions<'_>>,
+        labels: Vec<String>,
+    ) -> PyResult<Vec<(usize, String)>> {
+        let landmarks = landmarks.iter().map(|own| rows("landmarks", own.as_array())).collect::<PyResult<Vec<_>>>()?;
+        let group = &*self.inner;
+        let found = run(py, None, None, |_| Ok(group.misplaced_landmarks(&landmarks)?))?;
+        let name = |landmark: usize| labels.get(landmark).cloned().unwrap_or_else(|| landmark.to_string());
+        Ok(found.into_iter().map(|warning| (warning.member, warning.of_member(name))).collect())
+    }
+
     /// Adds surfaces to the group as new members, without changing the existing members. The preparation is shared by
     /// all surfaces.
     #[pyo3(signature = (surfaces, names, *, mirrored, threads = None, progress = None))]
@@ -207,9 +223,12 @@ impl Group {
         })?;
         let out = |NewMember { model, similarity, places, reached, report, warnings }| {
             let report: MemberReport = report;
+            let same = self.inner.report.members.iter().position(|member| member.same_surface(&report));
+            let same = same.map(|member| format!("{IDENTICAL_TO}{}", self.names[member]));
             let (similarity, report) = (transform(&similarity).to_string(), json!(report).to_string());
-            // Only warnings about equal members name another member.
+            // Only warnings about equal members of a new group name another member.
             let warnings = warnings.iter().map(|of: &CorrespondWarning| of.of_member(|_| String::new()));
+            let warnings = same.into_iter().chain(warnings);
             let (places, reached) = (positions(py, places), reached.into_pyarray(py));
             (Model { inner: model }, similarity, places, reached, report, warnings.collect())
         };

@@ -8,8 +8,9 @@ use pyo3::prelude::*;
 use spharm::parametrize::ParametrizeError;
 use spharm::parametrize::wrap::USUAL_VOXELS;
 use spharm::register::RegisterError;
+use spharm::shape::codec::CodecError;
 use spharm::store::StoreError;
-use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow};
+use spharm::{Error, ModelError, MomentsError, ShapeError, percent_to_allow, percent_to_wrap};
 use spharm::{SolverError, SurfaceError};
 
 /// Reason why a function failed.
@@ -25,6 +26,13 @@ pub(crate) enum Failure {
     },
     /// An error of the computation of moments.
     Moments(MomentsError),
+    /// An error of compressing or expanding a model.
+    Codec {
+        /// Name of the file that is expanded.
+        name: Option<String>,
+        /// The error of the library.
+        error: Box<CodecError>,
+    },
     /// A computation needs more memory than available.
     Memory {
         /// Description of the computation.
@@ -67,6 +75,12 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
         Failure::Library(error) => raised(py, &with_advice(&error), of(&error)),
         Failure::Member { name, error } => raised(py, &format!("{name}: {}", with_advice(&error)), of(&error)),
         Failure::Moments(error) => raised(py, &error.to_string(), of_moments(&error)),
+        Failure::Codec { name, error } => {
+            let file = name.map(|name| format!("{name}: ")).unwrap_or_default();
+            let prefix = matches!(*error, CodecError::CutOff { level: Some(_), .. });
+            let advice = if prefix { "; `spharm shape expand --prefix` reads this model" } else { "" };
+            raised(py, &format!("{file}{error}{advice}"), of_codec(&error))
+        }
         Failure::Memory { what, budget, needed, given } => {
             let size = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
             let (needs, has) = (size(needed), size(budget));
@@ -86,10 +100,8 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
 
 /// Returns the text of an error, with advice in terms of Python's functions if there is any.
 fn with_advice(error: &Error) -> String {
-    let largest = |repair| {
-        let percent = percent_to_allow(repair)?;
-        Some(format!("largest_repair={:.2}", 0.01 * f64::from(percent)))
-    };
+    let setting = |percent: u32| format!("largest_repair={:.2}", 0.01 * f64::from(percent));
+    let largest = |repair| percent_to_allow(repair).map(setting);
     let around =
         || format!("spharm_rs.repair(surface, wrap={USUAL_VOXELS}) replaces the mesh by the closed surface around it");
     let advice = match error {
@@ -104,17 +116,28 @@ fn with_advice(error: &Error) -> String {
         Error::Parametrize(ParametrizeError::LargeRepair { repair, succeeds: true, .. }) => {
             largest(repair).map(|largest| format!("{largest} allows this repair; alternatively, {}", around()))
         }
+        Error::Parametrize(ParametrizeError::LossyWrap { wrap, .. }) => {
+            Some(format!("{} allows this wrap", setting(percent_to_wrap(wrap))))
+        }
         Error::Parametrize(
-            ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::LargeRepair { .. },
+            ParametrizeError::BadSurface { mending: None, .. }
+            | ParametrizeError::LargeRepair { .. }
+            | ParametrizeError::OneSided { closed: true },
         ) => Some(around()),
         Error::Shape(ShapeError::NotTwoGroups) => {
             Some("for other designs, give variance_groups= instead of welch=True; not for positions".to_owned())
+        }
+        Error::Model(ModelError::Compressed { .. }) => {
+            Some("Model.load reads it under a name that ends in .sphz; `spharm shape expand` restores it".to_owned())
         }
         Error::Model(ModelError::NoSphere) => {
             Some("give a sphere, directions, or the subdivisions of an icosphere, such as 5".to_owned())
         }
         Error::Parametrize(ParametrizeError::NoVoxelSize { .. }) => {
-            Some("give spacing= to parametrize_volume, or voxel_size= to fit_cohort".to_owned())
+            Some("give spacing= to parametrize_volume or fit_labels, or voxel_size= to fit_cohort".to_owned())
+        }
+        Error::Parametrize(ParametrizeError::FixedAxes { .. }) => {
+            Some("omit axes=; among files, only NumPy files take it".to_owned())
         }
         _ => None,
     };
@@ -177,7 +200,7 @@ fn of(error: &Error) -> Kind<'_> {
             ParametrizeError::Surface(error) => of_surface(error),
             ParametrizeError::Solver(error) => of_solver(error),
             ParametrizeError::Io { path, cause, .. } => Kind::Os { path, cause },
-            ParametrizeError::Argument { .. } => Kind::Value,
+            ParametrizeError::Argument { .. } | ParametrizeError::FixedAxes { .. } => Kind::Value,
             _ => Kind::Mesh,
         },
         Error::Store(error) => of_store(error),
@@ -185,7 +208,7 @@ fn of(error: &Error) -> Kind<'_> {
         Error::Model(error) => match error {
             ModelError::Open { path, source } | ModelError::Input { path, source } => Kind::Os { path, cause: source },
             ModelError::Surface(error) => of_surface(error),
-            ModelError::Invalid { .. } | ModelError::NonFinite { .. } => Kind::Mesh,
+            ModelError::Invalid { .. } | ModelError::Compressed { .. } | ModelError::NonFinite { .. } => Kind::Mesh,
             _ => Kind::Value,
         },
         Error::Member { source, .. } => of(source),
@@ -214,6 +237,19 @@ fn of_moments(error: &MomentsError) -> Kind<'_> {
         MomentsError::Memory { needed, budget, .. } => memory(*budget as u64, *needed as u64),
         MomentsError::Interrupted(_) => Kind::Interrupted,
         MomentsError::Corrupt { .. } | MomentsError::Version { .. } => Kind::Spharm,
+        _ => Kind::Value,
+    }
+}
+
+fn of_codec(error: &CodecError) -> Kind<'_> {
+    match error {
+        CodecError::Magic { .. }
+        | CodecError::Version { .. }
+        | CodecError::Damaged { .. }
+        | CodecError::CutOff { .. }
+        | CodecError::Flat => Kind::Mesh,
+        CodecError::Surface(error) => of_surface(error),
+        CodecError::Interrupted(_) => Kind::Interrupted,
         _ => Kind::Value,
     }
 }

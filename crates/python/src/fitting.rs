@@ -12,18 +12,19 @@ use serde_json::{Value, json};
 use spharm::parametrize::Input;
 use spharm::solver::lsq::LsqWarning;
 use spharm::{
-    BatchReport, Fit, FitParams, FitReport, FitWarning, Kind, ManyReport, Mesh, MeshFit, Method, Model as Inner,
-    Monitor, Objective, Smoothness, Sphere, Target, Weights,
+    BatchReport, Fit, FitParams, FitReport, FitWarning, Kind, ManyReport, Mesh, MeshFit, Model as Inner, Monitor,
+    Objective, Smoothness, Sphere, Target, Weights,
 };
 
 use crate::arrays::{Faces, Positions, SeamIn, SphereArrays, mesh};
 use crate::errors::Failure;
 use crate::metadata::{Metadata, with_metadata};
+use crate::methods::{Streamed, method};
 use crate::models::Model;
 use crate::repairs::{Changes, map_report};
 use crate::run::run;
 use crate::stores::scalar;
-use crate::targets::{doubts, masked, refuse_doubtful, target};
+use crate::targets::{doubts, doubts_of_mask, masked, refuse_doubtful, target};
 use crate::transforms::Transform;
 
 /// Keyword arguments of `spharm_rs.fit`. Their types are checked in Python.
@@ -42,6 +43,8 @@ pub(crate) struct Settings<'py> {
     denoise: bool,
     weights: WeightsGiven<'py>,
     mask: Option<PyReadonlyArray1<'py, bool>>,
+    /// Path of the mask's file, whose name may determine the hemisphere.
+    mask_path: Option<PathBuf>,
     hold_out: Option<f64>,
     standard_errors: bool,
     tolerance: f64,
@@ -74,21 +77,10 @@ impl Settings<'_> {
     ///
     /// # Errors
     ///
-    /// `ValueError` for a setting whose value is an unknown name.
+    /// `ValueError` for a setting whose value is an unknown name, or that the method doesn't have.
     pub(crate) fn params(&self) -> PyResult<FitParams> {
         let &Self { passes, granularity, start_degree, accelerate, .. } = self;
-        let method = match self.method.as_str() {
-            "lsq" => Method::Lsq,
-            "irf" => Method::Irf { passes, granularity, accelerate },
-            "sirf" => Method::Sirf { start_degree },
-            "mirf" => Method::Mirf { passes, start_degree, accelerate },
-            "nlsf" => Method::Nlsf,
-            "quadrature" => Method::Quadrature,
-            found => {
-                let expected = "expected lsq, irf, sirf, mirf, nlsf or quadrature";
-                return Err(PyValueError::new_err(format!("method: {expected}; found {found}")));
-            }
-        };
+        let method = method(&self.method, Streamed { passes, granularity, start_degree, accelerate })?;
         let weights = match &self.weights {
             WeightsGiven::Named(name) if name == "uniform" => Weights::Uniform,
             WeightsGiven::Named(name) if name == "area" => Weights::Area,
@@ -147,7 +139,7 @@ pub(crate) fn fit<'py>(
     settings: Settings<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Fitted<'py>> {
-    let (params, mask) = (settings.params()?, settings.mask());
+    let (params, mask, mask_path) = (settings.params()?, settings.mask(), settings.mask_path.clone());
     let (metadata, of_sphere) = metadata;
     let given = match (&sphere, &faces) {
         (Some(sphere), _) => {
@@ -164,7 +156,10 @@ pub(crate) fn fit<'py>(
     let (sphere, fit, many, mapped, doubts) = run(py, settings.threads, progress.as_ref(), |monitor| match given {
         Given::Sphere(sphere) => {
             let sphere = sphere.check()?;
-            let target = target(view, triangles.as_deref(), surface, &sphere, metadata)?;
+            let mut target = target(view, triangles.as_deref(), surface, &sphere, metadata)?;
+            if let Some(mask) = &mask_path {
+                target.check_mask(mask, &sphere);
+            }
             refuse_doubtful(&sphere, &params)?;
             let doubts = doubts(&target, &params)?;
             let params = masked(params, mask.as_deref(), &sphere)?;
@@ -173,9 +168,10 @@ pub(crate) fn fit<'py>(
         }
         Given::Bare(mesh) => {
             let (input, keep) = (Input::Mesh(*mesh), mask.as_deref());
+            let doubts = doubts_of_mask(metadata.as_ref(), mask_path.as_deref(), &params)?;
             let MeshFit { surface, fit, many } =
                 spharm::fit_mesh_masked(input, changes.into(), keep, &params, monitor)?;
-            Ok((surface.parametrized.sphere.clone(), fit, many, Some(surface), Vec::new()))
+            Ok((surface.parametrized.sphere.clone(), fit, many, Some(surface), doubts))
         }
     })?;
     let map = mapped.as_ref().map(map_report);
@@ -184,7 +180,8 @@ pub(crate) fn fit<'py>(
     if let Some(mapped) = mapped {
         let changes = mapped.mesh_repair.map(|repair| repair.to_string());
         let cuts = mapped.handles.as_ref().map(ToString::to_string);
-        found.3.extend(changes.into_iter().chain(cuts).map(|text| ("SpharmWarning", text)));
+        let of_map = mapped.parametrized.map.report.warnings.iter().map(ToString::to_string);
+        found.3.extend(changes.into_iter().chain(cuts).chain(of_map).map(|text| ("SpharmWarning", text)));
         mapped.record(&mut found.0.inner.provenance);
     }
     Ok(found)
@@ -291,7 +288,7 @@ pub(crate) fn fit_many<'py>(
     settings: Settings<'py>,
     progress: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Fitted<'py>>> {
-    let (params, mask) = (settings.params()?, settings.mask());
+    let (params, mask, mask_path) = (settings.params()?, settings.mask(), settings.mask_path.clone());
     let (metadata, of_sphere) = metadata;
     let sphere = SphereArrays::new(&sphere, sphere_faces.as_ref(), parametrized)?;
     let sphere = sphere.with_seam(seam).with_metadata(of_sphere);
@@ -303,7 +300,10 @@ pub(crate) fn fit_many<'py>(
         let params = masked(params, mask.as_deref(), &sphere)?;
         let read = |number: usize| -> Result<Target, Failure> {
             let metadata = metadata.get(number).cloned().flatten();
-            let target = target(views[number], None, surface, &sphere, metadata)?;
+            let mut target = target(views[number], None, surface, &sphere, metadata)?;
+            if let Some(mask) = &mask_path {
+                target.check_mask(mask, &sphere);
+            }
             let found = doubts(&target, &params)?;
             drop(doubtful[number].set(found));
             Ok(target)

@@ -5,7 +5,10 @@ use serde_json::json;
 use spharm::harmonics::Coefficients;
 use spharm::model::made;
 use spharm::shape::places::one_key;
-use spharm::shape::{CommonDegree, PosesDiffer, equal_members, mean, places_differ, rmsd, to_common_degree};
+use spharm::shape::{
+    CommonDegree, PosesDiffer, Smoothing, SmoothingDiffers, equal_members, mean, other_units, places_differ, rmsd,
+    to_common_degree,
+};
 use spharm::{Kind, Monitor};
 
 use crate::errors::Failure;
@@ -19,12 +22,15 @@ pub(crate) struct Group {
     pub(crate) warnings: Vec<String>,
 }
 
-/// Kind and coefficients of a model, and the key of its sphere's sampling scheme.
-pub(crate) type Given = (Kind, Coefficients, Option<String>);
+/// Kind and coefficients of a model, the key of its sphere's sampling scheme, and its smoothing.
+pub(crate) type Given = (Kind, Coefficients, Option<String>, Smoothing);
 
-/// Returns kind, coefficients and scheme key of each model. The models may have different degrees.
+/// Returns kind, coefficients, scheme key and smoothing of each model. The models may have different degrees.
 pub(crate) fn coefficients(models: &[Py<Model>]) -> Vec<Given> {
-    let given = |model: &spharm::Model| (model.kind(), model.coefficients.clone(), model.scheme_key.clone());
+    let given = |model: &spharm::Model| {
+        let smoothing = Smoothing::of(&model.provenance);
+        (model.kind(), model.coefficients.clone(), model.scheme_key.clone(), smoothing)
+    };
     models.iter().map(|model| given(&model.get().inner)).collect()
 }
 
@@ -36,7 +42,7 @@ pub(crate) fn group(
     degree: Option<usize>,
     monitor: &dyn Monitor,
 ) -> Result<Group, Failure> {
-    for (index, (found, coefficients, _)) in models.iter().enumerate() {
+    for (index, (found, coefficients, ..)) in models.iter().enumerate() {
         let channels = coefficients.channels();
         let (expected, needed) = match kind {
             Kind::Surface => ("a surface with 3 channels", 3),
@@ -48,13 +54,20 @@ pub(crate) fn group(
             return Err(Failure::Argument(format!("models[{index}]: expected a model of {expected}, found {found}")));
         }
     }
-    let members: Vec<Coefficients> = models.iter().map(|(_, model, _)| model.clone()).collect();
+    let members: Vec<Coefficients> = models.iter().map(|(_, model, ..)| model.clone()).collect();
     let CommonDegree { members, degree, warning } =
         to_common_degree(&members, degree).map_err(|error| Failure::Argument(format!("degree: {error}")))?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
+    let smoothing: Vec<Smoothing> = models.iter().map(|(.., smoothing)| *smoothing).collect();
+    let smoothing = SmoothingDiffers::of(&smoothing);
+    warnings.extend(smoothing.map(|differs| differs.with_names(|index| format!("models[{index}]"))));
+    if kind == Kind::Surface {
+        let units = other_units(&members);
+        warnings.extend(units.iter().map(|of| format!("models[{}]: {}", of.member, of.of_member())));
+    }
     let poses = if kind == Kind::Surface { PosesDiffer::of(&members) } else { None };
     // Check the correspondence of parameters only if the poses agree: models in different poses never correspond.
-    if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key)| key.as_deref())) {
+    if kind == Kind::Surface && poses.is_none() && !one_key(models.iter().map(|(_, _, key, _)| key.as_deref())) {
         warnings.extend(places_differ(&members, monitor)?.map(|places| places.to_string()));
     }
     warnings.extend(poses.map(|poses| format!("{poses} (shape.procrustes)")));

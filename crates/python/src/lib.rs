@@ -14,8 +14,9 @@
 //! | `surfaces` | reading, writing, mapping, resampling, comparing |
 //! | `metadata` | metadata of surfaces' files |
 //! | `repairs` | repairs of meshes |
-//! | `volumes` | labels of volumes, and their surfaces |
+//! | `volumes` | labels of volumes, their surfaces and maps |
 //! | `fitting` | fits of one target or of many |
+//! | `methods` | the method of a fit, and its settings |
 //! | `targets` | targets of fits, and their checks |
 //! | `models` | models: evaluation and files |
 //! | `shapes` | shape analysis on models |
@@ -27,6 +28,7 @@
 //! | `poses` | rotations, and alignment of surfaces |
 //! | `modes` | modes of variation |
 //! | `qualities` | landmarks, and quality of correspondences |
+//! | `checks` | comparison of the subjects of a group |
 //! | `morphs` | shapes between two models |
 //! | `pictures` | surfaces as PNG |
 //! | `studies` | tests at every vertex |
@@ -35,6 +37,7 @@
 //! | `moments` | sums over samples, from which fits are made |
 
 mod arrays;
+mod checks;
 mod cohorts;
 mod correspondences;
 mod corresponding;
@@ -43,6 +46,7 @@ mod fitting;
 mod groups;
 mod memory;
 mod metadata;
+mod methods;
 mod models;
 mod modes;
 mod moments;

@@ -6,7 +6,9 @@ use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, ToPyArray};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use spharm::harmonics::{Coefficients, Directions};
+use spharm::shape::codec::{CodecError, CompressParams, ExpandParams, Target, compress, expand};
 use spharm::{Error, Kind, Model as Inner};
+use spharm_surface::io::write_new;
 
 use crate::arrays::{
     Faces, FacesOut, Positions, PositionsOut, SeamIn, SeamOut, SphereArrays, positions, rows, seam_out, triangles,
@@ -61,6 +63,44 @@ impl Model {
     #[pyo3(signature = (path, *, overwrite = false))]
     fn write(&self, py: Python<'_>, path: PathBuf, overwrite: bool) -> PyResult<()> {
         run(py, Some(1), None, |_| Ok(self.inner.write_with(path, overwrite).map_err(Error::from)?))
+    }
+
+    /// Expands the bytes of a compressed model; `name` is the file's name in error messages.
+    #[staticmethod]
+    fn expand(py: Python<'_>, bytes: &[u8], name: String) -> PyResult<Self> {
+        let inner = run(py, Some(1), None, move |_| match expand(bytes, &ExpandParams::default()) {
+            Ok(found) => Ok(found.model),
+            Err(error) => Err(Failure::Codec { name: Some(name), error: Box::new(error) }),
+        })?;
+        Ok(Self { inner })
+    }
+
+    /// Writes the model to a compressed file with a largest distance or a largest size. Returns the distance reached, a
+    /// relative length, and the highest degree of the file.
+    #[pyo3(signature = (path, *, tolerance, bytes, overwrite, threads = None))]
+    fn compress(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        tolerance: Option<f64>,
+        bytes: Option<usize>,
+        overwrite: bool,
+        threads: Option<usize>,
+    ) -> PyResult<(f64, usize)> {
+        run(py, threads, None, |monitor| {
+            let target = match (tolerance, bytes) {
+                (Some(tolerance), None) => Target::Tolerance(tolerance),
+                (None, Some(bytes)) => Target::Bytes(bytes),
+                (given, _) => {
+                    let found = if given.is_some() { "both" } else { "none" };
+                    return Err(Failure::Argument(format!("tolerance, bytes: expected one of them, found {found}")));
+                }
+            };
+            let failure = |error: CodecError| Failure::Codec { name: None, error: Box::new(error) };
+            let file = compress(&self.inner, &CompressParams::new(target), monitor).map_err(failure)?;
+            write_new(path, overwrite, |out| out.write_all(&file.bytes))?;
+            Ok((file.distance, file.max_degree))
+        })
     }
 
     /// Reads a model from the bytes of a model file.

@@ -21,13 +21,16 @@ use crate::errors::{Failure, exception};
 const WAKE: Duration = Duration::from_millis(20);
 /// Time that cancelled work gets to stop, before the exception is raised without waiting any longer.
 const GRACE: Duration = Duration::from_millis(100);
+/// Number of pools above which idle ones are dropped, before another pool is created.
+const KEPT: usize = 16;
 
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Returns a pool of `threads` threads; by default, as many threads as the machine can run at the same time. Pools are
-/// kept for later calls.
+/// kept for later calls. Calls at the same time share a pool of several threads. A pool of one thread serves one call
+/// at a time, because the calls would wait for each other.
 ///
 /// rayon's global pool can't be used: after a fork, the pool's threads don't exist in the child process, so work on it
 /// would never end. Therefore each process creates its own pools. A child process leaks the pools of its parent,
@@ -49,8 +52,13 @@ pub(crate) fn pool(threads: Option<usize>) -> PyResult<Arc<rayon::ThreadPool>> {
     let (ours, others): (Pools, Pools) = std::mem::take(&mut *pools).into_iter().partition(|(of, ..)| *of == process);
     others.into_iter().for_each(std::mem::forget);
     *pools = ours;
-    if let Some((_, _, pool)) = pools.iter().find(|(_, count, _)| *count == threads) {
+    // Pools are handed out under the lock, so an idle pool stays idle.
+    let idle = |pool: &Arc<rayon::ThreadPool>| Arc::strong_count(pool) == 1;
+    if let Some((.., pool)) = pools.iter().find(|(_, count, pool)| *count == threads && (threads > 1 || idle(pool))) {
         return Ok(Arc::clone(pool));
+    }
+    if pools.len() >= KEPT {
+        pools.retain(|(.., pool)| !idle(pool));
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool =

@@ -27,6 +27,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(crate::poses::shape_rotate, module)?)?;
     module.add_function(wrap_pyfunction!(crate::poses::shape_align, module)?)?;
     module.add_function(wrap_pyfunction!(crate::poses::shape_procrustes, module)?)?;
+    module.add_function(wrap_pyfunction!(crate::checks::shape_check, module)?)?;
     module.add_function(wrap_pyfunction!(crate::groups::shape_mean, module)?)?;
     module.add_function(wrap_pyfunction!(crate::modes::shape_pca, module)?)?;
     module.add_function(wrap_pyfunction!(crate::studies::shape_measure_group, module)?)?;

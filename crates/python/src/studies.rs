@@ -104,8 +104,8 @@ impl Asked<'_> {
                 let design = Design::new(design.as_array().to_owned(), self.columns.clone())?;
                 let contrast = Contrast { weights: ndarray::Array2::zeros((1, design.names().len())) };
                 let meaning = "a contrast of the design".to_owned();
-                let (levels, level_of, covariates, codes) = Default::default();
-                Question { design, contrast, meaning, levels, level_of, covariates, codes }
+                let (levels, level_of, covariates, codes, warnings) = Default::default();
+                Question { design, contrast, meaning, levels, level_of, covariates, codes, warnings }
             }
             (None, []) => mean_question(subjects, &covariates)?,
             (None, [effect]) => question(&term(effect), &self.levels, &covariates)?,
@@ -269,6 +269,7 @@ pub(crate) fn shape_test<'py>(
     let codes = question.codes.iter().filter(|(column, _)| declared != Some(column)).cloned();
     result.set_item("codes", codes.collect::<Vec<_>>())?;
     result.set_item("columns", design.names().to_vec())?;
-    result.set_item("warnings", found.warnings.iter().map(ToString::to_string).collect::<Vec<_>>())?;
+    let warnings = question.warnings.iter().chain(&found.warnings).map(ToString::to_string);
+    result.set_item("warnings", warnings.collect::<Vec<_>>())?;
     Ok(result)
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use ndarray::ArrayView2;
 use rayon::prelude::*;
 use spharm::{Error, FitParams, Kind, Mesh, Signal, Sphere, Target};
-use spharm_surface::{Input, TargetWarning};
+use spharm_surface::{Hemisphere, Input, TargetWarning};
 
 use crate::errors::Failure;
 use crate::metadata::{Metadata, with_metadata};
@@ -26,8 +26,33 @@ pub(crate) fn refuse_doubtful(sphere: &Sphere, params: &FitParams) -> Result<(),
 /// Returns the warnings of a target; with strict settings, refuses a target that has any. The warning that a surface
 /// isn't closed is left out, because its sphere has the same triangles and the same warning.
 pub(crate) fn doubts(target: &Target, params: &FitParams) -> Result<Vec<String>, Failure> {
-    let name = target.path.as_deref().unwrap_or(Path::new("the surface")).display();
     let warnings = target.warnings.iter().filter(|warning| !matches!(warning, TargetWarning::NotClosed(_)));
+    named(target.path.as_deref(), warnings, params)
+}
+
+/// Returns the warning that a surface without a sphere and its mask belong to different hemispheres; with strict
+/// settings, refuses the mask.
+pub(crate) fn doubts_of_mask(
+    metadata: Option<&Metadata>,
+    mask: Option<&Path>,
+    params: &FitParams,
+) -> Result<Vec<String>, Failure> {
+    let path = metadata.and_then(Metadata::path);
+    let own = Hemisphere::of(metadata.and_then(Metadata::structure), path);
+    let other = mask.and_then(|mask| {
+        let (target, of) = (own?, Hemisphere::of(None, Some(mask))?);
+        (target != of).then(|| TargetWarning::OtherMask { target, mask: mask.to_owned(), of })
+    });
+    named(path, other.iter(), params)
+}
+
+/// Returns warnings with the name of the surface; with strict settings, refuses a surface that has any.
+fn named<'a>(
+    path: Option<&Path>,
+    warnings: impl Iterator<Item = &'a TargetWarning>,
+    params: &FitParams,
+) -> Result<Vec<String>, Failure> {
+    let name = path.unwrap_or(Path::new("the surface")).display();
     let found: Vec<String> = warnings.map(|warning| format!("{name}: {warning}")).collect();
     match found.first().filter(|_| params.strict) {
         Some(first) => Err(Failure::Argument(first.clone())),

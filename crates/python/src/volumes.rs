@@ -1,38 +1,48 @@
 //! Reads labels of volumes, and maps their surfaces to the sphere.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use numpy::{PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use serde_json::json;
+use serde_json::{Value, json};
 use spharm::Monitor;
 use spharm::parametrize::volume::{
-    Affine, ImageChoice, LabelSurface, LabelVolume, Repair, VolumeParams, VolumeReading, VoxelValues,
+    Affine, AxisOrder, ImageChoice, LabelSurface, LabelVolume, Repair, VolumeParams, VolumeReading, VolumeSurface,
+    VoxelValues,
 };
-use spharm::parametrize::{Input, ParametrizeError};
+use spharm::parametrize::{Input, Method, Parametrization, ParametrizeError};
+use spharm_cohort::degree::degree_of_labels;
 
-use crate::errors::exception;
+use crate::errors::{Failure, exception};
 use crate::run::{run, run_owned};
 use crate::surfaces::{Mapped, map, mapped, method as method_of};
 
 pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(parametrize_volume, module)?)?;
     module.add_function(wrap_pyfunction!(labels, module)?)?;
+    module.add_class::<Labels>()?;
     Ok(())
 }
 
 /// Returns how a volume is read, given the numbers of its channel and its time.
 pub(crate) fn reading((channel, time): (Option<usize>, Option<usize>), values: VoxelValues) -> VolumeReading {
-    VolumeReading { voxel_size: None, values, image: ImageChoice { channel, time } }
+    VolumeReading { values, image: ImageChoice { channel, time }, ..VolumeReading::default() }
 }
 
-/// A volume: the path of a file, the voxel size that replaces the file's, and the affine matrix if the file has no
-/// voxel size; or an array of labels or of other values, (i, j, k), with its affine matrix, (4, 4).
+/// Returns the order of axes with this name.
+pub(crate) fn axes_of(name: &str) -> PyResult<AxisOrder> {
+    AxisOrder::named(name).map_err(|error| PyValueError::new_err(error.to_string()))
+}
+
+/// A volume: the path of a file, the voxel size that replaces the file's, the affine matrix if the file has no voxel
+/// size, and the order of its axes; or an array of labels or of other values, (i, j, k), with its affine matrix,
+/// (4, 4).
 #[derive(FromPyObject)]
 enum Volume<'py> {
-    File(PathBuf, Option<[f64; 3]>, Option<PyReadonlyArray2<'py, f64>>),
+    File(PathBuf, Option<[f64; 3]>, Option<PyReadonlyArray2<'py, f64>>, String),
     Labels(PyReadonlyArray3<'py, i32>, PyReadonlyArray2<'py, f64>),
     Values(PyReadonlyArray3<'py, f64>, PyReadonlyArray2<'py, f64>),
 }
@@ -44,12 +54,12 @@ impl Volume<'_> {
     fn reader(self, reading: VolumeReading) -> PyResult<Reader> {
         // In NIfTI, the first index varies fastest.
         match self {
-            Self::File(path, voxel_size, None) => {
-                let reading = VolumeReading { voxel_size, ..reading };
+            Self::File(path, voxel_size, None, axes) => {
+                let reading = VolumeReading { voxel_size, axes: axes_of(&axes)?, ..reading };
                 Ok(Box::new(move |monitor| LabelVolume::read_with(path, reading, monitor)))
             }
-            Self::File(path, _, Some(matrix)) => {
-                let affine = affine(&matrix)?;
+            Self::File(path, _, Some(matrix), axes) => {
+                let (affine, reading) = (affine(&matrix)?, VolumeReading { axes: axes_of(&axes)?, ..reading });
                 Ok(Box::new(move |monitor| with_affine(&path, reading, affine, monitor)))
             }
             Self::Labels(values, matrix) => {
@@ -135,24 +145,110 @@ fn parametrize_volume<'py>(
         let border =
             format!("{path}: label {label} touches the border of the volume, which may have cut off a part of it");
         let border = surface.at_border.then_some(border);
-        let repair = surface.repair.as_ref();
-        let lost = repair.filter(|_| cut_handles).and_then(Repair::no_handle_left);
-        let repairs = repair.map(ToString::to_string).into_iter().chain(lost);
-        let warnings: Vec<String> = volume.warnings().into_iter().chain(border).chain(repairs).collect();
-        let details = [
-            ("voxels", Some(json!(surface.voxels))),
-            ("at_border", Some(json!(surface.at_border))),
-            ("repair", repair.map(|repair| json!(repair))),
-        ];
+        let doubts: Vec<String> = volume.warnings().into_iter().chain(border).collect();
         drop(volume);
-        let surface = Input::Label(surface).without_handles(monitor)?;
-        let (found, handles) = map(&surface, &method, memory, monitor)?;
-        let warnings: Vec<String> = warnings.into_iter().chain(surface.handles().map(ToString::to_string)).collect();
-        Ok((found, details.into_iter().chain([("handles", handles)]).collect::<Vec<_>>(), warnings))
+        let (found, details, changes) = map_label(surface, cut_handles, &method, memory, monitor)?;
+        let warnings: Vec<String> = doubts.into_iter().chain(changes).collect();
+        Ok((found, details, warnings))
     })?;
     let mut mapped = mapped(py, found, details);
     mapped.4.extend(warnings);
     Ok(mapped)
+}
+
+/// A mapped label: its surface and map, the details of its report, and the changes made to its surface.
+type MappedLabel = (Parametrization, Vec<(&'static str, Option<Value>)>, Vec<String>);
+
+/// Maps the surface around a label, whose handles are cut first.
+fn map_label(
+    surface: VolumeSurface,
+    cut_handles: bool,
+    method: &Method,
+    memory: Option<usize>,
+    monitor: &dyn Monitor,
+) -> Result<MappedLabel, Failure> {
+    let repair = surface.repair.as_ref();
+    let lost = repair.filter(|_| cut_handles).and_then(Repair::no_handle_left);
+    let repairs: Vec<String> = repair.map(ToString::to_string).into_iter().chain(lost).collect();
+    let details = [
+        ("voxels", Some(json!(surface.voxels))),
+        ("at_border", Some(json!(surface.at_border))),
+        ("repair", repair.map(|repair| json!(repair))),
+    ];
+    let surface = Input::Label(surface).without_handles(monitor)?;
+    let (found, handles) = map(&surface, method, memory, monitor)?;
+    let changes = repairs.into_iter().chain(surface.handles().map(ToString::to_string)).collect();
+    Ok((found, details.into_iter().chain([("handles", handles)]).collect(), changes))
+}
+
+/// A volume of labels that is read once, for the maps of several labels.
+#[pyclass(frozen)]
+pub(crate) struct Labels {
+    volume: Arc<LabelVolume>,
+}
+
+#[pymethods]
+impl Labels {
+    #[new]
+    #[pyo3(signature = (volume, *, image))]
+    fn new(py: Python<'_>, volume: Volume<'_>, image: (Option<usize>, Option<usize>)) -> PyResult<Self> {
+        let read = volume.reader(reading(image, VoxelValues::Labels))?;
+        let volume = run_owned(py, Some(1), None, move |monitor| Ok(read(monitor)?))?;
+        Ok(Self { volume: Arc::new(volume) })
+    }
+
+    /// Returns each label with its number of voxels, and whether it touches the border of the volume; with `fix`, only
+    /// the piece that a repair keeps counts for the chosen labels, by default all.
+    fn labels(&self, py: Python<'_>, fix: bool, chosen: Option<Vec<i64>>) -> PyResult<BTreeMap<i64, (usize, bool)>> {
+        let volume = Arc::clone(&self.volume);
+        let chosen: Option<HashSet<i64>> = chosen.map(|labels| labels.into_iter().collect());
+        run_owned(py, Some(1), None, move |monitor| {
+            let of = |(label, voxels): (i64, usize)| -> Result<_, Failure> {
+                // A repair takes long for a label that fills the volume.
+                let fixed = fix && chosen.as_ref().is_none_or(|chosen| chosen.contains(&label));
+                Ok((label, (voxels, volume.touches_border_if(label, fixed, monitor)?)))
+            };
+            volume.labels().into_iter().map(of).collect()
+        })
+    }
+
+    /// Returns the warnings about the voxel size.
+    fn warnings(&self) -> Vec<String> {
+        self.volume.warnings()
+    }
+
+    /// Returns the degree that suits labels with these numbers of voxels.
+    fn degree(&self, voxels: Vec<usize>) -> usize {
+        degree_of_labels(&voxels, self.volume.voxel_size()).degree()
+    }
+
+    /// Maps a label; the warnings are those about the label alone.
+    #[pyo3(signature = (
+        label, *, label_surface, smooth_radius, fix, cut_handles, memory = None, threads = None, progress = None
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "each argument is a Python keyword argument")]
+    fn parametrize<'py>(
+        &self,
+        py: Python<'py>,
+        label: i64,
+        label_surface: &str,
+        smooth_radius: Option<f64>,
+        fix: bool,
+        cut_handles: bool,
+        memory: Option<usize>,
+        threads: Option<usize>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Mapped<'py>> {
+        let surface = label_surface_of(py, label_surface, smooth_radius)?;
+        let params = VolumeParams { label: Some(label), surface, fix, handles: cut_handles };
+        let (method, volume) = (Method::default(), Arc::clone(&self.volume));
+        let (found, details, changes) = run_owned(py, threads, progress.as_ref(), move |monitor| {
+            map_label(volume.surface(&params, monitor)?, cut_handles, &method, memory, monitor)
+        })?;
+        let mut mapped = mapped(py, found, details);
+        mapped.4.extend(changes);
+        Ok(mapped)
+    }
 }
 
 /// Returns the kind of surface for labels with this name, such as `smooth`, and a radius of smoothing.

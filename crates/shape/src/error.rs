@@ -102,6 +102,14 @@ pub enum ShapeError {
         /// The requested order of the levels.
         order: Vec<String>,
     },
+    /// The requested order of a column's levels has a level twice.
+    #[error("levels: expected each level of {column:?} once, found the duplicate level {level:?}")]
+    DuplicateLevel {
+        /// The column's name.
+        column: String,
+        /// The duplicate level.
+        level: String,
+    },
     /// A contrast that doesn't match its design.
     #[error("contrast: expected {expected}, found {found}")]
     Contrast {
@@ -117,6 +125,17 @@ pub enum ShapeError {
         found: String,
         /// Names of the design's columns.
         columns: Vec<String>,
+    },
+    /// A name in a contrast that can also be read as a combination of other columns.
+    #[error(
+        "contrast: {name:?} is the name of a column and also a combination of other columns; put this name, or the \
+         names of the other columns, in double quotes; found {found:?}"
+    )]
+    AmbiguousName {
+        /// The name.
+        name: String,
+        /// The contrast found.
+        found: String,
     },
     /// A contrast tests a mean, but the values are relative to the mean of all subjects.
     #[error(

@@ -16,7 +16,7 @@
 use ndarray::Array2;
 use spharm_harmonics::index::degree_order;
 use spharm_harmonics::{Coefficients, HarmonicsError};
-use std::f64::consts::LN_2;
+use std::f64::consts::{LN_2, PI};
 
 use crate::error::ShapeError;
 
@@ -40,14 +40,14 @@ impl HeatKernel {
         Ok(Self { time })
     }
 
-    /// Returns the kernel with the given full width at half maximum in radians, at least 0.
+    /// Returns the kernel with the given full width at half maximum in radians, from 0 to pi.
     ///
     /// # Errors
     ///
-    /// [`ShapeError::Setting`] if the width is negative or not finite.
+    /// [`ShapeError::Setting`] if the width is outside this range.
     pub fn of_width(fwhm: f64) -> Result<Self, ShapeError> {
-        if !(fwhm >= 0.0 && fwhm.is_finite()) {
-            let (name, expected) = ("the full width at half maximum", "it must be finite and not negative");
+        if !(0.0..=PI).contains(&fwhm) {
+            let (name, expected) = ("the full width at half maximum", "it must be from 0 to pi (180 degrees)");
             return Err(ShapeError::Setting { name, expected, found: fwhm.to_string() });
         }
         Ok(Self { time: fwhm * fwhm / (16.0 * LN_2) })
@@ -89,7 +89,6 @@ impl HeatKernel {
 mod tests {
     use super::*;
     use spharm_harmonics::index::basis_size;
-    use std::f64::consts::PI;
 
     /// Returns the value of the kernel at an angle from its centre, `sum (2l + 1) / (4 pi) h_l P_l(cos angle)`, up to
     /// degree 400.
@@ -142,5 +141,9 @@ mod tests {
             assert!(matches!(HeatKernel::after(bad), Err(ShapeError::Setting { .. })));
             assert!(matches!(HeatKernel::of_width(bad), Err(ShapeError::Setting { .. })));
         }
+        for wide in [181f64.to_radians(), 1e300] {
+            assert!(matches!(HeatKernel::of_width(wide), Err(ShapeError::Setting { .. })));
+        }
+        assert!(HeatKernel::of_width(180f64.to_radians()).is_ok());
     }
 }

@@ -19,6 +19,7 @@
 //! | [`geometry`] | tangents, normal, fundamental forms, curvatures at any directions |
 //! | [`mod@mean`] | groups brought to one common degree, and their mean |
 //! | [`poses`] | check whether the surfaces of a group share one pose |
+//! | [`smoothing`] | check whether the models of a group were smoothed equally |
 //! | [`measures`] | area, volume, centroid |
 //! | [`heat`] | smoothing by the heat kernel |
 //! | [`mod@descriptors`] | power and singular values of each degree, which are invariant under rotations |
@@ -32,6 +33,7 @@
 //! | [`pca`] | mean and modes of a group, and their quality |
 //! | [`mod@groupwise`] | refinement of a group's correspondence by the group itself |
 //! | [`mod@quality`] | compactness, generalisation, specificity and landmarks of a group in correspondence, by area |
+//! | [`units`] | members of a group whose lengths seem to be in another unit |
 //! | [`stats`] | tests of groups and covariates at every vertex |
 //! | [`codec`] | compression and decompression of models |
 //! | [`error`] | [`ShapeError`] |
@@ -103,11 +105,13 @@ mod row_sums;
 #[cfg(test)]
 mod samples;
 pub mod singular_values;
+pub mod smoothing;
 mod so3_grid;
 pub mod stats;
 pub mod surface_poses;
 mod templates;
 pub mod transform;
+pub mod units;
 
 pub use align::{AlignParams, AlignReport, AlignWarning, Alignment, Method, align};
 pub use clusters::{Clusters, PairDistances};
@@ -137,5 +141,7 @@ pub use retrieval::{Library, Match, Metric};
 pub use rotate::rotate_parameters;
 pub use rotation::Rotation;
 pub use singular_values::singular_values;
+pub use smoothing::{Smoothing, SmoothingDiffers};
 pub use surface_poses::{SurfacePoseWarning, SurfacePoses, surface_poses};
 pub use transform::{Similarity, Transform, rmsd, transform_object};
+pub use units::{OtherUnit, other_units, unit_factor};

@@ -42,6 +42,7 @@ use crate::rotation::Rotation;
 use crate::surface_poses::surface_poses;
 use crate::templates::templates;
 use crate::transform::{SQRT_4_PI, Similarity, Transform};
+use crate::units::other_units;
 
 /// Minimum number of members of a group.
 const LEAST: usize = 3;
@@ -89,10 +90,13 @@ pub fn procrustes_with(
             expected: "use the joint search or fixed parameters for a group",
         });
     }
-    if params.align.method == Method::Surfaces {
-        return by_surfaces::together(members, params, journal, monitor);
-    }
-    brought_together(members, params, journal, monitor)
+    let mut found = if params.align.method == Method::Surfaces {
+        by_surfaces::together(members, params, journal, monitor)?
+    } else {
+        brought_together(members, params, journal, monitor)?
+    };
+    found.report.warnings.splice(0..0, other_units(members).into_iter().map(ProcrustesWarning::Unit));
+    Ok(found)
 }
 
 /// Aligns a validated group. With [`Method::Surfaces`], its members must already be in their poses.

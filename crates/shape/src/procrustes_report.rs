@@ -8,6 +8,7 @@ use spharm_surface::pose::GroupPoseWarning;
 use crate::align::{AlignParams, AlignWarning};
 use crate::surface_poses::SurfacePoseWarning;
 use crate::transform::Transform;
+use crate::units::OtherUnit;
 
 /// Settings of a group's alignment.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,6 +48,8 @@ pub enum ProcrustesWarning {
         /// Highest degree of the members.
         highest: usize,
     },
+    /// The lengths of a member seem to be in another unit than the lengths of the others.
+    Unit(OtherUnit),
     /// A member's mirror image is nearer to the other members than the member itself, whereas the other members are
     /// nearer unmirrored: the member may be from the other side. A mirrored member usually goes undetected if the
     /// shapes hardly differ from their mirror images, or differ more from each other than from their mirror images, as
@@ -114,6 +117,7 @@ impl ProcrustesWarning {
             | Self::NoArea { member }
             | Self::Surfaces(SurfacePoseWarning::Turned { member, .. }) => Some(*member),
             Self::Pose(warning) => Some(warning.member()),
+            Self::Unit(warning) => Some(warning.member),
             _ => None,
         }
     }
@@ -134,6 +138,7 @@ impl ProcrustesWarning {
             }
             Self::Surfaces(warning) => warning.of_member(),
             Self::Pose(warning) => warning.of_member(),
+            Self::Unit(warning) => warning.of_member(),
             other => other.to_string(),
         }
     }
@@ -185,6 +190,7 @@ impl fmt::Display for ProcrustesWarning {
             }
             Self::Surfaces(warning) => warning.fmt(f),
             Self::Pose(warning) => warning.fmt(f),
+            Self::Unit(warning) => warning.fmt(f),
             Self::NearlyRound { ratio } => write!(
                 f,
                 "two axes of the mean's first-order ellipsoid have nearly equal lengths, with a ratio of {ratio:.3}: \

@@ -192,6 +192,18 @@ pub enum TestWarning {
         /// Test that allows unequal variances; `None` for several components and a design of more than two groups.
         remedy: Option<Remedy>,
     },
+    /// Two levels of a column differ only in case or in surrounding spaces.
+    #[error(
+        "{column}: the levels {:?} and {:?} differ only in case or in surrounding spaces, and are taken for different levels; \
+         write levels that are the same in the same way",
+        .levels[0], .levels[1]
+    )]
+    SimilarLevels {
+        /// Name of the column.
+        column: String,
+        /// The two levels.
+        levels: [String; 2],
+    },
     /// Rows of a block depend on each other, and the design doesn't account for it.
     #[error(
         "p, q and margins assume independent rows, but the rows of a block depend on each other: use the p values of \

@@ -15,6 +15,7 @@ use crate::error::ShapeError;
 use crate::extent::{finite, surface};
 use crate::rotate::rotate_parameters;
 use crate::rotation::Rotation;
+use crate::smoothing::keep_penalty;
 
 /// Coefficient of the constant function 1 in row 0: sqrt(4 pi).
 pub(crate) const SQRT_4_PI: f64 = 3.544_907_701_811_032;
@@ -126,6 +127,7 @@ impl Transform {
         }
         finite(&model.coefficients)?;
         let provenance = &mut model.provenance;
+        keep_penalty(provenance.settings.as_ref(), &mut provenance.other);
         (provenance.settings, provenance.distances, provenance.surface_rms) = (None, None, None);
         if moves {
             provenance.geometry = None;

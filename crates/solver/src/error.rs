@@ -63,6 +63,26 @@ pub enum SolverError {
         /// Highest degree of the basis.
         max_degree: usize,
     },
+    /// A degree is above the highest degree of the moments.
+    #[error(
+        "degree {found} is above {max_degree}, the highest degree of the moments; lower the degree, or compute the \
+         moments again to degree {found}"
+    )]
+    MomentsDegree {
+        /// Requested degree.
+        found: usize,
+        /// Highest degree of the moments.
+        max_degree: usize,
+    },
+    /// Rounding errors of the sums over the samples hide the residual, because the mean of a column is too large.
+    #[error(
+        "the mean of column {column} is so large that rounding errors of the moments hide the residual; subtract a \
+         constant, such as the mean, from the values and compute the moments again"
+    )]
+    LostResidual {
+        /// Column, counted from 0.
+        column: usize,
+    },
     /// An array's number of rows isn't the number of directions.
     #[error("{what} has {found} rows, but the sampling scheme has {expected} directions")]
     Rows {
@@ -168,7 +188,7 @@ pub enum SolverError {
     },
     /// The Gram matrix isn't numerically positive definite, so it has no Cholesky factor.
     #[error(
-        "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column} (degree {degree}). The sampling does not determine all coefficients of this and higher degrees; choose a lower degree, add a smoothness penalty, or use the minimum-norm solution"
+        "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column} (degree {degree}). The sampling does not determine all coefficients of this and higher degrees; choose a lower degree or add a smoothness penalty"
     )]
     NotPositiveDefinite {
         /// Column, counted from 0.

@@ -18,9 +18,10 @@
 //!   gradient `g = A^T W (f - A x) - P x` computed by the operator, until the optimality `|g| / |A^T W f|` meets the
 //!   tolerance or stops improving.
 //! - If N is numerically singular, the factor of `N + mu I`: `x += (N + mu I)^-1 g`, iterated Tikhonov regularisation.
-//!   From x = 0 this tends to the minimum-norm solution; components that the targets determine too poorly compared with
-//!   `mu` stay small instead of growing to 1e11. A. Bjorck, "Numerical methods for least squares problems" (1996),
-//!   section 4.1.3.
+//!   From x = 0 this tends to a solution of small norm; components that the targets determine too poorly compared with
+//!   `mu` stay small instead of growing to 1e11. Rounding errors keep it from the minimum norm, so this method isn't
+//!   used if there are fewer rows with nonzero weight than coefficients. A. Bjorck, "Numerical methods for least
+//!   squares problems" (1996), section 4.1.3.
 //!
 //! The module `strategy` chooses the methods, their order and their durations: its function `choose` returns a list of
 //! steps for the problem's sizes, the available data and the request. A table in that module documents the choice.
@@ -109,7 +110,7 @@ pub use cost::moments_pay;
 pub use denoise::{Denoise, NoisePower};
 pub use gcv::{Gcv, GcvTerms, PROBES, choose_smoothness_by, choose_smoothness_by_moments};
 #[cfg(feature = "dense")]
-pub use moment_solver::{GroupFit, MomentFit, solve_moments, solve_moments_of_groups};
+pub use moment_solver::{GroupFit, MomentFit, determined, solve_moments, solve_moments_of_groups};
 pub use moments::MomentProblem;
 pub use normal_equations::NormalEquations;
 #[cfg(feature = "dense")]

@@ -1,10 +1,10 @@
 //! Tests properties of operators and fits that hold for any sampling.
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView2, s};
 use proptest::prelude::*;
 use spharm_harmonics::{Directions, basis_size, synthesis};
 use spharm_monitor::Silent;
-use spharm_solver::{IrfParams, MatrixFreeOperator, MemoryOperator, Method, Operator, irf};
+use spharm_solver::{IrfFit, IrfParams, MatrixFreeOperator, MemoryOperator, Method, Operator, irf};
 use spharm_transform::TransformParams;
 
 /// Returns n random directions from a seed, by splitmix64 (Steele, Lea, Flood 2014). A plain multiple of the counter
@@ -152,6 +152,29 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     let other = irf::solve(&operator, targets.view(), std::slice::from_ref(&(0..2)), &alone, &Silent).unwrap();
     let norm = |x: &Array2<f64>| inner(x.view(), x.view());
     assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
+}
+
+/// A fit in which most rows have weight 0 finds the rank and the minimum-norm solution of the other rows alone.
+#[test]
+fn rows_of_weight_0_count_for_nothing_in_the_rank() {
+    let all = scattered(1500, 3);
+    let kept: Vec<[f64; 3]> = all.as_slice().iter().copied().step_by(10).collect();
+    let kept = Directions::from_vertices(&kept).unwrap();
+    let targets = filled(1500, 2, 1);
+    let targets_kept = targets.slice(s![..;10, ..]);
+    let weights: Vec<f64> = (0..1500).map(|i| if i % 10 == 0 { 1.0 } else { 0.0 }).collect();
+    for method in [Method::Nlsf, Method::Irf { passes: 1, granularity: 200 }] {
+        let run = |directions: &Directions, targets: ArrayView2<'_, f64>, weights: Option<Vec<f64>>| {
+            let operator = MemoryOperator::new(directions, 20, 256).unwrap();
+            let params = IrfParams { max_degree: 20, method, weights, threads: 2, ..IrfParams::default() };
+            irf::solve(&operator, targets, std::slice::from_ref(&(0..2)), &params, &Silent).unwrap()
+        };
+        let (found, expected) = (run(&all, targets.view(), Some(weights.clone())), run(&kept, targets_kept, None));
+        let ranks = |fit: &IrfFit| fit.report.blocks.iter().map(|block| block.rank).collect::<Vec<_>>();
+        assert_eq!((ranks(&found), ranks(&found)[0]), (ranks(&expected), 150), "{method:?}");
+        let off = found.coefficients.values() - expected.coefficients.values();
+        assert!(off.iter().all(|off| off.abs() < 1e-9), "{method:?}");
+    }
 }
 
 /// For blocks of 1,024 functions and more, the threads share one Gram matrix. The fit still recovers the coefficients

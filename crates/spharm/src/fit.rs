@@ -219,7 +219,8 @@ fn fit_over<T: Send, E: From<Error> + Send>(
         }
         run.results.sort_unstable_by_key(|(number, _)| *number);
         let results = run.results.into_iter().map(|(_, result)| result).collect();
-        Ok((results, ManyReport { scheme, scalar, batches: run.batches, seconds: run.seconds }))
+        let (batches, targets, seconds) = (run.batches, run.targets, run.seconds);
+        Ok((results, ManyReport { scheme, scalar, batches, targets, seconds }))
     })
 }
 

@@ -5,12 +5,14 @@
 
 use spharm_model::{Model, Provenance, VoxelRecord};
 use spharm_monitor::{Monitor, Silent};
-use spharm_surface::repair::MeshRepair;
+use spharm_surface::repair::{MeshRepair, Wrap};
 use spharm_surface::{Mesh, Target};
 
 use crate::fit::check_sizes;
 use crate::parametrize::volume::{LabelSurface, Repair, VolumeReading, VoxelSteps};
-use crate::parametrize::{HandlesReport, Input, ParametrizeError, Parametrized, Source, defects, parametrize_with};
+use crate::parametrize::{
+    HandlesReport, Input, ParametrizeError, Parametrized, Source, Warning, defects, parametrize_with,
+};
 use crate::{Error, Fit, FitParams, ManyReport, check_mapping, fit_target};
 
 /// Changes to a surface before it is mapped to a sphere. A surface that is given with a sphere isn't changed.
@@ -22,8 +24,8 @@ pub struct Preparation {
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
-    /// Largest share of the area that the repair of a mesh may drop or add. It replaces the usual limits, [`DROPPED`]
-    /// and [`FILLED`], where it is larger.
+    /// Largest share of the area that the repair of a mesh may drop or add, or that a wrap may leave out. It replaces
+    /// the usual limits, [`DROPPED`] and [`FILLED`], where it is larger.
     pub largest_repair: Option<f64>,
     /// Number of voxels, along the longest side of a mesh, at which the mesh is replaced by the closed surface around
     /// it ([`wrap()`](crate::parametrize::wrap())), instead of being repaired. Default `None`.
@@ -32,8 +34,8 @@ pub struct Preparation {
     pub cut_handles: bool,
 }
 
-/// Largest share of a mesh's area that a repair may drop as separate pieces, or lose by welding, unless
-/// [`Preparation::largest_repair`] allows more.
+/// Largest share of a mesh's area that a repair may drop as separate pieces, or lose by welding, and that a wrap may
+/// leave out, unless [`Preparation::largest_repair`] allows more. A wrap may leave out the same share of its voxels.
 pub const DROPPED: f64 = 0.05;
 /// Largest share of a mesh's area that a repair may add by filling holes, unless [`Preparation::largest_repair`] allows
 /// more.
@@ -49,7 +51,18 @@ fn shares(repair: &MeshRepair) -> [(f64, f64); 3] {
 #[must_use]
 pub fn percent_to_allow(repair: &MeshRepair) -> Option<u32> {
     let large = shares(repair).into_iter().filter(|(share, usual)| share > usual).map(|(share, _)| share);
-    large.reduce(f64::max).map(|share| (100.0 * share).ceil() as u32)
+    large.reduce(f64::max).map(whole_percent)
+}
+
+/// Returns the smallest [`largest_repair`](Preparation::largest_repair) that allows a wrap, rounded up to whole per
+/// cent.
+#[must_use]
+pub fn percent_to_wrap(wrap: &Wrap) -> u32 {
+    whole_percent(wrap.loss())
+}
+
+fn whole_percent(share: f64) -> u32 {
+    (100.0 * share).ceil() as u32
 }
 
 impl Preparation {
@@ -69,12 +82,12 @@ impl Preparation {
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, a wrap encloses nothing, or
-    /// handles can't be cut.
+    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, a wrap encloses nothing or
+    /// leaves out too large a part, or handles can't be cut.
     pub fn apply(self, surface: Input, monitor: &dyn Monitor) -> Result<Input, Error> {
         if let Some(voxels) = self.wrap {
             // A wrap has no handles.
-            return Ok(surface.wrapped(voxels, monitor)?);
+            return self.checked_wrap(surface.wrapped(voxels, monitor)?);
         }
         let surface = if self.fix { surface.mended(monitor)? } else { surface };
         if let Some(repair) = surface.mesh_repair() {
@@ -85,6 +98,15 @@ impl Preparation {
             }
         }
         Ok(if self.cut_handles { surface.without_handles(monitor)? } else { surface })
+    }
+
+    /// Returns a wrapped surface unless the wrap leaves out too large a part of the mesh.
+    fn checked_wrap(self, surface: Input) -> Result<Input, Error> {
+        let most = self.largest_repair.unwrap_or(0.0).max(DROPPED);
+        match surface.mesh_repair().and_then(|repair| repair.wrap) {
+            Some(wrap) if wrap.loss() > most => Err(ParametrizeError::LossyWrap { wrap: Box::new(wrap), most }.into()),
+            _ => Ok(surface),
+        }
     }
 }
 
@@ -124,9 +146,14 @@ impl MappedSurface {
         Ok(Self::of(surface, parametrized, params))
     }
 
-    /// Returns a mapped surface for an existing map.
+    /// Returns a mapped surface for an existing map. If the triangles of a mesh wind inwards, the map's report gets a
+    /// warning.
     #[must_use]
-    pub fn of(surface: &Input, parametrized: Parametrized, params: &FitParams) -> Self {
+    pub fn of(surface: &Input, mut parametrized: Parametrized, params: &FitParams) -> Self {
+        let report = &mut parametrized.map.report;
+        if surface.label().is_none() && report.quality.winding_number < 0 {
+            report.warnings.push(Warning::Inward);
+        }
         Self {
             parametrized,
             repair: surface.label().and_then(|label| label.repair),

@@ -125,7 +125,7 @@ pub use fit::{
 };
 pub use fit_mesh::{
     DROPPED, FILLED, MappedSurface, MeshFit, Preparation, check_surface, fit_mesh, fit_mesh_masked, fit_mesh_with,
-    percent_to_allow,
+    percent_to_allow, percent_to_wrap,
 };
 pub use model::versions;
 pub use objective::Objective;

@@ -4,6 +4,7 @@ use serde_json::Value;
 use spharm_harmonics::Coefficients;
 use spharm_model::Model;
 pub use spharm_model::{CONVENTION, Distances, Fitted, Provenance, Settings, Versions, VoxelRecord};
+use spharm_shape::smoothing::keep_penalty;
 use spharm_store::format::VERSION as STORE_FORMAT;
 use spharm_surface::{Kind, Sphere};
 
@@ -43,6 +44,7 @@ pub fn signed(mut model: Model, tool: &str) -> Model {
 pub fn transformed(source: &Model, coefficients: Coefficients, tool: &str, transform: Value) -> Model {
     let mut model = signed(Model { coefficients, ..source.clone() }, tool);
     let provenance = &mut model.provenance;
+    keep_penalty(provenance.settings.as_ref(), &mut provenance.other);
     (provenance.settings, provenance.distances, provenance.surface_rms) = (None, None, None);
     match provenance.other.get_mut(TRANSFORM) {
         Some(Value::Array(steps)) => steps.push(transform),

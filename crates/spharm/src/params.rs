@@ -157,7 +157,8 @@ pub enum Preconditioner {
     /// Uses the density of uneven samples, computed from their moments. The density isn't used if the samples are even,
     /// if there is a smoothness penalty, or, with a warning, if memory doesn't suffice.
     Density,
-    /// Uses a Cholesky factor of the normal equations from the start, without iterations.
+    /// Uses a Cholesky factor of the normal equations from the start, without iterations. With fewer vertices than
+    /// coefficients and no penalty, iterates instead, with a warning.
     Factor,
 }
 
@@ -349,6 +350,8 @@ impl FitParams {
             (self.standard_errors, "standard_errors"),
             (self.preconditioner != Preconditioner::Auto, "preconditioner"),
             (self.objective == Objective::Surface, "objective surface"),
+            (self.tolerance != defaults::TOLERANCE, "tolerance"),
+            (self.max_iterations != defaults::MAX_ITERATIONS, "max_iterations"),
         ];
         if let (true, Some((_, what))) = (self.method != Method::Lsq, for_lsq_only.iter().find(|(given, _)| *given)) {
             return refuse(what, "the method lsq", name.to_owned());
@@ -376,5 +379,21 @@ mod tests {
         assert!(lsq.memory_budget() > 0);
         let nlsf = FitParams { method: Method::Nlsf, ..lsq };
         assert_eq!(nlsf.memory_budget(), defaults::MEMORY_OVER_A_STORE);
+    }
+
+    #[test]
+    fn settings_of_the_iterations_need_the_method_lsq() {
+        let irf = FitParams::irf(10, "store");
+        irf.check().unwrap();
+        for method in [Method::irf(), Method::Nlsf, Method::Quadrature] {
+            let given = irf.clone().with_method(method);
+            for (params, name) in [
+                (given.clone().with_tolerance(1e-6), "tolerance"),
+                (given.clone().with_max_iterations(7), "max_iterations"),
+            ] {
+                let error = params.check().unwrap_err().to_string();
+                assert_eq!(error, format!("{name} needs the method lsq, found {}", method.name()));
+            }
+        }
     }
 }

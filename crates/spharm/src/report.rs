@@ -171,6 +171,8 @@ pub struct ManyReport {
     pub scalar: Scalar,
     /// Reports on the batches of targets that were fitted together, in order.
     pub batches: Vec<BatchReport>,
+    /// Indices of the targets of each batch, in the order of `batches`.
+    pub targets: Vec<Vec<usize>>,
     /// Wall time of the call.
     pub seconds: Seconds,
 }

@@ -23,7 +23,7 @@ pub enum FitWarning {
         /// Rms distance at centres of triangles, relative to the rms distance at the vertices.
         ratio: f64,
     },
-    /// The normal equations are singular on this sampling, so the minimum-norm solution was used.
+    /// The normal equations are singular on this sampling, so a solution of small norm was used.
     Singular {
         /// Highest degree of the fit.
         max_degree: usize,
@@ -99,6 +99,16 @@ pub enum FitWarning {
         /// Standard deviation of the estimated noise, which includes the detail.
         sigma: f64,
     },
+    /// Rounding errors of moments hide the residual of channels whose mean is large.
+    LostResidual {
+        /// Names of the channels.
+        channels: Vec<String>,
+    },
+    /// Moments were fitted that lack shards of their samples.
+    MissingShards {
+        /// Descriptions of the missing shards.
+        missing: Vec<String>,
+    },
     /// Standard errors were computed for a fit weighted by areas.
     AreaErrors,
     /// A warning of the solver.
@@ -121,7 +131,7 @@ impl fmt::Display for FitWarning {
                         "; the factorisation of the Gram matrix breaks down at column {column} (degree {degree})"
                     )?;
                 }
-                write!(f, "; the solution of minimum norm was used (norm {norm:.3e}, optimality {optimality:.1e})")
+                write!(f, "; a solution of small norm was used (norm {norm:.3e}, optimality {optimality:.1e})")
             }
             Self::FewVertices { vertices, functions, suitable_degree } => write!(
                 f,
@@ -157,6 +167,18 @@ impl fmt::Display for FitWarning {
                 "the surface has detail of {left_out:.2e} rms beyond degree {max_degree}, and the removed noise of \
                  {sigma:.2e} includes this detail: the model may be worse than without denoising; a higher degree \
                  would separate detail from noise"
+            ),
+            Self::LostResidual { channels } => write!(
+                f,
+                "rms and explained of {} {} are unknown: the mean is so large that rounding errors of the moments hide \
+                 the residual; subtract a constant, such as the mean, from the values and compute the moments again",
+                if channels.len() == 1 { "channel" } else { "channels" },
+                channels.join(", ")
+            ),
+            Self::MissingShards { missing } => write!(
+                f,
+                "the moments cover only a part of the samples, missing: {}; merge the moments of all shards",
+                missing.join(", ")
             ),
             Self::AreaErrors => f.write_str(
                 "standard errors assume that weights are inverse variances, but the weights are areas: for equally \

@@ -40,6 +40,8 @@ fn results_are_in_order_and_those_of_each_alone() {
     let (found, report) = fit_many(&sphere, COUNT, &next, &params(), &keep, &Silent).expect("fits");
     assert!(found.iter().map(|(number, _)| *number).eq(0..COUNT));
     assert_eq!(report.batches.len(), 3, "96 columns at a time are 32 surfaces");
+    assert_eq!(report.targets.iter().map(Vec::len).collect::<Vec<_>>(), [32, 32, COUNT - 64]);
+    assert!(report.targets.concat().into_iter().eq(0..COUNT));
     // These are one batch of 32 targets, and 2 targets of the next batch that the threads have read.
     assert!(most.into_inner() <= 32 + 2);
     for number in [0, 1, 31, 32, COUNT - 2, COUNT - 1] {
@@ -160,7 +162,7 @@ fn targets_that_fail_are_handed_over_and_change_no_other() {
     }
     let (none, report) =
         fit_each(&sphere, 3, &|number| Err(Mine::Missing(number)), &params(), &done, &Silent).expect("none");
-    assert!(none == [None, None, None] && report.batches.is_empty());
+    assert!(none == [None, None, None] && report.batches.is_empty() && report.targets.is_empty());
 }
 
 /// If a batch misses the tolerance, its targets are fitted separately, and each that then meets the tolerance keeps

@@ -290,17 +290,18 @@ pub enum SurfaceError {
         columns: usize,
     },
 
-    /// A colatitude is outside the range from 0 to pi.
-    #[error(
-        "{}: row {row} (counted from 0): theta must be from 0 to pi radians (from the pole), found {found}",
-        path.display()
-    )]
+    /// A colatitude or latitude is out of range.
+    #[error("{}: row {row} (counted from 0): {column} must be {expected}, found {found}", path.display())]
     Colatitude {
         /// Path of the table.
         path: PathBuf,
-        /// The row of the colatitude, counted from 0.
+        /// The row of the angle, counted from 0.
         row: usize,
-        /// The colatitude, in radians.
+        /// Name of the column.
+        column: String,
+        /// The range, with its unit.
+        expected: &'static str,
+        /// The angle, in the unit of the column.
         found: f64,
     },
 
@@ -386,11 +387,12 @@ pub enum SurfaceError {
     },
 }
 
-/// Returns "the sphere", followed by its path if it has one.
+/// Returns the number of triangles that differ, with its verb.
 fn differing(triangles: usize) -> String {
     if triangles == 1 { "1 triangle differs".to_owned() } else { format!("{triangles} triangles differ") }
 }
 
+/// Returns "the sphere", followed by its path if it has one.
 fn named(sphere: Option<&PathBuf>) -> String {
     sphere.map_or("the sphere".to_owned(), |path| format!("the sphere {}", path.display()))
 }

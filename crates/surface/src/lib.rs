@@ -57,6 +57,7 @@
 
 #![forbid(unsafe_code)]
 
+mod angles;
 mod error;
 pub mod geometry;
 mod hemisphere;

@@ -179,8 +179,9 @@ impl<'a> Parser<'a> {
             parser.expect("(")?;
             let name = parser.string()?.to_owned();
             parser.expect(",")?;
-            let Type { kind, size, little } = parser.one_type()?;
-            parser.expect(")")?;
+            let own = |problem| format!("field {}: {problem}", shown(&name));
+            let Type { kind, size, little } = parser.one_type().map_err(own)?;
+            parser.expect(")").map_err(own)?;
             Ok(Field { name, kind, size, little })
         })?;
         let size = fields.iter().try_fold(0_usize, |sum, field| sum.checked_add(field.size));

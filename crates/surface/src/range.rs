@@ -1,33 +1,48 @@
-//! Scales numbers whose squares leave the range of f64.
+//! Scales numbers whose products leave the range of f64.
 //!
 //! Squares of numbers above 1e154 overflow, and squares of numbers below 1e-162 underflow. Sums of squares are then
-//! infinite or zero, although the numbers and the final results can be represented with all digits. Such numbers are
+//! infinite or zero, although the numbers and the final results can be represented with all digits. Transforms leave
+//! the range earlier, because they multiply values by 2^930 and Legendre functions by 2^-930. Numbers far from 1 are
 //! therefore multiplied by a power of two beforehand, and results by its inverse afterwards. Both multiplications are
 //! exact, except for results below the smallest normal number. Numbers of ordinary size aren't changed.
 
 use crate::geometry::Vec3;
 use crate::mesh::Mesh;
 
-/// Numbers from 2^-200 to 2^200 (about 1e-60 to 1e60) are left unchanged, since products of a few of them stay in
-/// range.
-const SAFE: i32 = 200;
+/// Numbers from 2^-30 to 2^32 (about 1e-9 to 4e9) are left unchanged. A sum of products of a weight and a value over
+/// millions of vertices then stays below 2^90, and transforms can multiply it by 2^930.
+const SAFE: i32 = 30;
 
 /// Largest exponent of a power of two by which [`times`] multiplies at once; f64 represents exponents up to 1023.
 const STEP: i32 = 1000;
 
 /// Returns the exponent e for which the largest magnitude among `values`, divided by 2^e, is from 1 to 4. e is even, so
-/// that the square root of 2^e is exact. Returns 0 if the largest magnitude is from 1e-60 to 1e60, is zero, or isn't
+/// that the square root of 2^e is exact. Returns 0 if the largest magnitude is from 2^-30 to 2^32, is zero, or isn't
 /// finite.
 #[must_use]
 pub fn exponent(values: impl IntoIterator<Item = f64>) -> i32 {
+    even_exponent(values).map_or(0, unless_ordinary)
+}
+
+/// Returns the exponent of the power of two by which to divide numbers whose [`even_exponent`] is `exponent`: 0 if the
+/// numbers are of ordinary size, else `exponent`.
+#[must_use]
+pub fn unless_ordinary(exponent: i32) -> i32 {
+    if (-SAFE..=SAFE).contains(&exponent) { 0 } else { exponent }
+}
+
+/// Returns the even exponent e for which the largest magnitude among `values`, divided by 2^e, is from 1 to 4. Returns
+/// `None` if the largest magnitude is zero or isn't finite.
+#[must_use]
+pub fn even_exponent(values: impl IntoIterator<Item = f64>) -> Option<i32> {
     let largest = values.into_iter().fold(0.0_f64, |most, value| most.max(value.abs()));
     if largest == 0.0 || !largest.is_finite() {
-        return 0;
+        return None;
     }
     // The exponent bits of a subnormal number are all zero, so the number is multiplied by a power of two first.
     let of = |normal: f64| (normal.to_bits() >> 52) as i32 - 1023;
     let exponent = if largest.is_normal() { of(largest) } else { of(times(largest, STEP)) - STEP };
-    if exponent.abs() <= SAFE { 0 } else { exponent - exponent.rem_euclid(2) }
+    Some(exponent - exponent.rem_euclid(2))
 }
 
 /// Returns `value * 2^exponent`. The result is exact unless it is below the smallest normal number, and infinite on
@@ -85,10 +100,10 @@ mod tests {
 
     #[test]
     fn exponents_bring_the_largest_near_one_and_leave_ordinary_numbers_alone() {
-        for ordinary in [0.0, 1.0, -3e5, 1e-59, 1e59, f64::NAN, f64::INFINITY] {
+        for ordinary in [0.0, 1.0, -3e5, 1e-9, 4e9, f64::NAN, f64::INFINITY] {
             assert_eq!(exponent([ordinary, 0.0]), 0, "{ordinary}");
         }
-        for value in [1e300, -1e154, 1e61, 1e-61, -1e-162, 1e-300, 1e-308, 3e-320, f64::from_bits(1), f64::MAX] {
+        for value in [1e300, -1e154, 1e10, 1e-10, -1e-162, 1e-300, 1e-308, 3e-320, f64::from_bits(1), f64::MAX] {
             let e = exponent([0.0, value, value / 3.0]);
             let near = times(value, -e);
             assert!(e % 2 == 0 && (1.0..4.0).contains(&near.abs()), "{value:e}: {e}, {near}");

@@ -5,11 +5,12 @@ use std::path::{Path, PathBuf};
 
 use spharm_harmonics::Directions;
 
+use crate::angles::read_angles;
 use crate::error::SurfaceError;
 use crate::generate::icosphere;
 use crate::geometry::{solid_angle, winding_number};
 use crate::hemisphere::Hemisphere;
-use crate::io::{name_without_gz, read_mesh, read_signal};
+use crate::io::{name_without_gz, read_mesh};
 use crate::mesh::Mesh;
 use crate::seam::Seam;
 use crate::topology::Topology;
@@ -203,13 +204,16 @@ impl Sphere {
 }
 
 /// Reads a sphere from a mesh or a table. A mesh may have any supported format and any radius, and must be centred at
-/// the origin. A table (`.csv`, `.tsv`, also gzipped) has colatitude and azimuth in radians, one direction per row.
+/// the origin. A table (`.csv`, `.tsv`, also gzipped) has one direction per row: colatitude and azimuth in radians. If
+/// the table has a header, its names determine the columns and units: `theta` or `colatitude`, `phi` or `azimuth`, in
+/// radians, `lat` and `lon` in degrees, with the endings `_deg` and `_rad` for other units.
 ///
 /// # Errors
 ///
-/// The errors of [`read_mesh`] or [`read_signal`] if the file can't be read; the errors of [`Sphere::from_mesh`];
-/// [`NotAngles`](SurfaceError::NotAngles) if a table doesn't have two columns; [`Colatitude`](SurfaceError::Colatitude)
-/// if a colatitude in it isn't from 0 to pi.
+/// The errors of [`read_mesh`] or [`read_signal`](crate::io::read_signal) if the file can't be read; the errors of
+/// [`Sphere::from_mesh`]; [`NotAngles`](SurfaceError::NotAngles) if a table doesn't have two columns;
+/// [`Unsupported`](SurfaceError::Unsupported) if its header has other names, or if angles in degrees without the ending
+/// `_deg` look like radians; [`Colatitude`](SurfaceError::Colatitude) if a colatitude or latitude is out of range.
 pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
     let path = path.as_ref();
     let name = name_without_gz(path);
@@ -219,20 +223,6 @@ pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
         Sphere::check(&read_mesh(path)?, path)?
     };
     Ok(Sphere { path: Some(path.to_owned()), ..sphere })
-}
-
-fn read_angles(path: &Path) -> Result<Directions, SurfaceError> {
-    let signal = read_signal(path)?;
-    if signal.channels != 2 {
-        return Err(SurfaceError::NotAngles { path: path.to_owned(), columns: signal.channels });
-    }
-    let angles: Vec<[f64; 2]> = signal.values.as_chunks().0.to_vec();
-    // The margin allows for rounding by the program that wrote the table.
-    let allowed = -1e-9..=std::f64::consts::PI + 1e-9;
-    if let Some((row, [found, _])) = angles.iter().enumerate().find(|(_, [theta, _])| !allowed.contains(theta)) {
-        return Err(SurfaceError::Colatitude { path: path.to_owned(), row, found: *found });
-    }
-    Directions::from_angles(&angles).map_err(|cause| SurfaceError::NoDirection { path: path.to_owned(), cause })
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::SurfaceError;
 use crate::hemisphere::Hemisphere;
-use crate::io::{mesh_with_gaps, read_input, read_input_with_gaps, signal_with_gaps};
+use crate::io::{Columns, mesh_with_gaps, read_columns, read_columns_with_gaps, signal_with_gaps};
 use crate::mesh::{Input, Kind, Mesh, Meta, Signal};
 use crate::sphere::Sphere;
 use crate::topology::{Topology, different_triangles, signed_volume, signed_volume_of};
@@ -41,6 +41,26 @@ pub enum TargetWarning {
         /// The sphere's hemisphere.
         sphere: Hemisphere,
     },
+    /// The target and a mask of its vertices belong to different hemispheres, according to their files' metadata or
+    /// names.
+    OtherMask {
+        /// The target's hemisphere.
+        target: Hemisphere,
+        /// Path of the mask's file.
+        mask: PathBuf,
+        /// The mask's hemisphere.
+        of: Hemisphere,
+    },
+    /// A column of a table counts the rows and was left out. This is a note, see [`is_note`](Self::is_note).
+    IndexColumn {
+        /// Name of the column.
+        name: String,
+    },
+    /// A table without a header may have numbers with decimal commas, each of which was read as two values.
+    DecimalCommas {
+        /// First row of the table.
+        row: String,
+    },
     /// The triangles face outwards on the surface but inwards on the sphere, or vice versa. The model is then inside
     /// out.
     Reversed {
@@ -61,6 +81,24 @@ impl fmt::Display for TargetWarning {
                     "this file belongs to the {target} hemisphere, but the sphere belongs to the {sphere} hemisphere"
                 )
             }
+            Self::OtherMask { target, mask, of } => {
+                let mask = mask.display();
+                write!(
+                    f,
+                    "this file belongs to the {target} hemisphere, but the mask {mask} belongs to the {of} hemisphere"
+                )
+            }
+            Self::IndexColumn { name } => {
+                write!(f, "left out the column {name:?}, whose numbers count the rows")
+            }
+            Self::DecimalCommas { row } => {
+                write!(
+                    f,
+                    "read two channels from rows such as {row}; if these are numbers with decimal commas, write them \
+                     with points, as {}; if they are two channels, add a line of column names",
+                    row.replacen(',', ".", 1)
+                )
+            }
             Self::Reversed { sphere } => {
                 let name = sphere.as_ref().map_or(String::new(), |path| format!(" {}", path.display()));
                 write!(
@@ -70,6 +108,14 @@ impl fmt::Display for TargetWarning {
                 )
             }
         }
+    }
+}
+
+impl TargetWarning {
+    /// Returns whether this is a note about how the file was read, which even a strict fit accepts.
+    #[must_use]
+    pub fn is_note(&self) -> bool {
+        matches!(self, Self::IndexColumn { .. })
     }
 }
 
@@ -160,6 +206,17 @@ impl Target {
         Err(SurfaceError::NonFinite { path, vertex: i / channels, value })
     }
 
+    /// Adds a warning if a mask of the vertices belongs to the other hemisphere, by its file's name. A target whose own
+    /// hemisphere is unknown belongs to that of its sphere.
+    pub fn check_mask(&mut self, mask: &Path, sphere: &Sphere) {
+        let own = Hemisphere::of(self.meta.anatomical_structure_primary.as_deref(), self.path.as_deref());
+        if let (Some(target), Some(of)) = (own.or_else(|| sphere.hemisphere()), Hemisphere::of(None, Some(mask)))
+            && target != of
+        {
+            self.warnings.push(TargetWarning::OtherMask { target, mask: mask.to_owned(), of });
+        }
+    }
+
     fn of_mesh(mesh: Mesh, sphere: &Sphere, path: Option<&Path>) -> Result<Self, SurfaceError> {
         let name = path.unwrap_or(Path::new("the surface"));
         check_count(mesh.vertices.len(), sphere, name)?;
@@ -221,11 +278,11 @@ fn check_count(found: usize, sphere: &Sphere, name: &Path) -> Result<(), Surface
 ///
 /// # Errors
 ///
-/// The errors of [`read_input`] if the file can't be read; the errors of [`Target::from_mesh`] and
-/// [`Target::from_signal`].
+/// The errors of [`read_input`](crate::io::read_input) if the file can't be read; the errors of [`Target::from_mesh`]
+/// and [`Target::from_signal`].
 pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
-    target_of(read_input(path)?, path, sphere)
+    target_of(read_columns(path)?, path, sphere)
 }
 
 /// Reads a target, like [`read_target`], but allows values that aren't finite. A fit gives their vertices weight 0 and
@@ -236,111 +293,18 @@ pub fn read_target(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, Su
 /// The errors of [`read_target`], except [`NonFinite`](SurfaceError::NonFinite).
 pub fn read_target_with_gaps(path: impl AsRef<Path>, sphere: &Sphere) -> Result<Target, SurfaceError> {
     let path = path.as_ref();
-    target_of(read_input_with_gaps(path)?, path, sphere)
+    target_of(read_columns_with_gaps(path)?, path, sphere)
 }
 
-fn target_of(input: Input, path: &Path, sphere: &Sphere) -> Result<Target, SurfaceError> {
-    let target = match input {
+fn target_of((input, columns): (Input, Columns), path: &Path, sphere: &Sphere) -> Result<Target, SurfaceError> {
+    let mut target = match input {
         Input::Mesh(mesh) => Target::of_mesh(mesh, sphere, Some(path))?,
         Input::Signal(signal) => Target::of_signal(signal, sphere, Some(path))?,
     };
+    target.warnings.extend(columns.index.into_iter().map(|name| TargetWarning::IndexColumn { name }));
+    target.warnings.extend(columns.decimal_commas.map(|row| TargetWarning::DecimalCommas { row }));
     Ok(Target { path: Some(path.to_owned()), ..target })
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::generate::{Cortex, cortex};
-
-    #[test]
-    fn a_surface_has_the_vertices_and_triangles_of_its_sphere() {
-        let (surface, sphere) = cortex(&Cortex { subdivisions: 2, variant: 0 });
-        let sphere = Sphere::from_mesh(&sphere).unwrap();
-        let target = Target::from_mesh(&surface, &sphere).unwrap();
-        assert_eq!((target.channels, target.kind, target.values.len()), (3, Kind::Surface, 3 * 162));
-        assert!(target.warnings.is_empty());
-        assert_eq!(target.meta, surface.meta);
-
-        let mut other = surface.clone();
-        other.faces[0] = other.faces[1];
-        let error = Target::from_mesh(&other, &sphere).unwrap_err();
-        assert!(matches!(error, SurfaceError::OtherTriangles { differ: 2, .. }), "{error}");
-        let error = Target::from_mesh(&surface, &Sphere::icosphere(1)).unwrap_err();
-        assert!(matches!(error, SurfaceError::VertexCount { expected: 42, found: 162, .. }), "{error}");
-        let mut broken = surface;
-        broken.vertices[7][1] = f64::NAN;
-        let error = Target::from_mesh(&broken, &sphere).unwrap_err();
-        assert!(matches!(error, SurfaceError::NonFinite { vertex: 7, .. }), "{error}");
-        let target = Target::from_mesh_with_gaps(&broken, &sphere).unwrap();
-        let unread: Vec<bool> = (0..162).map(|vertex| vertex == 7).collect();
-        assert!(target.check_finite(Some(&unread)).is_ok());
-        for unread in [None, Some(&vec![false; 162][..])] {
-            let error = target.check_finite(unread).unwrap_err();
-            assert!(matches!(error, SurfaceError::NonFinite { vertex: 7, .. }), "{error}");
-        }
-    }
-
-    #[test]
-    fn an_open_surface_is_a_warning() {
-        let mut mesh = crate::generate::icosphere(2);
-        mesh.faces.truncate(300);
-        let sphere = Sphere::from_mesh(&mesh).unwrap();
-        let target = Target::from_mesh(&mesh, &sphere).unwrap();
-        assert!(target.warnings[0].to_string().starts_with("not a closed surface of genus zero: "));
-    }
-
-    #[test]
-    fn hemispheres_are_compared() {
-        let (mut surface, mut sphere) = cortex(&Cortex { subdivisions: 1, variant: 0 });
-        surface.meta.anatomical_structure_primary = Some("CortexLeft".to_owned());
-        for (structure, differ) in [("CortexRight", true), ("CortexLeft", false), ("Cortex", false)] {
-            sphere.meta.anatomical_structure_primary = Some(structure.to_owned());
-            let sphere = Sphere::from_mesh(&sphere).unwrap();
-            let warnings = Target::from_mesh(&surface, &sphere).unwrap().warnings;
-            let expected = TargetWarning::OtherHemisphere { target: Hemisphere::Left, sphere: Hemisphere::Right };
-            assert_eq!(warnings, if differ { vec![expected] } else { Vec::new() }, "{structure}");
-        }
-    }
-
-    #[test]
-    fn a_sphere_that_turns_a_surface_inside_out_is_a_warning() {
-        let (surface, outward) = cortex(&Cortex { subdivisions: 2, variant: 0 });
-        let mirrored = outward.with_vertices(outward.vertices.iter().map(|&[x, y, z]| [-x, y, z]).collect());
-        let inside_out = surface.with_vertices(surface.vertices.iter().map(|&[x, y, z]| [x, -y, z]).collect());
-        let warnings = |surface: &Mesh, sphere: &Mesh| {
-            let sphere = Sphere { path: Some("rh.sphere".into()), ..Sphere::from_mesh(sphere).unwrap() };
-            Target::from_mesh(surface, &sphere).unwrap().warnings
-        };
-        let expected = vec![TargetWarning::Reversed { sphere: Some("rh.sphere".into()) }];
-        assert_eq!(warnings(&surface, &mirrored), expected);
-        assert_eq!(warnings(&inside_out, &outward), expected);
-        assert!(expected[0].to_string().starts_with("the sphere rh.sphere reverses the orientation of the surface; "));
-        assert!(warnings(&surface, &outward).is_empty());
-        assert!(warnings(&inside_out, &mirrored).is_empty(), "both wind inwards");
-        // The winding of the surface's own triangles doesn't matter, only that of the map.
-        let mut rewound = surface;
-        rewound.faces.iter_mut().for_each(|face| face.swap(0, 1));
-        assert!(warnings(&rewound, &outward).is_empty());
-    }
-
-    #[test]
-    fn the_name_of_a_file_determines_the_hemisphere_of_its_contents() {
-        let (mesh, sphere) = cortex(&Cortex { subdivisions: 1, variant: 0 });
-        let sphere = Sphere { path: Some("rh.sphere".into()), ..Sphere::from_mesh(&sphere).unwrap() };
-        let signal = Signal::new(vec![f64::NAN; 42], 42, 1);
-        for input in [Input::Mesh(mesh), Input::Signal(signal)] {
-            let target = Target::with_gaps(input, Some(Path::new("lh.x")), &sphere).unwrap();
-            let expected = TargetWarning::OtherHemisphere { target: Hemisphere::Left, sphere: Hemisphere::Right };
-            assert_eq!((target.warnings, target.path), (vec![expected], Some("lh.x".into())));
-        }
-    }
-
-    #[test]
-    fn signals_count_too() {
-        let sphere = Sphere::icosphere(0);
-        let target = Target::from_signal(Signal::new(vec![0.5; 24], 12, 2), &sphere).unwrap();
-        assert_eq!((target.channels, target.kind), (2, Kind::Signal));
-        let error = Target::from_signal(Signal::new(vec![0.5; 10], 10, 1), &sphere).unwrap_err();
-        assert!(error.to_string().contains("10 vertices, but the sphere has 12"), "{error}");
-    }
-}
+mod tests;

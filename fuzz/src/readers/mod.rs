@@ -16,7 +16,7 @@ use spharm_model::Model;
 use spharm_model::arrays::Arrays;
 use spharm_moments::{Moments, Request, accumulate};
 use spharm_monitor::Silent;
-use spharm_parametrize::volume::{ImageChoice, LabelVolume, VolumeReading, VoxelValues};
+use spharm_parametrize::volume::{AxisOrder, ImageChoice, LabelVolume, VolumeReading, VoxelValues};
 use spharm_shape::codec::{ExpandParams, expand};
 use spharm_shape::pca::file::ShapeModel;
 use spharm_surface::io::landmarks::Landmarks;
@@ -134,7 +134,9 @@ fn volumes(folder: &Path, input: &[u8]) {
         channel: (bytes.len() % 5 == 0).then(|| 1 + bytes.len() / 5 % 3),
         time: (bytes.len() % 7 == 0).then(|| 1 + bytes.len() / 7 % 3),
     };
-    let reading = VolumeReading { voxel_size: (name >= 4).then_some([1.0; 3]), values, image };
+    // Other formats refuse this order.
+    let axes = if name == 5 && bytes.len() % 2 == 0 { AxisOrder::Zyx } else { AxisOrder::Xyz };
+    let reading = VolumeReading { voxel_size: (name >= 4).then_some([1.0; 3]), values, image, axes };
     if let Ok(volume) = LabelVolume::read_with(&path, reading, &Silent) {
         for label in volume.labels().into_keys().take(2) {
             let _ = (volume.touches_border(label), volume.mask(label));

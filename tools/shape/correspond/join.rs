@@ -6,15 +6,15 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use spharm::Model;
-use spharm::correspond::{CorrespondParams, GroupFiles, Joining, MemberOrigin, MemberReport};
+use spharm::correspond::{CorrespondParams, GroupFiles, IDENTICAL_TO, Joining, MemberOrigin, MemberReport};
+use spharm::{FileRecord, Model};
 use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{counted, same_place};
 use spharm_cli::paths::shown;
 
 use super::super::outputs::finish;
-use super::surfaces::{Surface, plan};
+use super::surfaces::{Surface, plan, volume_warnings};
 use super::{Cli, member_json, rows};
 
 /// Maximum number of existing members used to refine a new member's correspondence.
@@ -36,12 +36,17 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, Some(members.len()), cli.resources.both())?;
     template.begin_folder(&cli.output_dir)?;
+    let existing = files.names().iter().map(|name| -> Result<Option<Existing>> {
+        let Some(origin) = GroupFiles::origin(group, name)? else { return Ok(None) };
+        Ok(Some(Existing { name: name.clone(), input: origin.input, report: files.registration(name)? }))
+    });
+    let existing: Vec<Existing> = existing.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
     let pool = cli.resources.threads.pool()?;
     let joining =
         pool.install(|| Joining::new(template.clone(), &members, params.pose, params.register.clone(), monitor))?;
     let one = |surface: &&Surface| -> Result<Option<Added>> {
         spharm::Monitor::check(monitor)?;
-        let found = added(cli, surface, &joining, monitor);
+        let found = added(cli, surface, (&joining, &existing), monitor);
         spharm::Monitor::step(monitor, 1);
         found.with_context(|| surface.path.display().to_string())
     };
@@ -55,7 +60,8 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     }
     let there = done.iter().filter(|found| found.is_none()).count();
     let done: Vec<Added> = done.into_iter().flatten().collect();
-    let warnings: Vec<&String> = done.iter().flat_map(|found| &found.warnings).collect();
+    let doubts = volume_warnings(surfaces.iter().copied());
+    let warnings: Vec<&String> = doubts.iter().chain(done.iter().flat_map(|found| &found.warnings)).collect();
     spharm::Monitor::end(monitor);
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
     let report = json!({
@@ -67,10 +73,20 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
         "seconds": started.elapsed().as_secs_f64(),
     });
     finish("correspond", &report, &rows(done.iter().map(|found| (found.name.as_str(), &found.report))), &cli.report)?;
+    for surface in surfaces.iter().filter(|surface| files.names().contains(&surface.name)) {
+        monitor.console().note(format!("{}: the group already has a member of this name", surface.name));
+    }
     if there > 0 {
         monitor.console().note(format!("{} already present", counted(there, "member")));
     }
     Ok(())
+}
+
+/// A member of the group, with the record of its surface's file and the report on its registration.
+struct Existing {
+    name: String,
+    input: Option<FileRecord>,
+    report: MemberReport,
 }
 
 /// Result of adding a surface to a group.
@@ -81,8 +97,13 @@ struct Added {
     warnings: Vec<String>,
 }
 
-/// Adds a surface; returns `None` if an earlier run added it.
-fn added(cli: &Cli, surface: &Surface, joining: &Joining, monitor: &ConsoleMonitor) -> Result<Option<Added>> {
+/// Adds a surface; returns `None` if an earlier run added it. Warns if the surface is that of an existing member.
+fn added(
+    cli: &Cli,
+    surface: &Surface,
+    (joining, existing): (&Joining, &[Existing]),
+    monitor: &ConsoleMonitor,
+) -> Result<Option<Added>> {
     let (input, name) = (surface.record()?, surface.name.clone());
     if !cli.report.force
         && let Some(origin) = GroupFiles::origin(&cli.output_dir, &name)?
@@ -94,15 +115,35 @@ fn added(cli: &Cli, surface: &Surface, joining: &Joining, monitor: &ConsoleMonit
             let with = if origin.mirrored { "with" } else { "without" };
             bail!("the existing member {name} was made {with} --mirrored; choose another folder or give --force");
         }
+        // Records of earlier versions lack the axes.
+        if let (Some(found), Some(axes)) = (&origin.axes, surface.axes())
+            && *found != axes
+        {
+            bail!(
+                "the existing member {name} was made with --axes {found}, not {axes}; choose another folder or give \
+                 --force"
+            );
+        }
         return Ok(None);
     }
     let add = if surface.mirrored { Joining::add_mirrored } else { Joining::add };
     let found = add(joining, &surface.read()?, monitor)?;
-    // Only warnings about equal members name another member.
-    let of_member: Vec<String> = found.warnings.iter().map(|of| of.of_member(|_| String::new())).collect();
+    let is_same = |member: &&Existing| {
+        let same_file = member.input.as_ref().is_some_and(|other| other.same_contents(&input));
+        same_file || member.report.same_surface(&found.report)
+    };
+    let same = existing.iter().find(is_same).map(|member| format!("{IDENTICAL_TO}{}", member.name));
+    // Only warnings about equal members of a new group name another member.
+    let others = found.warnings.iter().map(|of| of.of_member(|_| String::new()));
+    let of_member: Vec<String> = same.into_iter().chain(others).collect();
     let warnings = of_member.iter().map(|text| format!("{name}: {text}")).collect();
-    let origin =
-        MemberOrigin { name: name.clone(), input: Some(input), mirrored: surface.mirrored, warnings: of_member };
+    let origin = MemberOrigin {
+        name: name.clone(),
+        input: Some(input),
+        mirrored: surface.mirrored,
+        axes: surface.axes(),
+        warnings: of_member,
+    };
     found.write(&cli.output_dir, &origin, cli.report.force || left_over(&cli.output_dir, &name))?;
     let json = member_json(surface, &found.report, &found.similarity);
     Ok(Some(Added { name, report: found.report, json, warnings }))

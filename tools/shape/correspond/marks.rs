@@ -81,8 +81,9 @@ pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[Pat
     Ok(GuideLandmarks { members: marks.points.clone(), template: template.map(of_template).transpose()? })
 }
 
-/// Carries the landmarks of each member to at most [`OTHERS`] other members, and measures the errors.
-pub(super) fn errors(marks: Marks, group: &Group, monitor: &ConsoleMonitor) -> Result<Errors> {
+/// Carries the landmarks of each member to at most [`OTHERS`] other members, and measures the errors. Warns about
+/// landmarks that seem to be swapped or misplaced.
+pub(super) fn errors(marks: Marks, surfaces: &[Surface], group: &Group, monitor: &ConsoleMonitor) -> Result<Errors> {
     let count = group.models.len();
     // Move each member's own landmarks onto its surface; carried landmarks are compared with these points.
     let own = (0..count).into_par_iter().map(|member| group.carry(&marks.points[member], member, member));
@@ -105,6 +106,11 @@ pub(super) fn errors(marks: Marks, group: &Group, monitor: &ConsoleMonitor) -> R
         let (sum, count) = values.fold((0.0, 0), |(sum, count), value| (sum + value, count + 1));
         sum / f64::from(count.max(1))
     };
+    let mut warnings = marks.warnings;
+    for found in group.misplaced_landmarks(&marks.points)? {
+        let text = found.of_member(|landmark| marks.names[landmark].clone());
+        warnings.push(format!("{}: {text}", surfaces[found.member].name));
+    }
     Ok(Errors {
         by_landmark: (0..marks.names.len()).map(|k| mean(&mut all.iter().map(|pair| pair[k].0))).collect(),
         mean: mean(&mut distances.iter().copied()),
@@ -112,7 +118,7 @@ pub(super) fn errors(marks: Marks, group: &Group, monitor: &ConsoleMonitor) -> R
         carried: distances.len(),
         unreached: all.iter().flatten().filter(|found| !found.1).count(),
         names: marks.names,
-        warnings: marks.warnings,
+        warnings,
         guide: group.report.guide.clone(),
     })
 }

@@ -30,7 +30,7 @@ use spharm_cohort::Shard;
 use spharm_monitor::number;
 use spharm_surface::pose::{PoseParams, PoseSearch};
 
-use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces};
+use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces, volume_warnings};
 use super::args::{ReportArgs, Resources};
 use super::mirrored::among;
 use super::outputs::finish;
@@ -247,6 +247,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
             name: surface.name.clone(),
             input: Some(surface.record()?),
             mirrored: surface.mirrored,
+            axes: surface.axes(),
             warnings: Vec::new(),
         })
     });
@@ -257,7 +258,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     let of = |index: usize| surfaces[index].read();
     let group = pool.install(|| correspond(surfaces.len(), &of, &params, monitor));
     let group = group.map_err(|error| surfaces::named(error, surfaces))?;
-    let mut warnings = Vec::new();
+    let mut warnings = volume_warnings(surfaces.iter());
     for warning in &group.report.warnings {
         let member = warning.member();
         let text = warning.of_member(|other| surfaces[other].name.clone());
@@ -265,7 +266,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
         origins[member].warnings.push(text);
     }
     let quality = pool.install(|| quality(&group, monitor))?;
-    let marks = marks.map(|marks| pool.install(|| marks::errors(marks, &group, monitor))).transpose()?;
+    let marks = marks.map(|marks| pool.install(|| marks::errors(marks, surfaces, &group, monitor))).transpose()?;
     warnings.extend(marks.iter().flat_map(|marks| marks.warnings.iter().cloned()));
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
     spharm::Monitor::check(monitor)?;
@@ -325,6 +326,7 @@ fn resume_key(cli: &Cli, params: &CorrespondParams, origins: &[MemberOrigin]) ->
         "version": env!("CARGO_PKG_VERSION"),
         "surfaces": origins.iter().map(|origin| origin.input.as_ref().map(contents)).collect::<Vec<_>>(),
         "voxel_size": cli.volume.voxel_size.map(|size| size.0),
+        "axes": cli.volume.axes.name(),
         "threshold": cli.volume.threshold,
         "probability": cli.volume.probability,
         "image": [cli.volume.channel, cli.volume.time],

@@ -7,7 +7,7 @@ use std::sync::OnceLock;
 use anyhow::{Result, bail};
 use serde::Deserialize;
 use spharm::correspond::CorrespondParams;
-use spharm::parametrize::volume::{LabelVolume, VolumeReading, is_volume};
+use spharm::parametrize::volume::{LabelVolume, VolumeDoubt, VolumeDoubts, VolumeReading, is_volume};
 use spharm::{Error, FileRecord, Kind, Mesh, Model, Silent, Sphere};
 use spharm_cli::inputs::{expand_lists, stem, tidied};
 use spharm_cli::memory::Memory;
@@ -38,8 +38,8 @@ pub(in crate::shape) struct Surface {
     pub(in crate::shape) mirrored: bool,
     /// Files of signals on the surface's vertices.
     pub(in crate::shape) signals: Vec<PathBuf>,
-    /// Surface of a label, kept in memory because making it takes long.
-    of_label: OnceLock<Mesh>,
+    /// Surface of a label and the doubts about its volume, kept in memory because making the surface takes long.
+    of_label: OnceLock<(Mesh, Vec<VolumeDoubt>)>,
 }
 
 /// Name of the column of a table that states for each surface whether it is mirrored: yes or no.
@@ -110,6 +110,11 @@ impl Surface {
         Ok(FileRecord { label: self.label, channel: image.channel, time: image.time, ..record })
     }
 
+    /// Returns the order of the axes in which a volume is read; `None` for other files.
+    pub(super) fn axes(&self) -> Option<String> {
+        is_volume(&self.path).then(|| self.reading.axes.name().to_owned())
+    }
+
     /// Reads the signals, each with one value per vertex.
     pub(super) fn read_signals(&self) -> std::result::Result<Vec<Vec<f64>>, Error> {
         let one = |path: &PathBuf| {
@@ -125,12 +130,12 @@ impl Surface {
 
     pub(in crate::shape) fn read(&self) -> std::result::Result<Mesh, Error> {
         if is_volume(&self.path) {
-            if let Some(mesh) = self.of_label.get() {
+            if let Some((mesh, _)) = self.of_label.get() {
                 return Ok(mesh.clone());
             }
             let volume = LabelVolume::read_with(&self.path, self.reading, &Silent)?;
             let mesh = volume.smooth_surface(self.label, self.radius, &Silent)?;
-            return Ok(self.of_label.get_or_init(|| mesh).clone());
+            return Ok(self.of_label.get_or_init(|| (mesh, volume.doubts())).0.clone());
         }
         if !is_model(&self.path) {
             return Ok(read_mesh(&self.path)?);
@@ -142,6 +147,17 @@ impl Surface {
         }
         Ok(model.reconstruct(&Sphere::icosphere(OF_MODELS), model.coefficients.max_degree())?)
     }
+}
+
+/// Returns the warnings about voxel sizes and positions of the volumes read so far, one for each kind of doubt.
+pub(super) fn volume_warnings<'a>(surfaces: impl IntoIterator<Item = &'a Surface>) -> Vec<String> {
+    let mut doubts = VolumeDoubts::default();
+    for surface in surfaces {
+        if let Some((_, found)) = surface.of_label.get() {
+            doubts.add(&surface.path, found);
+        }
+    }
+    doubts.warnings()
 }
 
 /// Reads a mesh, or the mesh of a model.

@@ -80,7 +80,7 @@ pub(crate) struct Cli {
     /// Order of the effect's levels, which may be numbers: the difference is the first level minus the second [default:
     /// sorted]
     ///
-    /// For an interaction, the order of the first column of levels.
+    /// Each level occurs once. For an interaction, the order of the first column of levels.
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
     /// Contrast to test instead of the effect's own contrast: a combination of the design's columns, such as "mild -
@@ -89,7 +89,8 @@ pub(crate) struct Cli {
     /// The design's columns are named LEVEL for the effect's levels (for an interaction LEVEL:NUMBERS or LEVEL:LEVEL),
     /// NAME for a column of numbers, NAME LEVEL for each level of a covariate except the first, and a:b for products of
     /// these. test.json lists the columns. Weights are numbers or fractions: "severe - 1/2 mild - 1/2 control"; spaces
-    /// separate signs from names.
+    /// separate signs from names. A name that is also a combination of other columns, such as a level a - b, needs
+    /// double quotes.
     #[arg(long, value_name = "CONTRAST", requires = "effect", allow_hyphen_values = true, help_heading = METHOD)]
     pub(super) contrast: Vec<String>,
     /// Columns of the table to account for, and their interactions, such as age,sex,age:sex

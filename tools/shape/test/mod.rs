@@ -160,7 +160,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     })?;
     let sides = hemispheres::warnings(cli, &sphere, &study.paths, &group.hemispheres);
     study.notes().iter().for_each(|note| console.note(note));
-    let of_test = found.warnings.iter().map(advised);
+    let of_test = study.question.warnings.iter().chain(&found.warnings).map(advised);
     let tested: Vec<String> = study.warnings.iter().cloned().chain(sides).chain(of_test).collect();
     tested.iter().for_each(|warning| console.warn(warning));
     let options = WriteOptions { overwrite: cli.report.force, double: false };

@@ -21,8 +21,9 @@ pub(super) fn maps(found: &FamilyWise) -> Vec<(&'static str, Vec<f64>)> {
 }
 
 /// Returns the table of the clusters; `None` if none were requested. The columns are number, vertices, area,
-/// family-wise p, the peak's vertex, direction, position on the mean, statistic, effect and region, and the unit of the
-/// area: the square of the models' unit of length, or 1 for a signal's clusters on the unit sphere.
+/// family-wise p, the peak's vertex, direction, position on the mean surface in the frame of that surface, statistic,
+/// effect and region, and the unit of the area: the square of the models' unit of length, or 1 for a signal's clusters
+/// on the unit sphere.
 pub(super) fn clusters(test: &Test, places: &Places<'_>) -> Option<String> {
     let found = test.family_wise.as_ref()?.clusters.as_ref()?;
     let mut header = vec!["cluster", "vertices", "area", "p_fwe", "peak", "ux", "uy", "uz"];

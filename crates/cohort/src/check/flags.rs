@@ -179,16 +179,7 @@ fn unit_factor(measure: Measure, ratio: f64) -> Option<&'static str> {
         Measure::Area => 2.0,
         _ => return None,
     };
-    let of_lengths = ratio.powf(1.0 / dimension);
-    let factors = [
-        (1e-3, "1/1000 of"),
-        (1.0 / 25.4, "1/25.4 of"),
-        (0.1, "1/10 of"),
-        (10.0, "10 times"),
-        (25.4, "25.4 times"),
-        (1e3, "1000 times"),
-    ];
-    factors.into_iter().find(|(factor, _)| (0.75..1.33).contains(&(of_lengths / factor))).map(|(_, text)| text)
+    spharm::shape::unit_factor(ratio.powf(1.0 / dimension))
 }
 
 /// Formats the edge lengths of a voxel, such as `1 x 1 x 1.5`.

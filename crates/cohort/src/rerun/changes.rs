@@ -53,6 +53,7 @@ pub(super) fn unprepared(
         let compared = [
             ("label_surface", found, named(surface.name(), surface.radius())),
             ("values", values.to_string(), wanted.reading.values.to_string()),
+            ("axes", recorded.axes.clone().unwrap_or_else(|| "xyz".to_owned()), wanted.reading.axes.name().to_owned()),
         ];
         let differ = compared.into_iter().filter(|(_, found, wanted)| found != wanted);
         differences.extend(differ.map(|(setting, found, wanted)| Difference { setting, found, wanted }));

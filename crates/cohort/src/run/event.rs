@@ -117,7 +117,12 @@ pub enum Event<'a> {
         model: &'a Path,
     },
     /// Rows over one sphere have been fitted together, or a single row over its own sphere.
-    Fitted(&'a ManyReport),
+    Fitted {
+        /// Report on the fits.
+        report: &'a ManyReport,
+        /// The rows, in the order of the indices in [`ManyReport::targets`].
+        rows: &'a [&'a Row],
+    },
     /// A warning about a row, such as a repair that drops a large part of a label. Other rows may cause the same
     /// warning.
     RowWarning(&'a str),

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use spharm::{FileRecord, FitParams, Silent, Sphere};
 
 use super::error::RunError;
-use super::event::{Event, Observer};
 use super::params::RunParams;
 use crate::Row;
 use crate::files::{ModelFiles, Replace};
@@ -21,6 +20,8 @@ pub(super) struct Item {
     pub(super) region: Option<FileRecord>,
     /// Existing outputs that the fit may replace.
     pub(super) replace: Replace,
+    /// Input of the model that the fit replaces, if it differs from this input.
+    pub(super) replaces: Option<FileRecord>,
 }
 
 impl Item {
@@ -33,7 +34,6 @@ impl Item {
         sphere: Option<&Sphere>,
         params: &FitParams,
         options: &RunParams,
-        observer: &dyn Observer,
     ) -> Result<Option<Self>, RunError> {
         let files = ModelFiles { model };
         let repaired = options.preparation.fix || options.preparation.wrap.is_some();
@@ -75,13 +75,7 @@ impl Item {
         let is_sound = || read().is_ok_and(|input| input.changes(options.preparation.cut_handles).is_empty());
         match request.decide_by(&is_sound)? {
             Decision::Skip => Ok(None),
-            Decision::Fit { replace, replaces } => {
-                if let Some(other) = replaces {
-                    let text = format!("{}: replaces the model of {other}", files.model.display());
-                    observer.event(&Event::Warning(&text));
-                }
-                Ok(Some(Self { files, record, region, replace }))
-            }
+            Decision::Fit { replace, replaces } => Ok(Some(Self { files, record, region, replace, replaces })),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use rayon::prelude::*;
 use spharm::parametrize::fill_in;
 use spharm::{Fit, FitParams, Kind, Method, Model, Monitor, Sphere, Target, Weights};
-use spharm_surface::io::{is_named_signal, read_mask, read_signal_with_gaps};
+use spharm_surface::io::{may_hold_signal, read_mask, read_signal_with_gaps};
 
 use super::error::RunError;
 use crate::Row;
@@ -144,7 +144,7 @@ pub(super) fn runaway(name: &str, fit: &Fit, params: &FitParams, sphere: &Sphere
 /// outside the row's region aren't counted, because their values are extrapolated.
 fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
     let path = &row.surface;
-    if row.region.is_none() && !is_named_signal(path) {
+    if row.region.is_none() && !may_hold_signal(path) {
         return Vec::new();
     }
     // A file that isn't a signal or can't be read is refused later, by the fit.
@@ -155,4 +155,26 @@ fn gaps(row: &Row, vertices: usize) -> Vec<bool> {
         gaps.iter_mut().zip(region).for_each(|(gap, inside)| *gap &= inside);
     }
     if gaps.len() == vertices && gaps.contains(&true) { gaps } else { Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm::Signal;
+    use spharm_surface::io::{WriteOptions, write_mesh, write_signal};
+
+    use super::*;
+
+    #[test]
+    fn missing_values_are_found_in_curv_files_of_any_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |name: &str| Row { surface: folder.path().join(name), ..Row::default() };
+        let signal = Signal::new(vec![f64::NAN, 1.0, 2.0], 3, 1);
+        for name in ["lh.thickness", "lh.thickness.fwhm10", "lh.mydata"] {
+            write_signal(folder.path().join(name), &signal, &WriteOptions::default()).unwrap();
+            assert_eq!(gaps(&of(name), 3), [true, false, false], "{name}");
+        }
+        let mesh = Sphere::icosphere(0).to_mesh();
+        write_mesh(folder.path().join("lh.other"), &mesh, &WriteOptions::default()).unwrap();
+        assert!(gaps(&of("lh.other"), 12).is_empty());
+    }
 }

@@ -5,7 +5,7 @@
 //! more memory are processed one after another, with the whole budget.
 
 use rayon::prelude::*;
-use spharm::parametrize::Input;
+use spharm::parametrize::{Input, Warning};
 use spharm::{Error, FitParams, Monitor, ParametrizeError, check_surface};
 
 use super::error::RunError;
@@ -98,6 +98,10 @@ impl Work<'_> {
                 ParametrizeError::BadSurface { .. }
                 | ParametrizeError::InvalidMesh { .. }
                 | ParametrizeError::NothingToWrap { .. }
+                | ParametrizeError::FarVertex { .. }
+                | ParametrizeError::LossyWrap { .. }
+                | ParametrizeError::OpenSheet { .. }
+                | ParametrizeError::OneSided { .. }
                 | ParametrizeError::LargeRepair { .. },
             ) => RunError::from(error).of(&item.record),
             error => error.into(),
@@ -111,7 +115,7 @@ impl Work<'_> {
         let surface = &mapped.surface;
         let fit_and_write = || -> Result<RowFit, RunError> {
             let (fit, report) = surface.fit(&params, monitor)?;
-            self.ledger.observer.event(&Event::Fitted(&report));
+            self.ledger.observer.event(&Event::Fitted { report: &report, rows: &[row] });
             let preparation = self.params.preparation.of(false, item.record.label);
             let made_of = MadeOf { preparation, surface: Some(surface), ..MadeOf::default() };
             let mut fitted = self.write((row, item), &surface.parametrized.sphere, fit, made_of, &params)?;
@@ -148,7 +152,13 @@ impl Work<'_> {
         let report = &mapped.surface.parametrized.map.report;
         let reused = mapped.written.is_empty();
         observer.event(&Event::Mapped { row, sphere: &item.files.sphere(), report, reused });
-        report.warnings.iter().for_each(|warning| observer.event(&Event::Warning(&warning.to_string())));
+        for warning in &report.warnings {
+            let text = format!("{}: {warning}", item.record);
+            observer.event(&match warning {
+                Warning::Inward => Event::RowWarning(&text),
+                _ => Event::Warning(&text),
+            });
+        }
         if let Some(steps) = mapped.surface.steps {
             lock(&self.steps).push((item.record.to_string(), steps));
         }

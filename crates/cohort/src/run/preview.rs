@@ -138,7 +138,7 @@ impl Look<'_> {
             }
             (None, _) => None,
         };
-        let params = self.work.masked(self.work.weighted(&cohort.rows[group.rows[0]])?, sphere)?;
+        let params = self.work.params_at(self.work.weighted(&cohort.rows[group.rows[0]])?, sphere)?;
         if let (Some(path), Some(sphere)) = (&group.sphere, sphere) {
             check_memory(&sphere.to_mesh(), &params)?;
             let (rows, vertices) = (group.rows.len(), sphere.directions.len());

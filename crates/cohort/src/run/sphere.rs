@@ -1,8 +1,9 @@
-//! Reads spheres from files and reports their warnings.
+//! Reads spheres, reports their warnings, and looks up the type of their bases in a store.
 
 use std::path::Path;
 
-use spharm::Sphere;
+use spharm::store::{Scalar, Scheme};
+use spharm::{FitParams, Method, Sphere};
 use spharm_surface::SphereWarning;
 
 use super::error::RunError;
@@ -25,4 +26,14 @@ pub fn read_sphere(path: &Path, strict: bool, warn: &dyn Fn(&str)) -> Result<Sph
         warn(&text);
     }
     Ok(sphere)
+}
+
+/// Returns the scalar type of the basis at a sphere's directions: the requested one, or the one found in the store.
+/// Returns `None` if the method uses no store, or if the basis can't be opened.
+pub(super) fn scalar_at(sphere: &Sphere, params: &FitParams) -> Option<Scalar> {
+    let of_store = || {
+        let store = params.store.as_ref().filter(|_| !matches!(params.method, Method::Lsq | Method::Quadrature))?;
+        Some(Scheme::open_at(store, &sphere.directions, None, params.max_degree).ok()?.scalar())
+    };
+    params.scalar.or_else(of_store)
 }

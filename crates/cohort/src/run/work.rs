@@ -15,7 +15,7 @@ use super::ledger::Ledger;
 use super::mask;
 use super::params::{Cohort, RunParams};
 use super::quiet::Quiet;
-use super::sphere::read_sphere;
+use super::sphere::{read_sphere, scalar_at};
 use super::sync::lock;
 use crate::Row;
 use crate::equal::Inputs;
@@ -117,7 +117,7 @@ impl<'a> Work<'a> {
     fn check(&self, numbers: Vec<usize>) -> Result<Vec<usize>, RunError> {
         let mut left = Vec::new();
         let sphere = self.cohort.sphere.as_ref();
-        let params = self.masked(self.params.fit.clone(), sphere)?;
+        let params = self.params_at(self.params.fit.clone(), sphere)?;
         for number in numbers {
             match self.decide(number, sphere, &params) {
                 Ok(Some(item)) => {
@@ -150,7 +150,7 @@ impl<'a> Work<'a> {
         };
         lock(&self.inputs).add_row(row, &record);
         let model = row.model(&self.cohort.folder);
-        let item = Item::decide(row, model.clone(), record, sphere, params, self.params, self.ledger.observer)?;
+        let item = Item::decide(row, model.clone(), record, sphere, params, self.params)?;
         if item.is_none() {
             self.ledger.skipped(number, row, label, &model)?;
         }
@@ -191,14 +191,20 @@ impl<'a> Work<'a> {
             .map_err(|error| if self.params.keep_going { error } else { error.of(&row.id) })
     }
 
-    /// Returns `params` with the weights set to 0 outside the mask of the run, if there is one.
-    pub(super) fn masked(&self, params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
-        match (&self.params.mask, sphere) {
-            (Some(path), Some(sphere)) => {
+    /// Returns `params` for a sphere, with the weights set to 0 outside the mask of the run, if there is one. If models
+    /// are kept, the scalar type is set to that of the store, unless another type is requested.
+    pub(super) fn params_at(&self, mut params: FitParams, sphere: Option<&Sphere>) -> Result<FitParams, RunError> {
+        let Some(sphere) = sphere else { return Ok(params) };
+        if self.params.if_exists.keeps() {
+            // The type is looked up here because the look-up for every existing model of a sphere would be slow.
+            params.scalar = scalar_at(sphere, &params);
+        }
+        match &self.params.mask {
+            Some(path) => {
                 let weights = mask::masked(&params.weights, path, sphere)?;
                 Ok(params.with_weights(weights))
             }
-            _ => Ok(params),
+            None => Ok(params),
         }
     }
 
@@ -213,7 +219,7 @@ impl<'a> Work<'a> {
         let prepare = || -> Result<(Option<Sphere>, FitParams), RunError> {
             let own = if self.cohort.sphere.is_some() { None } else { Some(self.sphere(path)?) };
             let params = self.weighted(&self.cohort.rows[group.rows[0]])?;
-            let params = self.masked(params, own.as_ref().or(self.cohort.sphere.as_ref()))?;
+            let params = self.params_at(params, own.as_ref().or(self.cohort.sphere.as_ref()))?;
             Ok((own, params))
         };
         let fitted = prepare().map_err(NoFit::Group).and_then(|(sphere, params)| {
@@ -225,7 +231,8 @@ impl<'a> Work<'a> {
                     self.hand_over(part.rows[place], fit, sphere, &params, &part)
                 };
                 let (_, report) = fit_each(sphere, part.rows.len(), &read, &part.params, &done, monitor)?;
-                self.ledger.observer.event(&Event::Fitted(&report));
+                let rows: Vec<&Row> = part.rows.iter().map(|&number| &self.cohort.rows[number]).collect();
+                self.ledger.observer.event(&Event::Fitted { report: &report, rows: &rows });
             }
             Ok(())
         });
@@ -284,8 +291,15 @@ impl<'a> Work<'a> {
             }
             mask::continue_from(region, &mut target, sphere, self.monitor).map_err(NoFit::Row)?;
         }
+        for mask in self.params.mask.iter().chain(&row.region) {
+            target.check_mask(mask, sphere);
+        }
         for warning in &target.warnings {
             let text = format!("{}: {warning}", row.surface.display());
+            if warning.is_note() {
+                self.ledger.observer.event(&Event::Note(&text));
+                continue;
+            }
             if params.strict {
                 return Err(NoFit::Row(RunError::Strict(text)));
             }
@@ -365,6 +379,10 @@ impl<'a> Work<'a> {
             evaluate.write(&item.files, sphere, &fit, item.replace.beside)?;
         }
         item.files.write(sphere, &fit, &made_of, self.params.coefficients_csv, item.replace)?;
+        if let Some(other) = &item.replaces {
+            let text = format!("{}: replaces the model of {other}", item.files.model.display());
+            self.ledger.observer.event(&Event::Warning(&text));
+        }
         Ok(RowFit { files: item.files.clone(), report: fit.report, left_out: 0, mapped: None })
     }
 }

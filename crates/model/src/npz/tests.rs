@@ -55,6 +55,26 @@ fn what_is_written_is_read_and_the_bytes_are_the_same_each_time() {
     model().write_with(&path, true).unwrap();
 }
 
+#[test]
+fn the_provenance_is_read_without_the_other_arrays() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.spharm.npz");
+    model().write(&path).unwrap();
+    assert_eq!(Model::read_provenance(&path).unwrap(), model().provenance);
+    let raw = f64::NAN.to_le_bytes();
+    let invalid = archive(CompressionMethod::Stored, &[("coefficients", "<f8", false, "(1, 1)", &raw[..])]);
+    std::fs::write(&path, invalid).unwrap();
+    assert!(Model::read(&path).is_err());
+    assert_eq!(Model::read_provenance(&path).unwrap(), Provenance::default());
+    std::fs::write(&path, "no archive").unwrap();
+    assert!(matches!(Model::read_provenance(&path), Err(ModelError::Invalid { .. })));
+    std::fs::write(&path, b"\x89SPZ\x01").unwrap();
+    assert!(matches!(Model::read_provenance(&path), Err(ModelError::Compressed { .. })));
+    assert!(matches!(Model::read(&path), Err(ModelError::Compressed { .. })));
+    let missing = Model::read_provenance(folder.path().join("b.spharm.npz"));
+    assert!(matches!(missing, Err(ModelError::Open { .. })), "{missing:?}");
+}
+
 /// A model stores whether its sphere was made for its surface, because fits over such a sphere are smoothed by
 /// default.
 #[test]

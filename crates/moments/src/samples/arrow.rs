@@ -13,10 +13,11 @@ use arrow_array::types::{
 use arrow_array::{Array, ArrowPrimitiveType, RecordBatch};
 use arrow_buffer::Buffer;
 use arrow_ipc::reader::FileDecoder;
-use arrow_schema::DataType;
+use arrow_schema::{DataType, Field};
 
 use super::batches::{Batch, Batches, Rows, malformed};
 use super::ipc;
+use super::table::NULL;
 use crate::MomentsError;
 use crate::moments::Shard;
 
@@ -35,9 +36,9 @@ pub(super) fn open(path: &Path, file: File, shard: Shard) -> Result<(Batches, u6
     }
     let start = move |columns: Vec<usize>| {
         for &column in &columns {
-            let kind = found.schema.field(column).data_type();
-            if !kind.is_numeric() {
-                return Err(format!("a column of type {kind}"));
+            let field = found.schema.field(column);
+            if !field.data_type().is_numeric() {
+                return Err(unusable(field));
             }
         }
         let decoder = FileDecoder::new(found.schema, found.version).with_projection(columns);
@@ -58,21 +59,25 @@ impl Batch for RecordBatch {
 
     fn copy(&self, column: usize, rows: Range<usize>, out: StepBy<IterMut<'_, f64>>) -> Result<(), String> {
         let array = self.column(column).slice(rows.start, rows.len());
-        numbers(&array, out)
+        numbers(&array, out).ok_or_else(|| unusable(self.schema_ref().field(column)))
     }
 }
 
-/// Writes a column's values to `out` as f64.
-fn numbers(array: &dyn Array, out: StepBy<IterMut<'_, f64>>) -> Result<(), String> {
+fn unusable(column: &Field) -> String {
+    format!("a column of type {}: {}", column.data_type(), column.name())
+}
+
+/// Writes a column's values to `out` as f64. Returns `None` if the column's type isn't supported.
+fn numbers(array: &dyn Array, out: StepBy<IterMut<'_, f64>>) -> Option<()> {
     fn each<T: ArrowPrimitiveType>(
         array: &dyn Array,
         out: StepBy<IterMut<'_, f64>>,
         of: impl Fn(T::Native) -> f64,
-    ) -> Result<(), String> {
+    ) -> Option<()> {
         for (out, value) in out.zip(array.as_primitive::<T>()) {
-            *out = value.map_or(f64::NAN, &of);
+            *out = value.map_or(NULL, &of);
         }
-        Ok(())
+        Some(())
     }
     match array.data_type() {
         DataType::Float64 => each::<Float64Type>(array, out, |x| x),
@@ -85,6 +90,6 @@ fn numbers(array: &dyn Array, out: StepBy<IterMut<'_, f64>>) -> Result<(), Strin
         DataType::UInt16 => each::<UInt16Type>(array, out, f64::from),
         DataType::UInt32 => each::<UInt32Type>(array, out, f64::from),
         DataType::UInt64 => each::<UInt64Type>(array, out, |x| x as f64),
-        other => Err(format!("a column of type {other}")),
+        _ => None,
     }
 }

@@ -13,7 +13,8 @@ pub(super) trait Batch {
     /// Returns the number of rows.
     fn rows(&self) -> usize;
 
-    /// Writes the values of a column, in the given range of rows, to `out`. Missing values become NaN.
+    /// Writes the values of a column, in the given range of rows, to `out`. Missing values become
+    /// [`NULL`](super::table::NULL).
     ///
     /// # Errors
     ///

@@ -1,6 +1,7 @@
 //! Reads text tables with one row per line and fields separated by commas, tabs, semicolons or blanks. The first line
 //! contains the names of the columns, unless it consists of numbers. Lines that are empty or begin with `#` are
-//! skipped.
+//! skipped. Fields may be in quotation marks, which then may contain separators, but not line ends: a shard begins at
+//! any line.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -11,6 +12,7 @@ use rayon::prelude::*;
 
 use super::table::Table;
 use crate::MomentsError;
+use crate::error::cut;
 use crate::moments::Shard;
 
 const FORMAT: &str = "table";
@@ -141,6 +143,7 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
         if count == 0 {
             return Err(MomentsError::Empty { path: path.to_owned() });
         }
+        check_encoding(path, &line)?;
         if count > LONGEST_LINE {
             return Err(too_long(path));
         }
@@ -150,12 +153,13 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
             at += count as u64;
             continue;
         }
-        let separator = [b',', b';', b'\t'].into_iter().find(|separator| text.contains(separator));
-        let words: Vec<&[u8]> = fields(text, separator).collect();
+        let separator = [b',', b';', b'\t'].into_iter().find(|&separator| has_separator(text, separator));
+        let mut words: Vec<&[u8]> = Vec::new();
+        split(text, separator, &mut words);
         if words.iter().all(|word| number(word).is_some()) {
             return Ok(((0..words.len()).map(|i| i.to_string()).collect(), separator, at + mark));
         }
-        let name = |word: &&[u8]| String::from_utf8_lossy(word).trim_matches('"').to_owned();
+        let name = |word: &&[u8]| String::from_utf8_lossy(word).trim_matches('"').replace("\"\"", "\"");
         return Ok((words.iter().map(name).collect(), separator, at + count as u64));
     }
 }
@@ -163,6 +167,71 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
 fn too_long(path: &Path) -> MomentsError {
     let expected = format!("lines of at most {LONGEST_LINE} bytes");
     MomentsError::Malformed { path: path.to_owned(), format: FORMAT, expected, found: "a longer line".to_owned() }
+}
+
+/// Refuses text in UTF-16, and lines that end with a carriage return alone. Both would be one long line.
+fn check_encoding(path: &Path, line: &[u8]) -> Result<(), MomentsError> {
+    let refuse = |expected: &str, found: &str| MomentsError::Malformed {
+        path: path.to_owned(),
+        format: FORMAT,
+        expected: expected.to_owned(),
+        found: found.to_owned(),
+    };
+    if line.starts_with(b"\xff\xfe") || line.starts_with(b"\xfe\xff") {
+        return Err(refuse("text in UTF-8", "UTF-16; save the table as UTF-8"));
+    }
+    if line.trim_ascii_end().contains(&b'\r') {
+        let found = "carriage returns alone; save the table with the line ends of Windows or Linux";
+        return Err(refuse("lines that end with a line feed", found));
+    }
+    Ok(())
+}
+
+/// Splits a line into its fields, without the quotation marks around them.
+fn split<'a>(line: &'a [u8], separator: Option<u8>, cells: &mut Vec<&'a [u8]>) {
+    if line.contains(&b'"') {
+        cells.extend(Quoted { rest: Some(line), separator });
+    } else {
+        cells.extend(fields(line, separator));
+    }
+}
+
+/// Returns whether a separator occurs outside quotation marks.
+fn has_separator(line: &[u8], separator: u8) -> bool {
+    Quoted { rest: Some(line), separator: Some(separator) }.nth(1).is_some()
+}
+
+/// An iterator over the fields of a line with quotation marks. A pair of quotation marks within a field in quotation
+/// marks, which stands for one of them, stays a pair.
+struct Quoted<'a> {
+    rest: Option<&'a [u8]>,
+    separator: Option<u8>,
+}
+
+impl<'a> Iterator for Quoted<'a> {
+    type Item = &'a [u8];
+
+    fn next(&mut self) -> Option<&'a [u8]> {
+        let separates = |byte: u8| self.separator.map_or(byte.is_ascii_whitespace(), |separator| byte == separator);
+        let line = self.rest?;
+        // Tabs that separate fields are blanks, too.
+        let blank = |byte: &u8| byte.is_ascii_whitespace() && self.separator != Some(*byte);
+        let start = line.iter().position(|byte| !blank(byte)).unwrap_or(line.len());
+        let line = &line[start..];
+        if line.is_empty() && self.separator.is_none() {
+            return None;
+        }
+        let mut quoted = false;
+        let starts_quoted = line.starts_with(b"\"");
+        let end = line.iter().position(|&byte| {
+            quoted ^= byte == b'"' && starts_quoted;
+            !quoted && separates(byte)
+        });
+        let (field, rest) = end.map_or((line, None), |end| (&line[..end], Some(&line[end + 1..])));
+        self.rest = rest;
+        let field = field.trim_ascii();
+        Some(field.strip_prefix(b"\"").and_then(|inner| inner.strip_suffix(b"\"")).unwrap_or(field))
+    }
 }
 
 fn fields(line: &[u8], separator: Option<u8>) -> impl Iterator<Item = &[u8]> {
@@ -238,7 +307,7 @@ impl Lines {
                 continue;
             }
             cells.clear();
-            cells.extend(fields(line, self.separator));
+            split(line, self.separator, &mut cells);
             let row = (rows.len() / width) as u64;
             if cells.len() != columns {
                 let found = format!("{} fields, but {columns} in the header or the first row", cells.len());
@@ -248,7 +317,7 @@ impl Lines {
             for &column in &self.selected {
                 let Some(value) = number(cells[column]) else {
                     rows.truncate(row as usize * width);
-                    let found = format!("\"{}\"", cells[column].escape_ascii());
+                    let found = format!("\"{}\"", cut(&cells[column].escape_ascii().to_string()));
                     let column = self.names[column].clone();
                     return (rows, Some(BadLine { row, column, expected: "a number", found }));
                 };

@@ -11,7 +11,7 @@ use std::path::Path;
 use las::raw::Header;
 use spharm_surface::io::Scalar;
 
-use super::records::{Field, Records, Stream};
+use super::records::{Field, Kind, Records, Stream};
 use super::table::Table;
 use crate::MomentsError;
 use crate::moments::Shard;
@@ -62,7 +62,7 @@ pub(super) fn open(path: &Path, file: File, bytes: u64, shard: Shard) -> Result<
     }
     let rows = shard.range(points);
     input.seek(SeekFrom::Start(first + rows.start * u64::from(row))).map_err(MomentsError::io(path, "read"))?;
-    let field = |at: usize, kind| Field { at, kind, little: true };
+    let field = |at: usize, kind| Field { at, kind: Kind::Number(kind), little: true };
     let fields = vec![field(0, Scalar::I32), field(4, Scalar::I32), field(8, Scalar::I32), field(12, Scalar::U16)];
     let stream = Stream { input: Box::new(input), row: row.into(), fields };
     let left = rows.end - rows.start;

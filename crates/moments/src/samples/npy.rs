@@ -8,7 +8,7 @@ use std::path::Path;
 use spharm_surface::io::Scalar;
 use spharm_surface::npy;
 
-use super::records::{Field, Records, Stream};
+use super::records::{Field, Kind, Records, Stream};
 use crate::MomentsError;
 use crate::moments::Shard;
 
@@ -19,6 +19,8 @@ const BUFFER: usize = 1 << 18;
 
 /// Largest accepted number of columns.
 const MOST_COLUMNS: usize = 1 << 16;
+/// Largest accepted number of bytes of a row, which is read as a whole.
+const LONGEST_ROW: usize = 1 << 20;
 
 /// An array's header, interpreted as a table of samples.
 pub(super) struct Header {
@@ -112,8 +114,9 @@ pub(super) fn read_header(path: &Path, input: &mut dyn Read) -> Result<Header, M
     })
 }
 
-/// Interprets an array as a table of samples. Returns `None` if the values aren't numbers of a supported type, or if
-/// the array's shape isn't supported.
+/// Interprets an array as a table of samples. Returns `None` if the values of a plain array aren't numbers of a
+/// supported type, or if the array's shape isn't supported. Fields without a name, which NumPy writes as padding, are
+/// left out.
 fn of_samples(found: &npy::Header) -> Option<Header> {
     let (rows, columns) = match found.shape[..] {
         [rows] => (rows, 1),
@@ -121,24 +124,29 @@ fn of_samples(found: &npy::Header) -> Option<Header> {
         _ => return None,
     };
     let (mut fields, mut names, mut at) = (Vec::new(), Vec::new(), 0);
-    let mut add = |name: Option<&String>, kind: Scalar, little: bool| {
-        fields.push(Field { at, kind, little });
-        names.push(name.cloned());
+    let mut add = |name: Option<&String>, kind: Kind, little: bool| {
+        if name.is_none_or(|name| !name.is_empty()) {
+            fields.push(Field { at, kind, little });
+            names.push(name.cloned());
+        }
         at += kind.size();
     };
     if found.fields.is_empty() {
-        let kind = kind_of(found.kind, found.size)?;
+        let kind = kind_of(found.kind, found.size);
+        if matches!(kind, Kind::Other(..)) {
+            return None;
+        }
         (0..columns).for_each(|_| add(None, kind, found.little));
     }
     for field in &found.fields {
-        add(Some(&field.name), kind_of(field.kind, field.size)?, field.little);
+        add(Some(&field.name), kind_of(field.kind, field.size), field.little);
     }
     let (length, rows, fortran) = (found.start, rows as u64, found.fortran && columns > 1);
-    Some(Header { length, rows, names, fields, row: at, fortran })
+    (at <= LONGEST_ROW).then_some(Header { length, rows, names, fields, row: at, fortran })
 }
 
-fn kind_of(kind: char, size: usize) -> Option<Scalar> {
-    Some(match (kind, size) {
+fn kind_of(kind: char, size: usize) -> Kind {
+    Kind::Number(match (kind, size) {
         ('f', 8) => Scalar::F64,
         ('f', 4) => Scalar::F32,
         ('i', 1) => Scalar::I8,
@@ -149,6 +157,7 @@ fn kind_of(kind: char, size: usize) -> Option<Scalar> {
         ('u', 4) => Scalar::U32,
         ('i', 8) => Scalar::I64,
         ('u', 8) => Scalar::U64,
-        _ => return None,
+        ('f', 2) => return Kind::Half,
+        _ => return Kind::Other(kind, size),
     })
 }

@@ -16,6 +16,7 @@ use ::parquet::schema::types::{ColumnDescriptor, SchemaDescriptor};
 
 use super::batches::{Batch, Batches, Rows, malformed};
 use super::pages;
+use super::table::NULL;
 use crate::MomentsError;
 use crate::moments::Shard;
 
@@ -124,7 +125,11 @@ fn leaf(schema: &SchemaDescriptor, column: usize) -> Result<usize, String> {
     let descriptor = schema.column(leaf);
     // Lists and structures are nested, and have several values, or several kinds of values, per row.
     let flat = schema.get_column_root(leaf).is_primitive() && descriptor.max_rep_level() == 0;
-    if flat && is_number(&descriptor) { Ok(leaf) } else { Err(format!("a column of type {}", kind(schema, leaf))) }
+    if flat && is_number(&descriptor) { Ok(leaf) } else { Err(unusable(schema, leaf)) }
+}
+
+fn unusable(schema: &SchemaDescriptor, leaf: usize) -> String {
+    format!("a column of type {}: {}", kind(schema, leaf), schema.get_column_root(leaf).name())
 }
 
 /// Returns whether a column stores numbers. Dates, times and decimals don't count as numbers, even if they are stored
@@ -200,7 +205,7 @@ impl Column {
         Ok(Self { reader, unsigned, optional })
     }
 
-    /// Reads the next `count` rows. Missing values become NaN.
+    /// Reads the next `count` rows. Missing values become [`NULL`].
     fn read(&mut self, count: usize) -> Result<Vec<f64>, String> {
         let (optional, unsigned) = (self.optional, self.unsigned);
         match &mut self.reader {
@@ -232,7 +237,7 @@ fn values<T: DataType>(
     }
     let mut found = found.into_iter().map(of);
     // The definition level is 1 for a stored value, and 0 for a missing value, which isn't stored.
-    let next = |level| if level == 0 { Some(f64::NAN) } else { found.next() };
+    let next = |level| if level == 0 { Some(NULL) } else { found.next() };
     let all: Vec<f64> = if optional { levels.into_iter().map_while(next).collect() } else { found.collect() };
     if all.len() == count { Ok(all) } else { Err(format!("{} values in {count} rows of a column", all.len())) }
 }

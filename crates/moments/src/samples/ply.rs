@@ -8,7 +8,7 @@ use std::path::Path;
 use spharm_surface::io::Scalar;
 
 use super::csv;
-use super::records::{Field, Records, Stream};
+use super::records::{Field, Kind, Records, Stream};
 use super::table::Table;
 use crate::MomentsError;
 use crate::moments::Shard;
@@ -122,7 +122,7 @@ fn parse(text: &str) -> Result<Header, (String, String)> {
                     "double" | "float64" => Scalar::F64,
                     _ => return unclear("a number's type"),
                 };
-                header.fields.push(Field { at: header.row, kind, little: true });
+                header.fields.push(Field { at: header.row, kind: Kind::Number(kind), little: true });
                 header.names.push(name.to_owned());
                 header.row += kind.size();
             }

@@ -17,8 +17,29 @@ const CACHED: usize = 1 << 18;
 pub(super) struct Field {
     /// Offset of the field in the row, in bytes.
     pub(super) at: usize,
-    pub(super) kind: Scalar,
+    pub(super) kind: Kind,
     pub(super) little: bool,
+}
+
+/// Type of the values of a field.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Kind {
+    Number(Scalar),
+    /// Floating-point numbers of 16 bits.
+    Half,
+    /// Values that aren't numbers, with NumPy's letter for their type and their size in bytes.
+    Other(char, usize),
+}
+
+impl Kind {
+    /// Returns the number of bytes per value.
+    pub(super) fn size(self) -> usize {
+        match self {
+            Self::Number(scalar) => scalar.size(),
+            Self::Half => 2,
+            Self::Other(_, size) => size,
+        }
+    }
 }
 
 /// A stream of bytes that contains rows.
@@ -45,6 +66,8 @@ pub(super) struct Records {
     selected: Vec<Vec<(Field, usize)>>,
     width: usize,
     buffer: Vec<u8>,
+    /// Description of a selected column that doesn't contain numbers.
+    unusable: Option<String>,
 }
 
 impl Records {
@@ -57,7 +80,7 @@ impl Records {
     ) -> Self {
         let (before, left) = (rows.start, rows.end - rows.start);
         let (selected, buffer) = (Vec::new(), Vec::new());
-        Self { path, format, names, streams, before, left, selected, width: 0, buffer }
+        Self { path, format, names, streams, before, left, selected, width: 0, buffer, unusable: None }
     }
 }
 
@@ -68,6 +91,11 @@ impl Table for Records {
 
     fn select(&mut self, columns: Vec<usize>) {
         self.width = columns.len();
+        let fields = self.streams.iter().flat_map(|stream| &stream.fields).zip(&self.names).enumerate();
+        self.unusable = fields.filter(|(column, _)| columns.contains(column)).find_map(|(_, (field, name))| {
+            let Kind::Other(kind, size) = field.kind else { return None };
+            Some(format!("the column {name} of type {kind}{size}"))
+        });
         let mut first = 0;
         self.selected.clear();
         for stream in &self.streams {
@@ -79,6 +107,14 @@ impl Table for Records {
     }
 
     fn read(&mut self, most: usize, out: &mut Vec<f64>) -> Result<usize, MomentsError> {
+        if let Some(found) = &self.unusable {
+            return Err(MomentsError::Malformed {
+                path: self.path.clone(),
+                format: self.format,
+                expected: "numbers of 8 to 64 bits".to_owned(),
+                found: found.clone(),
+            });
+        }
         let rows = (most as u64).min(self.left) as usize;
         if rows == 0 {
             return Ok(0);
@@ -136,15 +172,44 @@ fn decode<'a>(bytes: &[u8], row: usize, field: Field, out: impl Iterator<Item = 
         }
     }
     match field.kind {
-        Scalar::I8 => each(bytes, row, field, out, |b| i8::from_le_bytes(b).into()),
-        Scalar::U8 => each(bytes, row, field, out, |b| u8::from_le_bytes(b).into()),
-        Scalar::I16 => each(bytes, row, field, out, |b| i16::from_le_bytes(b).into()),
-        Scalar::U16 => each(bytes, row, field, out, |b| u16::from_le_bytes(b).into()),
-        Scalar::I32 => each(bytes, row, field, out, |b| i32::from_le_bytes(b).into()),
-        Scalar::U32 => each(bytes, row, field, out, |b| u32::from_le_bytes(b).into()),
-        Scalar::I64 => each(bytes, row, field, out, |b| i64::from_le_bytes(b) as f64),
-        Scalar::U64 => each(bytes, row, field, out, |b| u64::from_le_bytes(b) as f64),
-        Scalar::F32 => each(bytes, row, field, out, |b| f32::from_le_bytes(b).into()),
-        Scalar::F64 => each(bytes, row, field, out, f64::from_le_bytes),
+        Kind::Number(Scalar::I8) => each(bytes, row, field, out, |b| i8::from_le_bytes(b).into()),
+        Kind::Number(Scalar::U8) => each(bytes, row, field, out, |b| u8::from_le_bytes(b).into()),
+        Kind::Number(Scalar::I16) => each(bytes, row, field, out, |b| i16::from_le_bytes(b).into()),
+        Kind::Number(Scalar::U16) => each(bytes, row, field, out, |b| u16::from_le_bytes(b).into()),
+        Kind::Number(Scalar::I32) => each(bytes, row, field, out, |b| i32::from_le_bytes(b).into()),
+        Kind::Number(Scalar::U32) => each(bytes, row, field, out, |b| u32::from_le_bytes(b).into()),
+        Kind::Number(Scalar::I64) => each(bytes, row, field, out, |b| i64::from_le_bytes(b) as f64),
+        Kind::Number(Scalar::U64) => each(bytes, row, field, out, |b| u64::from_le_bytes(b) as f64),
+        Kind::Number(Scalar::F32) => each(bytes, row, field, out, |b| f32::from_le_bytes(b).into()),
+        Kind::Number(Scalar::F64) => each(bytes, row, field, out, f64::from_le_bytes),
+        Kind::Half => each(bytes, row, field, out, |b| half(u16::from_le_bytes(b))),
+        Kind::Other(..) => {}
+    }
+}
+
+/// Returns the value of a number of 16 bits: a sign, 5 bits of exponent and 10 bits of fraction (IEEE 754, binary16).
+fn half(bits: u16) -> f64 {
+    let fraction = f64::from(bits & 0x3ff);
+    let size = match (bits >> 10) & 0x1f {
+        0 => fraction * 2f64.powi(-24),
+        0x1f if fraction == 0.0 => f64::INFINITY,
+        0x1f => f64::NAN,
+        exponent => (1024.0 + fraction) * 2f64.powi(i32::from(exponent) - 25),
+    };
+    if bits >> 15 == 0 { size } else { -size }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_16_bits_are_exact() {
+        let values =
+            [(0x3c00, 1.0), (0xc000, -2.0), (0x7bff, 65504.0), (0x3555, 0.333_251_953_125), (0x0001, 2f64.powi(-24))];
+        for (bits, expected) in values {
+            assert_eq!(half(bits), expected, "{bits:04x}");
+        }
+        assert!(half(0x7e00).is_nan() && half(0xfc00) == f64::NEG_INFINITY && half(0x8000) == 0.0);
     }
 }

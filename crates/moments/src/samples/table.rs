@@ -2,6 +2,9 @@
 
 use crate::MomentsError;
 
+/// The value of a null, a cell that a format marks as missing: a NaN that other sources of NaN don't produce.
+pub(crate) const NULL: f64 = f64::from_bits(0x7ff8_6e75_6c6c_0000);
+
 /// A table whose rows are read in order.
 pub(crate) trait Table: Send {
     /// Returns the names of the columns. Columns without names are named by their indices from 0.

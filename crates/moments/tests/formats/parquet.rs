@@ -166,9 +166,9 @@ fn other_columns_of_parquet_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("other.parquet");
     for (line, expected) in [
-        ("required int32 f (DATE)", "a column of type INT32 (Date)"),
+        ("required int32 f (DATE)", "a column of type INT32 (Date): f"),
         ("required int32 f (DECIMAL(9,2))", "a column of type INT32 (Decimal"),
-        ("required int32 f (TIME_MILLIS)", "a column of type INT32 (TIME_MILLIS)"),
+        ("required int32 f (TIME_MILLIS)", "a column of type INT32 (TIME_MILLIS): f"),
     ] {
         let mut columns = table();
         columns[1] = (line, Values::Int32((0..ROWS as i32).map(Some).collect()));

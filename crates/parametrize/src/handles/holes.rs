@@ -21,8 +21,8 @@ pub const LARGEST_HOLE: usize = 500;
 const LARGEST_DOME: f64 = 3.0;
 
 /// Fills the holes of at most [`LARGEST_HOLE`] edges that a repair has left, turns the mesh outwards if it is then
-/// closed and wound inwards, and adds the changes to the repair's report, `found`. The triangles around each vertex of
-/// the mesh must form a single fan.
+/// closed and wound inwards, and adds the changes to the repair's report, `found`. Returns the [`rims`] of the larger
+/// holes, which stay open. The triangles around each vertex of the mesh must form a single fan.
 ///
 /// # Errors
 ///
@@ -31,10 +31,14 @@ const LARGEST_DOME: f64 = 3.0;
 /// # Panics
 ///
 /// When a triangle's index is out of range.
-pub fn fill_holes(mesh: &mut Mesh, found: &mut MeshRepair, monitor: &dyn Monitor) -> Result<(), Interrupted> {
-    let rims = rims(&mesh.faces).into_iter().filter(|rim| rim.len() <= LARGEST_HOLE).collect::<Vec<_>>();
+pub fn fill_holes(
+    mesh: &mut Mesh,
+    found: &mut MeshRepair,
+    monitor: &dyn Monitor,
+) -> Result<Vec<Vec<u32>>, Interrupted> {
+    let (rims, open): (Vec<_>, Vec<_>) = rims(&mesh.faces).into_iter().partition(|rim| rim.len() <= LARGEST_HOLE);
     if rims.is_empty() {
-        return Ok(());
+        return Ok(open);
     }
     let normals = vertex_normals(&mesh.vertices, &mesh.faces);
     let surface = TriangleTree::new(mesh);
@@ -56,7 +60,7 @@ pub fn fill_holes(mesh: &mut Mesh, found: &mut MeshRepair, monitor: &dyn Monitor
     }
     turn_closed_outward(mesh, found);
     found.measure(mesh);
-    Ok(())
+    Ok(open)
 }
 
 /// Triangulates a rim without new vertices; if the hole is a slit, the triangles form a strip. Edges of the mesh aren't

@@ -6,10 +6,13 @@ use std::path::{Path, PathBuf};
 use spharm_monitor::{Monitor, Silent};
 
 use super::affine::Affine;
+use super::axes::AxisOrder;
+use super::doubt::{VolumeDoubt, ratio};
 use super::grey::{Grey, VoxelValues};
 use super::image::ImageChoice;
 use super::mask::Mask;
 use super::open::read;
+use super::repair::largest_piece;
 use super::runs::{Extent, Runs};
 use super::source::Source;
 use super::values::{Collector, Volume, Voxels};
@@ -23,6 +26,8 @@ pub struct LabelVolume {
     pub affine: Affine,
     /// The voxel size in the file, if the caller's size contradicts it.
     replaced: Option<[f64; 3]>,
+    /// Doubt about the positions in the file.
+    doubt: Option<VolumeDoubt>,
     size: [usize; 3],
     found: Runs,
     extents: BTreeMap<i32, Extent>,
@@ -48,6 +53,8 @@ pub struct VolumeReading {
     pub values: VoxelValues,
     /// Channel and time to read from a file of several images. Default: the only ones.
     pub image: ImageChoice,
+    /// Order of the axes of a NumPy file. Default: x, y, z, the only order of other formats.
+    pub axes: AxisOrder,
 }
 
 impl LabelVolume {
@@ -74,10 +81,11 @@ impl LabelVolume {
     ///
     /// The errors of [`read`](Self::read); [`Argument`](ParametrizeError::Argument) if a size isn't positive or the
     /// level isn't finite; [`NotProbability`](ParametrizeError::NotProbability) for probabilities outside of 0 to 1;
-    /// [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level.
+    /// [`NotAVolume`](ParametrizeError::NotAVolume) if all voxels are on one side of the level;
+    /// [`FixedAxes`](ParametrizeError::FixedAxes) if the order z, y, x is given for a file that isn't a NumPy file.
     pub fn read_with(
         path: impl AsRef<Path>,
-        VolumeReading { voxel_size, values, image }: VolumeReading,
+        VolumeReading { voxel_size, values, image, axes }: VolumeReading,
         monitor: &dyn Monitor,
     ) -> Result<Self, ParametrizeError> {
         values.check()?;
@@ -86,7 +94,7 @@ impl LabelVolume {
             return Err(ParametrizeError::Argument { what, expected, found: format!("{size:?}") });
         }
         let path = path.as_ref();
-        let (found, replaced) = read(&Source { path, voxel_size, values, image, monitor })?;
+        let (found, replaced) = read(&Source { path, voxel_size, values, image, axes, monitor })?;
         monitor.check()?;
         let size = found.affine.voxel_size();
         let replaced = replaced.filter(|file| (0..3).any(|axis| (size[axis] / file[axis] - 1.0).abs() > CONTRADICTION));
@@ -103,7 +111,7 @@ impl LabelVolume {
         assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
         let labels = Runs::of(size, &values).unwrap_or_else(|room| panic!("the labels need {room}"));
         let voxels = Voxels { labels, values: Vec::new() };
-        Self::of(PathBuf::from(IN_MEMORY), Volume { size, affine, voxels }, VoxelValues::Labels)
+        Self::of(PathBuf::from(IN_MEMORY), Volume { size, affine, voxels, doubt: None }, VoxelValues::Labels)
     }
 
     /// Returns the body in a volume of grey values or probabilities made in memory, as label 1. `values` has a number
@@ -127,23 +135,24 @@ impl LabelVolume {
         assert_eq!(values.len(), size.iter().product::<usize>(), "values of {size:?} voxels");
         meaning.check()?;
         let path = Path::new(IN_MEMORY);
-        let source =
-            Source { path, voxel_size: None, values: meaning, image: ImageChoice::default(), monitor: &Silent };
+        let (image, axes) = (ImageChoice::default(), AxisOrder::default());
+        let source = Source { path, voxel_size: None, values: meaning, image, axes, monitor: &Silent };
         let mut voxels = Collector::new(&source, size);
         voxels.check_room(values.len() as u64)?;
         values.iter().try_for_each(|&value| voxels.push(value))?;
-        Ok(Self::of(path.to_owned(), Volume { size, affine, voxels: voxels.finish()? }, meaning))
+        let volume = Volume { size, affine, voxels: voxels.finish()?, doubt: None };
+        Ok(Self::of(path.to_owned(), volume, meaning))
     }
 
     fn of(
         path: PathBuf,
-        Volume { size, affine, voxels: Voxels { labels, values } }: Volume,
+        Volume { size, affine, voxels: Voxels { labels, values }, doubt }: Volume,
         meaning: VoxelValues,
     ) -> Self {
         let extents = labels.extents();
         let body = extents.get(&1).copied();
         let grey = body.and_then(|Extent { low, high, .. }| Grey::around(&values, size, low, high, meaning));
-        Self { path, affine, replaced: None, size, found: labels, extents, grey }
+        Self { path, affine, replaced: None, doubt, size, found: labels, extents, grey }
     }
 
     /// Returns the path of the file, or "the volume" for a volume made in memory.
@@ -158,21 +167,21 @@ impl LabelVolume {
         self.affine.voxel_size()
     }
 
-    /// Returns warnings about the voxel size: the caller's size contradicts the file's, or the sides of a voxel differ
-    /// by a large factor.
+    /// Returns doubts about voxel size and positions: the caller's size contradicts the file's, the sides of a voxel
+    /// differ by a large factor, or a NIfTI header states no positions or contradictory ones.
+    #[must_use]
+    pub fn doubts(&self) -> Vec<VolumeDoubt> {
+        let size = self.voxel_size();
+        let replaced = self.replaced.map(|file| VolumeDoubt::Replaced { given: size, file });
+        let uneven = (ratio(size) > LARGEST_RATIO).then_some(VolumeDoubt::Uneven { size });
+        replaced.into_iter().chain(uneven).chain(self.doubt).collect()
+    }
+
+    /// Returns a warning for each of the [`doubts`](Self::doubts), which starts with the path.
     #[must_use]
     pub fn warnings(&self) -> Vec<String> {
-        let (path, size) = (self.path.display(), self.voxel_size());
-        let replaced = self
-            .replaced
-            .map(|file| format!("{path}: the given voxel size {} replaces {} of the file", sides(size), sides(file)));
-        let [shortest, longest] = [size.into_iter().reduce(f64::min), size.into_iter().reduce(f64::max)];
-        let ratio = longest.unwrap_or(1.0) / shortest.unwrap_or(1.0);
-        let uneven = (ratio > LARGEST_RATIO).then(|| {
-            let size = sides(size);
-            format!("{path}: the sides of the voxels differ by a factor of {ratio:.0} ({size}); check the voxel size")
-        });
-        replaced.into_iter().chain(uneven).collect()
+        let path = self.path.display();
+        self.doubts().iter().map(|doubt| format!("{path}: {}", doubt.text(false))).collect()
     }
 
     /// Returns each label except 0 (the background), with its number of voxels.
@@ -186,6 +195,28 @@ impl LabelVolume {
     pub fn touches_border(&self, label: i64) -> bool {
         let extent = i32::try_from(label).ok().and_then(|label| self.extents.get(&label));
         extent.is_some_and(|extent| (0..3).any(|k| extent.low[k] == 0 || extent.high[k] + 1 == self.size[k]))
+    }
+
+    /// Returns whether a label has voxels at the border of the volume. If `fixed` is set, only the piece that a repair
+    /// keeps counts, which is the largest one.
+    ///
+    /// # Errors
+    ///
+    /// [`Interrupted`](ParametrizeError::Interrupted).
+    pub fn touches_border_if(&self, label: i64, fixed: bool, monitor: &dyn Monitor) -> Result<bool, ParametrizeError> {
+        if !fixed || !self.touches_border(label) {
+            return Ok(self.touches_border(label));
+        }
+        Ok(self.is_at_border(&largest_piece(&self.mask(label)?, monitor)?.0))
+    }
+
+    /// Returns whether a mask has voxels at the border of the volume.
+    pub(super) fn is_at_border(&self, mask: &Mask) -> bool {
+        let inside = mask.inside.iter().enumerate().filter(|(_, inside)| **inside);
+        inside.map(|(index, _)| mask.place(index)).any(|at| {
+            let place = |k: usize| mask.origin[k] + at[k] as i64;
+            (0..3).any(|k| place(k) == 0 || place(k) + 1 == self.size[k] as i64)
+        })
     }
 
     /// Returns `label` if the volume has it. For `None`, returns the volume's only label.
@@ -227,11 +258,6 @@ impl LabelVolume {
         });
         Ok(mask)
     }
-}
-
-/// Returns the sides of a voxel with up to four significant digits, such as `0.2 x 0.2 x 0.5`.
-fn sides(size: [f64; 3]) -> String {
-    size.map(|side| format!("{side:.3e}").parse::<f64>().unwrap_or(side).to_string()).join(" x ")
 }
 
 /// Lists labels with their numbers of voxels, at most 5, for an error message.

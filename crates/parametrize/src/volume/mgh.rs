@@ -50,6 +50,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let frames = usize::try_from(int(16)).ok().filter(|frames| *frames > 0);
     let frames = frames.ok_or_else(|| not_mgh(format!("{} frames", int(16))))?;
     let [_, frame] = source.image(1, frames)?;
+    source.fixed_axes("a FreeSurfer volume")?;
     let scalar = match int(20) {
         0 => Scalar::U8,
         1 => Scalar::I32,
@@ -87,5 +88,5 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     if !affine.is_valid() {
         return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, voxels })
+    Ok(Volume { size, affine, voxels, doubt: None })
 }

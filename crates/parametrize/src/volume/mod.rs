@@ -21,7 +21,8 @@
 //! | `labels` | a label volume: its labels, and the mask of each |
 //! | `open`, `source` | opens a file: determines its format, reads its bytes |
 //! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: values and positions of the voxels |
-//! | `image` | the choice of one of several channels and times |
+//! | `image`, `axes` | the choice of one of several channels and times; the order of an array's axes |
+//! | `doubt` | reasons to doubt the voxel size or the positions, for warnings |
 //! | `runs` | stores labels as runs of equal labels, so that background takes no memory |
 //! | `mask` | the voxels of one label, with a rim of background around them |
 //! | `pieces` | connected pieces, and the cavities inside |
@@ -46,7 +47,9 @@
 //! Lengths of NIfTI files in metres or microns are converted to mm. Positions in TIFF stacks are in micrometres.
 
 mod affine;
+mod axes;
 mod boundary;
+mod doubt;
 mod grey;
 mod image;
 mod labels;
@@ -69,7 +72,9 @@ mod tiff;
 mod values;
 
 pub use affine::Affine;
+pub use axes::AxisOrder;
 pub use boundary::QuadMesh;
+pub use doubt::{VolumeDoubt, VolumeDoubts};
 pub use grey::VoxelValues;
 pub use image::ImageChoice;
 pub use labels::{LabelVolume, VolumeReading};

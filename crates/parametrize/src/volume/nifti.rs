@@ -8,13 +8,17 @@ use std::io::Read;
 use nifti::{Endianness, NiftiHeader, NiftiType};
 
 use super::affine::Affine;
+use super::doubt::VolumeDoubt;
 use super::source::Source;
 use super::values::{Layout, Scalar, Volume, cut_short, skip};
 use crate::error::ParametrizeError;
-use crate::geometry::Vec3;
+use crate::geometry::{Vec3, norm, sub};
 
 /// Number of bytes of a NIfTI-1 header.
 const HEADER: usize = 348;
+/// Largest distance between positions by sform and qform, relative to the diagonal of the volume, that rounding
+/// explains. A quaternion of 32-bit numbers determines the angle of a half turn to 7e-4.
+const ROUNDING: f64 = 1e-3;
 
 /// Parses a file, given as a stream of at most `most` bytes.
 pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Result<Volume, ParametrizeError> {
@@ -63,11 +67,12 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     // Read to the end of the compressed stream, so that its checksum is verified. Other data may follow the voxels'
     // values.
     std::io::copy(&mut (&mut stream).take(1 << 20), &mut std::io::sink()).map_err(broken)?;
-    let affine = Forms::of(&header).affine().scaled(unit);
+    let forms = Forms::of(&header);
+    let (affine, doubt) = (forms.affine().scaled(unit), forms.doubt(size, unit));
     if !affine.is_valid() {
         return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, voxels })
+    Ok(Volume { size, affine, voxels, doubt })
 }
 
 /// Returns the number of images stored before the one to read. `dimensions` has the number of values along each axis:
@@ -81,6 +86,7 @@ pub(super) fn image(source: &Source<'_>, dimensions: &[i64]) -> Result<u64, Para
     if dimensions.len() < 3 || dimensions.iter().skip(5).any(|&n| n != 1) {
         return Err(source.wrong("three to five dimensions", format!("dimensions {dimensions:?}; extract one volume")));
     }
+    source.fixed_axes("a NIfTI file")?;
     let [channel, time] = source.image(channels, times)?;
     Ok((channel as u64).saturating_mul(times as u64).saturating_add(time as u64))
 }
@@ -105,6 +111,9 @@ pub(super) struct Forms {
     pub(super) sform: Option<[[f64; 4]; 3]>,
     /// Quaternion (b, c, d) and offset of the qform, if the qform code is above 0.
     pub(super) qform: Option<([f64; 3], [f64; 3])>,
+    /// Codes of the sform and the qform, which state the spaces of the positions: 1 for a scanner, 4 for MNI, and so
+    /// on.
+    pub(super) codes: [i32; 2],
     /// Sizes of a voxel along the three axes.
     pub(super) sizes: [f64; 3],
     /// Whether the qform reverses the third axis.
@@ -120,6 +129,7 @@ impl Forms {
         Self {
             sform: (header.sform_code > 0).then_some(sform),
             qform: (header.qform_code > 0).then_some((quaternion, offset)),
+            codes: [header.sform_code, header.qform_code].map(i32::from),
             sizes: [1, 2, 3].map(|k| f64::from(header.pixdim[k])),
             mirrored: header.pixdim[0] < 0.0,
         }
@@ -128,11 +138,32 @@ impl Forms {
     /// Returns the matrix from voxel coordinates to positions in the header's unit: the sform if present, otherwise the
     /// qform if present, otherwise the voxel sizes alone (methods 3, 2, 1 of the NIfTI standard).
     pub(super) fn affine(&self) -> Affine {
-        if let Some(rows) = self.sform {
-            return Affine(rows);
+        let of_sizes = || Affine::of_voxel_size(self.sizes.map(f64::abs));
+        self.sform.map(Affine).or_else(|| self.of_qform()).unwrap_or_else(of_sizes)
+    }
+
+    /// Returns a doubt about the positions in a volume of `size` voxels, whose unit is `unit` mm: the header has
+    /// neither an sform nor a qform, or both of them for the same space and they disagree. `None` if there is no doubt.
+    pub(super) fn doubt(&self, size: [usize; 3], unit: f64) -> Option<VolumeDoubt> {
+        let Some(rows) = self.sform else {
+            return self.qform.is_none().then_some(VolumeDoubt::NoForm);
+        };
+        let [of_sform, of_qform] = self.codes;
+        if of_sform != of_qform {
+            return None;
         }
+        let (sform, qform) = (Affine(rows).scaled(unit), self.of_qform()?.scaled(unit));
+        let size = size.map(|voxels| voxels as f64);
+        let corner = |bits: usize| [0, 1, 2].map(|axis: usize| if (bits >> axis) & 1 == 1 { size[axis] } else { 0.0 });
+        let apart = (0..8).map(corner).map(|at| norm(sub(sform.apply(at), qform.apply(at)))).fold(0.0, f64::max);
+        let diagonal = norm(sub(sform.apply(size), sform.apply([0.0; 3])));
+        (apart > ROUNDING * diagonal).then_some(VolumeDoubt::Apart { distance: apart })
+    }
+
+    /// Returns the matrix of the qform in the header's unit, if there is one.
+    fn of_qform(&self) -> Option<Affine> {
+        let ([b, c, d], offset) = self.qform?;
         let sizes = self.sizes.map(f64::abs);
-        let Some(([b, c, d], offset)) = self.qform else { return Affine::of_voxel_size(sizes) };
         let a = (1.0 - (b * b + c * c + d * d)).max(0.0).sqrt();
         let turn = [
             [a * a + b * b - c * c - d * d, 2.0 * (b * c - a * d), 2.0 * (b * d + a * c)],
@@ -144,7 +175,7 @@ impl Forms {
             let [x, y, z]: Vec3 = turn[i];
             [x * sizes[0], y * sizes[1], z * sizes[2] * mirror, offset[i]]
         };
-        Affine([row(0), row(1), row(2)])
+        Some(Affine([row(0), row(1), row(2)]))
     }
 }
 

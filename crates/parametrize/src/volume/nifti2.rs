@@ -109,12 +109,13 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let forms = Forms {
         sform: (code(348) > 0).then(|| [400, 432, 464].map(|at| header.floats(at))),
         qform: (code(344) > 0).then(|| (header.floats(352), header.floats(376))),
+        codes: [code(348), code(344)],
         sizes: header.floats(112),
         mirrored: header.float(104) < 0.0,
     };
-    let affine = forms.affine().scaled(unit);
+    let (affine, doubt) = (forms.affine().scaled(unit), forms.doubt(size, unit));
     if !affine.is_valid() {
         return Err(wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)));
     }
-    Ok(Volume { size, affine, voxels })
+    Ok(Volume { size, affine, voxels, doubt })
 }

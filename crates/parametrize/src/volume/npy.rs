@@ -1,10 +1,11 @@
-//! Reads NumPy arrays (`.npy`) with three axes of numbers or booleans. The first axis is x. The file has no voxel size,
-//! so the caller must give it.
+//! Reads NumPy arrays (`.npy`) with three axes of numbers or booleans. The first axis is x, unless the caller gives the
+//! order z, y, x. The file has no voxel size, so the caller must give it.
 
 use std::io::Read;
 
 use spharm_surface::npy::Header;
 
+use super::axes::AxisOrder;
 use super::source::{Source, no_room};
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
@@ -25,17 +26,21 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         ('f', 8) => Scalar::F64,
         (kind, size) => return Err(source.wrong("numbers", format!("values of type {kind}{size}"))),
     };
-    let [x, y, z] = header.shape[..] else {
+    let [first, middle, last] = header.shape[..] else {
         return Err(source.wrong("three dimensions", format!("shape {:?}; extract one volume", header.shape)));
     };
     if header.bytes().is_none_or(|bytes| bytes > most) {
-        let found = format!("a file too short for the {x} x {y} x {z} values stated in its header");
+        let found = format!("a file too short for the {first} x {middle} x {last} values stated in its header");
         return Err(source.wrong("a NumPy array", found));
     }
     source.image(1, 1)?;
     let affine = source.affine(Err("a NumPy array"))?;
-    // In C order the last axis, z, varies fastest.
-    let stored = if header.fortran { [x, y, z] } else { [z, y, x] };
+    // In C order the last axis varies fastest.
+    let ([x, y, z], x_fastest) = match source.axes {
+        AxisOrder::Xyz => ([first, middle, last], header.fortran),
+        AxisOrder::Zyx => ([last, middle, first], !header.fortran),
+    };
+    let stored = if x_fastest { [x, y, z] } else { [z, y, x] };
     let layout = Layout { size: stored, scalar, little_endian: header.little, scaling: None };
     let voxels = layout.read(source, &mut stream)?;
     // Reading beyond the values also reaches the end of the compressed data, which ends in a checksum.
@@ -44,6 +49,6 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         return Err(cut_short(source.path, "more bytes than the shape allows"));
     }
     let voxels =
-        if header.fortran { voxels } else { voxels.transposed(stored).map_err(|room| no_room(source.path, room))? };
-    Ok(Volume { size: [x, y, z], affine, voxels })
+        if x_fastest { voxels } else { voxels.transposed(stored).map_err(|room| no_room(source.path, room))? };
+    Ok(Volume { size: [x, y, z], affine, voxels, doubt: None })
 }

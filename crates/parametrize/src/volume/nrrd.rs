@@ -58,6 +58,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         return Err(source.wrong("three dimensions", found));
     };
     source.image(1, 1)?;
+    source.fixed_axes("an NRRD file")?;
     let size = [*x, *y, *z].map(usize::from);
     for field in ["lineskip", "byteskip"] {
         if let Some(skip) = header.get(field).filter(|&skip| skip != "0") {
@@ -95,7 +96,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         other => return Err(source.wrong("encoding: raw or gzip", other.unwrap_or("none").to_owned())),
     };
     let affine = affine(source, &header)?;
-    Ok(Volume { size, affine, voxels })
+    Ok(Volume { size, affine, voxels, doubt: None })
 }
 
 /// Reads the data file named in a header. The file must be in the header's folder or below.

@@ -8,6 +8,7 @@ use spharm_surface::SurfaceError;
 use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
+use super::axes::AxisOrder;
 use super::grey::VoxelValues;
 use super::image::ImageChoice;
 use crate::error::ParametrizeError;
@@ -22,6 +23,8 @@ pub(super) struct Source<'a> {
     pub(super) values: VoxelValues,
     /// Channel and time to read.
     pub(super) image: ImageChoice,
+    /// Order of the axes of an array.
+    pub(super) axes: AxisOrder,
     pub(super) monitor: &'a dyn Monitor,
 }
 
@@ -47,6 +50,15 @@ impl Source<'_> {
     /// Returns the indices from 0 of the channel and the time to read.
     pub(super) fn image(&self, channels: usize, times: usize) -> Result<[usize; 2], ParametrizeError> {
         self.image.indices(self.path, channels, times)
+    }
+
+    /// Refuses an order of axes other than x, y, z for a format with a fixed order. `format` is its name with an
+    /// article.
+    pub(super) fn fixed_axes(&self, format: &'static str) -> Result<(), ParametrizeError> {
+        match self.axes {
+            AxisOrder::Xyz => Ok(()),
+            AxisOrder::Zyx => Err(ParametrizeError::FixedAxes { path: self.path.to_owned(), format }),
+        }
     }
 
     pub(super) fn wrong(&self, expected: &'static str, found: String) -> ParametrizeError {

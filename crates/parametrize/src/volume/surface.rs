@@ -104,7 +104,8 @@ pub struct VolumeSurface {
     pub voxels: usize,
     /// Lengths of a voxel's edges, in mm.
     pub voxel_size: [f64; 3],
-    /// Whether the label touches the border of the volume, and so may be cut off.
+    /// Whether the label touches the border of the volume, and so may be cut off. After a repair, only the repaired
+    /// label counts.
     pub at_border: bool,
     /// The requested kind of surface.
     pub surface: LabelSurface,
@@ -180,8 +181,8 @@ impl LabelVolume {
             }
             LabelSurface::Voxels => quads,
         };
-        let (quads, voxel_size, at_border) =
-            (quads.to_world(&self.affine), self.affine.voxel_size(), self.touches_border(label));
+        let at_border = self.touches_border(label) && (repair.is_none() || self.is_at_border(&mask));
+        let (quads, voxel_size) = (quads.to_world(&self.affine), self.affine.voxel_size());
         Ok(VolumeSurface { quads, label, voxels, voxel_size, at_border, surface, repair })
     }
 }

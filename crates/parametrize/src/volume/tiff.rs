@@ -94,6 +94,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken)?.with_limits(limits);
     let description = description(&mut decoder);
     let image = source.image(description.channels, description.times)?;
+    source.fixed_axes("a TIFF stack")?;
     let several = description.channels.saturating_mul(description.times) > 1;
     // A file of one image may have any number of pages. For a file of several images, one slice is assumed if the
     // number of slices is missing.
@@ -153,7 +154,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         return Err(source.wrong("one value per pixel", format!("{} values for {expected} pixels", found.len())));
     }
     found.slices(pages);
-    Ok(Volume { size, affine, voxels: found.finish()? })
+    Ok(Volume { size, affine, voxels: found.finish()?, doubt: None })
 }
 
 fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) -> Result<(), ParametrizeError> {

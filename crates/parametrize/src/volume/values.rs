@@ -8,6 +8,7 @@ pub(super) use spharm_surface::io::Scalar;
 use spharm_surface::io::{NoRoom, check_room};
 
 use super::affine::Affine;
+use super::doubt::VolumeDoubt;
 use super::grey::VoxelValues;
 use super::runs::{Builder, Runs};
 use super::source::{Source, no_room};
@@ -18,6 +19,8 @@ pub(super) struct Volume {
     pub(super) size: [usize; 3],
     pub(super) affine: Affine,
     pub(super) voxels: Voxels,
+    /// Doubt about the matrix.
+    pub(super) doubt: Option<VolumeDoubt>,
 }
 
 /// The labels of all voxels and, for grey values or probabilities, each voxel's value minus the level.

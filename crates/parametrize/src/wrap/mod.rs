@@ -11,18 +11,22 @@
 //! Walls and gaps thinner than a voxel are lost. Time and memory grow with the cube of the number of voxels: 128 voxels
 //! along the longest side take about 100 MB.
 
+pub(crate) mod limits;
+mod outlier;
 mod snap;
 mod winding;
 
 use rayon::prelude::*;
-use spharm_monitor::{Monitor, Stage};
+use spharm_monitor::{Interrupted, Monitor, Stage};
 use spharm_surface::Mesh;
 use spharm_surface::geometry::bounds;
 use spharm_surface::io::check_room;
-use spharm_surface::metrics::{SurfaceDistanceParams, directed_distance};
+use spharm_surface::metrics::{FarSample, SurfaceDistanceParams, directed_distance};
 use spharm_surface::nearest::TriangleTree;
 use spharm_surface::repair::{MeshRepair, Wrap, orient_outward};
 
+pub use self::limits::{USUAL_VOXELS, VOXELS};
+use self::outlier::check_rest;
 use self::snap::snap;
 use self::winding::WindingNumbers;
 use crate::error::ParametrizeError;
@@ -30,12 +34,11 @@ use crate::flaws::Flaws;
 use crate::geometry::{Vec3, add, scale, sub};
 use crate::volume::{Affine, HandleRepair, LabelSurface, LabelVolume, VolumeParams, VoxelValues};
 
-/// Numbers of voxels that [`wrap`] accepts, along the longest side of a mesh.
-pub const VOXELS: std::ops::RangeInclusive<usize> = 16..=512;
-/// Number of voxels along the longest side of a mesh that suits most meshes.
-pub const USUAL_VOXELS: usize = 128;
 /// Number of layers of background voxels around the mesh.
 const MARGIN: usize = 2;
+/// Distance from the wrap, in voxels, beyond which the part of a mesh outside of the wrap is lost. Smoothing moves the
+/// wrap by less.
+const LOST: f64 = 2.0;
 /// Number of bytes per voxel: 1 for whether it is inside, 8 for its distance from the mesh, 17 in the volume, and 37
 /// while the volume is repaired.
 const BYTES_PER_VOXEL: u64 = 63;
@@ -48,6 +51,8 @@ const BYTES_PER_VOXEL: u64 = 63;
 /// [`Argument`](ParametrizeError::Argument) if the number of voxels is outside of [`VOXELS`];
 /// [`NoRoomToWrap`](ParametrizeError::NoRoomToWrap) if memory doesn't suffice;
 /// [`NothingToWrap`](ParametrizeError::NothingToWrap) if the mesh encloses no voxel;
+/// [`FarVertex`](ParametrizeError::FarVertex) if a vertex lies so far away that the rest of the mesh has too few
+/// voxels;
 /// [`InvalidMesh`](ParametrizeError::InvalidMesh) if coordinates aren't finite or indices are out of range;
 /// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mesh, MeshRepair), ParametrizeError> {
@@ -65,11 +70,14 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
     check_room(count.saturating_mul(BYTES_PER_VOXEL))
         .map_err(|room| ParametrizeError::NoRoomToWrap { voxels, room })?;
     let (given, mut found) = orient_outward(&frame.in_voxels(surface));
+    check_rest(&given, surface, voxels, 0.0)?;
     let tree = TriangleTree::new(&given);
     let values = signed_distances(&given, &tree, frame.size, monitor)?;
     let body = LabelVolume::of_values(frame.size, &values, VoxelValues::Level(0.0), Affine::IDENTITY);
     let body = body.map_err(|error| match error {
-        ParametrizeError::NotAVolume { .. } => ParametrizeError::NothingToWrap { voxels },
+        ParametrizeError::NotAVolume { .. } => {
+            check_rest(&given, surface, voxels, 1.0).err().unwrap_or(ParametrizeError::NothingToWrap { voxels })
+        }
         error => error,
     })?;
     drop(values);
@@ -78,22 +86,47 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
     let mut mesh = outer.quads.triangles(|_| false);
     snap(&mut mesh, &given, &tree, 1.0);
     let params = SurfaceDistanceParams::default();
-    let (_, hidden) = directed_distance(&given, &TriangleTree::new(&mesh), 1.0, &params, monitor)?;
+    let around = TriangleTree::new(&mesh);
+    let (_, hidden) = directed_distance(&given, &around, 1.0, &params, monitor)?;
     let (distance, bridged) = directed_distance(&mesh, &tree, 1.0, &params, monitor)?;
-    found.wrap = Some(Wrap {
+    let report = Wrap {
         voxels,
         voxel: frame.voxel,
-        hidden_area: hidden,
-        bridged_area: bridged,
+        hidden_area: area(&hidden),
+        lost_area: lost_area(&hidden, &mesh, monitor)?,
+        bridged_area: area(&bridged),
         rms_distance: distance.rms * frame.voxel,
         pieces: outer.repair.map_or(0, |repair| repair.pieces_dropped),
+        left_out: outer.repair.map_or(0.0, |repair| repair.share_dropped()),
         cavities: outer.repair.map_or(0, |repair| repair.cavities_filled),
         handles: outer.repair.map_or(0, |repair| repair.handles_removed),
         handles_cut: outer.repair.is_some_and(|repair| repair.handles == HandleRepair::Cut),
-    });
+    };
+    check_rest(&given, surface, voxels, report.loss())?;
+    found.wrap = Some(report);
     mesh.vertices.iter_mut().for_each(|vertex| *vertex = frame.out_of_voxels(*vertex));
     mesh.meta = surface.meta.clone();
     Ok((mesh, found))
+}
+
+fn area(samples: &[FarSample]) -> f64 {
+    samples.iter().map(|sample| sample.share).sum()
+}
+
+/// Returns the share of a mesh's area that lies outside of its wrap and farther than [`LOST`] from it. `far` are the
+/// mesh's sample points more than a voxel away from the wrap.
+fn lost_area(far: &[FarSample], wrap: &Mesh, monitor: &dyn Monitor) -> Result<f64, Interrupted> {
+    /// Number of sample points between checks of the monitor.
+    const CHUNK: usize = 256;
+    let numbers = WindingNumbers::new(wrap);
+    let lost = |sample: &FarSample| sample.distance > LOST && numbers.at(sample.point) < 0.5;
+    let share = |chunk: &[FarSample]| {
+        monitor.check()?;
+        Ok::<f64, Interrupted>(chunk.iter().filter(|sample| lost(sample)).map(|sample| sample.share).sum())
+    };
+    // The order of the chunks is fixed, so that the sum doesn't depend on the number of threads.
+    let shares: Vec<f64> = far.par_chunks(CHUNK).map(share).collect::<Result<_, Interrupted>>()?;
+    Ok(shares.iter().sum())
 }
 
 /// The grid of voxels around a mesh: its position and size.
@@ -107,8 +140,10 @@ struct Frame {
 
 impl Frame {
     fn around(surface: &Mesh, voxels: usize) -> Self {
-        // Coordinates are halved, since the difference of two large numbers may overflow.
-        let (low, high) = bounds(surface.vertices.iter().map(|&v| scale(v, 0.5)));
+        // Coordinates are halved, since the difference of two large numbers may overflow. Vertices that no triangle
+        // uses don't count.
+        let corners = surface.faces.as_flattened().iter();
+        let (low, high) = bounds(corners.map(|&v| scale(surface.vertices[v as usize], 0.5)));
         let longest = sub(high, low).into_iter().fold(0.0, f64::max);
         let voxel = if longest > 0.0 { longest / voxels as f64 * 2.0 } else { 1.0 };
         let size = sub(high, low).map(|x| (2.0 * (x / voxel)).ceil() as usize + 2 * MARGIN);

@@ -6,6 +6,8 @@ use spharm_monitor::Silent;
 use spharm_parametrize::ParametrizeError;
 use spharm_parametrize::volume::LabelVolume;
 
+use crate::label_formats::nifti2;
+
 /// Returns a NIfTI-1 file of 8-bit values.
 pub(crate) fn nifti(size: [i16; 3], values: &[u8]) -> Vec<u8> {
     let mut bytes = vec![0; 352];
@@ -92,6 +94,58 @@ fn nifti_files_are_read_and_distrusted() {
     }
     assert!(matches!(LabelVolume::read(folder.path(), &Silent), Err(ParametrizeError::NotAVolume { .. })));
     assert!(matches!(LabelVolume::read(folder.path().join("none.nii"), &Silent), Err(ParametrizeError::Io { .. })));
+}
+
+#[test]
+fn doubtful_positions_in_nifti_files_are_warned_of() {
+    let folder = tempfile::tempdir().unwrap();
+    let warnings = |bytes: &[u8]| {
+        let path = folder.path().join("a.nii");
+        std::fs::write(&path, bytes).unwrap();
+        LabelVolume::read(&path, &Silent).unwrap().warnings()
+    };
+    let mut values = vec![0; 8 * 8 * 8];
+    values[9] = 1;
+    let plain = nifti([8, 8, 8], &values);
+    let [none] = &warnings(&plain)[..] else { panic!("one warning") };
+    assert!(none.contains("a.nii: the header has neither an sform nor a qform"), "{none}");
+
+    let float = |bytes: &mut [u8], at: usize, x: f32| bytes[at..at + 4].copy_from_slice(&x.to_le_bytes());
+    // A half turn about z; voxels are 1 x 2 x 3 mm.
+    let mut turned = plain;
+    turned[252] = 1;
+    float(&mut turned, 264, 1.0);
+    assert_eq!(warnings(&turned), Vec::<String>::new(), "a qform alone");
+    turned[254] = 1;
+    for (row, scale) in [-1.0, -2.0, 3.0].into_iter().enumerate() {
+        float(&mut turned, 280 + 20 * row, scale);
+    }
+    assert_eq!(warnings(&turned), Vec::<String>::new(), "the same positions");
+    // Rounding to 32 bits changes the angle of a half turn by up to 7e-4.
+    float(&mut turned, 264, 1.0 - f32::EPSILON / 2.0);
+    assert_eq!(warnings(&turned), Vec::<String>::new(), "rounded");
+    // The sform has an offset of 40 mm, which the qform lacks.
+    float(&mut turned, 280 + 12, 40.0);
+    let [apart] = &warnings(&turned)[..] else { panic!("one warning") };
+    assert!(apart.contains("sform and the qform") && apart.contains("40.0"), "{apart}");
+    assert!(apart.contains("the sform is used"), "{apart}");
+    let used = LabelVolume::read(folder.path().join("a.nii"), &Silent).unwrap().affine.apply([0.0; 3]);
+    assert_eq!(used, [40.0, 0.0, 0.0]);
+    // Forms with different codes describe different spaces, such as MNI space and the scanner's.
+    for (sform, qform, count) in [(2, 1, 0), (4, 1, 0), (1, 2, 0), (4, 4, 1)] {
+        (turned[254], turned[252]) = (sform, qform);
+        assert_eq!(warnings(&turned).len(), count, "codes {sform} and {qform}");
+    }
+    // In NIfTI-2, the sform has voxels of 1 mm, unlike the qform.
+    let mut second = nifti2([2, 2, 3], &[1; 12]);
+    for row in 0..3 {
+        second[400 + 40 * row..408 + 40 * row].copy_from_slice(&1.0_f64.to_le_bytes());
+    }
+    second[344] = 1;
+    for (sform, count) in [(1, 1), (2, 0)] {
+        second[348] = sform;
+        assert_eq!(warnings(&second).len(), count, "codes {sform} and 1");
+    }
 }
 
 /// Returns a FreeSurfer volume of 8-bit values; its voxels are 1 x 2 x 3 mm, and its axes are rotated about z.

@@ -5,7 +5,7 @@ use std::io::{Cursor, Write};
 
 use spharm_monitor::Silent;
 use spharm_parametrize::ParametrizeError;
-use spharm_parametrize::volume::{ImageChoice, LabelVolume, VolumeReading};
+use spharm_parametrize::volume::{AxisOrder, ImageChoice, LabelVolume, VolumeReading};
 
 /// Values of 3 x 2 x 2 voxels, with x varying fastest.
 const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
@@ -318,6 +318,38 @@ fn arrays_of_numpy() {
         let error = read(&bytes).unwrap_err().to_string();
         assert!(error.contains(why), "{error}");
     }
+}
+
+#[test]
+fn arrays_of_numpy_may_have_the_axes_z_y_x() {
+    let folder = Folder::new();
+    let read = |name: &str, bytes: &[u8], axes: AxisOrder| {
+        let path = folder.0.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        LabelVolume::read_with(&path, VolumeReading { axes, ..of_size(SIZE) }, &Silent)
+    };
+    // In C order the last axis, here x, varies fastest.
+    let (c_order, last) = (npy("|u1", "False", "(2, 2, 3)", &VALUES), [0.4, 0.3, 0.6]);
+    check(&read("a.npy", &c_order, AxisOrder::Zyx).unwrap(), [0.0; 3], last);
+    check(&read("a.npy.gz", &gzip(&c_order), AxisOrder::Zyx).unwrap(), [0.0; 3], last);
+    let mut z_fastest = Vec::new();
+    for x in 0..3 {
+        for y in 0..2 {
+            (0..2).for_each(|z| z_fastest.push(VALUES[x + 3 * (y + 2 * z)]));
+        }
+    }
+    let fortran = npy("|u1", "True", "(2, 2, 3)", &z_fastest);
+    check(&read("f.npy", &fortran, AxisOrder::Zyx).unwrap(), [0.0; 3], last);
+    // Other formats have a fixed order.
+    let nrrd = nrrd("spacings: 0.2 0.3 0.6\nencoding: raw\n", &VALUES);
+    let formats = [("a.nii", nifti2([3, 2, 2], &VALUES)), ("a.nrrd", nrrd), ("a.tif", tiff("a stack", 2))];
+    for (name, bytes) in formats {
+        read(name, &bytes, AxisOrder::Xyz).unwrap();
+        let error = read(name, &bytes, AxisOrder::Zyx).unwrap_err();
+        assert!(matches!(error, ParametrizeError::FixedAxes { .. }) && error.to_string().contains(name), "{error}");
+    }
+    assert_eq!(AxisOrder::named("zyx").unwrap().name(), "zyx");
+    assert!(AxisOrder::named("xzy").is_err());
 }
 
 #[test]

@@ -146,8 +146,77 @@ fn handles_cavities_and_pieces_are_counted() {
     assert_eq!((found.pieces, found.handles), (1, 0));
     let text = report.to_string();
     assert!(text.contains("wrapped with 64 voxels along the longest side, 31.0 % of the mesh's area"), "{text}");
-    assert!(text.ends_with("1 smaller piece left out"), "{text}");
+    assert!(text.contains("of the mesh's area is outside of the wrap, farther than 2 voxels from it"), "{text}");
+    assert!(text.contains("1 smaller piece left out (2.") && text.ends_with(" % of the body's voxels)"), "{text}");
+    // The small ball has 0.09 of an area of 1.45; the inner wall isn't lost.
+    assert!((found.lost_area - 0.09 / 1.45).abs() < 0.02 && found.hidden_area > 0.3, "{found:?}");
+    assert!((found.left_out - 0.027 / 1.027).abs() < 2e-3, "{found:?}");
     assert!((volume(&outer) / (4.0 / 3.0 * std::f64::consts::PI) - 1.0).abs() < 5e-3);
+}
+
+/// A vertex far away makes the voxels too large for the rest of the mesh: the error names it. Vertices without
+/// triangles don't matter.
+#[test]
+fn a_vertex_far_away_is_named() {
+    let mut spiked = ball([0.0; 3], 1.0);
+    spiked.vertices.push([500.0, 0.0, 0.0]);
+    let (unused, report) = wrap(&spiked, 32, &Silent).unwrap();
+    assert_sphere(&unused);
+    assert!(report.wrap.unwrap().lost_area < 1e-3, "{report}");
+    let last = spiked.vertices.len() as u32 - 1;
+    spiked.vertices.extend([[500.0, 0.01, 0.0], [500.0, 0.0, 0.01]]);
+    spiked.faces.push([last, last + 1, last + 2]);
+    let error = wrap(&spiked, 128, &Silent).unwrap_err();
+    let named = matches!(error, ParametrizeError::FarVertex { vertex, enough: None, .. } if vertex >= last as usize);
+    assert!(named && error.to_string().contains("500.0"), "{error}");
+    spiked.vertices[last as usize..].iter_mut().for_each(|v| v[0] = 20.0);
+    let error = wrap(&spiked, 16, &Silent).unwrap_err().to_string();
+    assert!(error.contains("or use at least 8"), "{error}");
+}
+
+/// The triangles of a vertex that is still attached have most of the area, and a wrap loses them.
+#[test]
+fn a_spike_is_named() {
+    for (far, enough) in [(500.0, None), (50.0, Some(200..220))] {
+        let mut spiked = icosphere(3);
+        spiked.vertices[0] = [far, 0.0, 0.0];
+        match wrap(&spiked, 128, &Silent).unwrap_err() {
+            ParametrizeError::FarVertex { vertex: 0, enough: found, .. } => {
+                assert_eq!(found.is_some(), enough.is_some(), "{found:?}");
+                assert!(found.zip(enough).is_none_or(|(found, enough)| enough.contains(&found)), "{found:?}");
+            }
+            error => panic!("{error}"),
+        }
+    }
+}
+
+/// A thin tail with little area may be lost, though the body has fewer than 8 voxels.
+#[test]
+fn a_thin_tail_may_be_lost() {
+    let mut tailed = ball([0.0; 3], 1.0);
+    let next = tailed.vertices.len() as u32;
+    tailed.vertices.extend([[0.1, 0.1, 0.9], [0.105, 0.1, 0.9], [0.1, 0.1, 36.0]]);
+    tailed.faces.push([next, next + 1, next + 2]);
+    let (body, report) = wrap(&tailed, 128, &Silent).unwrap();
+    assert_sphere(&body);
+    let lost = report.wrap.unwrap().lost_area;
+    assert!(lost > 0.003 && lost < 0.01, "{lost}");
+}
+
+/// More voxels don't keep a second body, and there may be no more.
+#[test]
+fn the_remedy_depends_on_the_loss() {
+    let two = joined(&[ball([0.0; 3], 1.0), ball([3.0, 0.0, 0.0], 0.9)]);
+    let (_, report) = wrap(&two, 32, &Silent).unwrap();
+    let bodies = report.wrap.unwrap();
+    let said = |wrap| ParametrizeError::LossyWrap { wrap: Box::new(wrap), most: 0.05 }.to_string();
+    let text = said(bodies);
+    assert!(text.ends_with("the wrap keeps one body; fit the others from files of their own"), "{text}");
+    let mut thin = bodies;
+    (thin.pieces, thin.left_out) = (0, 0.0);
+    assert!(said(thin).ends_with("use more voxels to keep thin parts"), "{}", said(thin));
+    thin.voxels = 512;
+    assert!(said(thin).ends_with("farther than 2 voxels from it"), "{}", said(thin));
 }
 
 /// The wrap moves and scales with the mesh, also at the ends of the range of numbers.

@@ -1,11 +1,13 @@
 //! Compresses models.
 
 use serde_json::{Map, Value};
+use spharm_harmonics::Coefficients;
 use spharm_model::{Model, Provenance};
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_surface::Kind;
 
 use crate::extent::{Extent, extent, finite};
+use crate::smoothing::keep_penalty;
 
 use super::arithmetic::Encoder;
 use super::container::{Head, MOST_CHANNELS, MOST_GUESS, MOST_VALUES, Segment, plausible};
@@ -18,6 +20,9 @@ use super::stream::Stream;
 
 /// Minimum number of bytes between two default levels, so that checksums are a negligible part of the file.
 const LEAST_LEVEL: usize = 256;
+
+/// Number of steps tried for the smallest files, each 1 % finer than the last.
+const COARSE_STEPS: usize = 200;
 
 /// Criterion by which the quantisation step is chosen. Relative lengths refer to a surface whose bounding box is scaled
 /// to volume 1; for a signal they are fractions of each channel's standard deviation over the sphere.
@@ -88,7 +93,8 @@ pub struct Compressed {
 /// - [`Flat`](CodecError::Flat) if the surface lies in a plane.
 /// - [`TooLarge`](CodecError::TooLarge) if the model exceeds a limit of the format.
 /// - [`TooFine`](CodecError::TooFine) if a coefficient exceeds the largest number of steps.
-/// - [`TooFewBytes`](CodecError::TooFewBytes) if the smallest file is larger than [`Target::Bytes`].
+/// - [`TooFewBytes`](CodecError::TooFewBytes) if the smallest file is larger than [`Target::Bytes`]. A file whose
+///   surface is a point or a line doesn't count.
 /// - [`Interrupted`](CodecError::Interrupted) if the monitor cancels the compression.
 pub fn compress(model: &Model, params: &CompressParams, monitor: &dyn Monitor) -> Result<Compressed, CodecError> {
     check(model, params)?;
@@ -207,16 +213,36 @@ impl Trials<'_> {
             Err(CodecError::TooFine { .. }) => Ok(f64::INFINITY),
             Err(error) => Err(error),
         };
-        if let Some(step) = self.search(1e-3, false, 0.005, excess)? {
-            return Ok(step);
+        match self.search(1e-3, false, 0.005, excess)? {
+            Some(step) if self.writer.has_extent(&self.writer.quantise(step)?) => Ok(step),
+            _ => self.of_least_size(bytes),
         }
-        let coarsest = self.writer.write(&self.writer.quantise(1e9)?)?;
-        Err(CodecError::TooFewBytes { wanted: bytes, least: coarsest.bytes.len(), of_which: coarsest.head })
+    }
+
+    /// Returns the finest of the coarsest steps whose file has at most `bytes` bytes. The smallest files hold few
+    /// values other than 0, so that their size changes by jumps, which the search may miss.
+    fn of_least_size(&self, bytes: usize) -> Result<f64, CodecError> {
+        let (mut found, mut least, mut tried) = (None, None, 0);
+        let mut step = self.writer.coarsest();
+        while tried < COARSE_STEPS {
+            self.monitor.check()?;
+            let quantised = self.writer.quantise(step)?;
+            if self.writer.has_extent(&quantised) {
+                let file = self.writer.write(&quantised)?;
+                let size = (file.bytes.len(), file.head);
+                found = if size.0 <= bytes { Some(step) } else { found };
+                least = Some(least.map_or(size, |least: (usize, usize)| least.min(size)));
+                tried += 1;
+            }
+            step *= 0.99;
+        }
+        let (least, of_which) = least.unwrap_or_default();
+        found.ok_or(CodecError::TooFewBytes { wanted: bytes, least, of_which })
     }
 }
 
 /// Returns the metadata that an expansion restores, as JSON. Settings and distances of the fit are omitted, because
-/// they don't apply to the compressed model.
+/// they don't apply to the compressed model; only a penalty is kept.
 fn metadata(model: &Model) -> Result<String, CodecError> {
     let parameter = |error: serde_json::Error| CodecError::Parameter {
         what: "provenance of the model",
@@ -224,8 +250,9 @@ fn metadata(model: &Model) -> Result<String, CodecError> {
         found: error.to_string(),
     };
     let tool = Some("shape compress".to_owned());
-    let provenance =
+    let mut provenance =
         Provenance { tool, settings: None, distances: None, surface_rms: None, ..model.provenance.clone() };
+    keep_penalty(model.provenance.settings.as_ref(), &mut provenance.other);
     let value = serde_json::to_value(provenance).map_err(parameter)?;
     let mut object = Map::from_iter([("provenance".to_owned(), value)]);
     if let Some(key) = &model.scheme_key {
@@ -248,6 +275,19 @@ impl Writer<'_> {
     fn quantise(&self, step: f64) -> Result<Quantised, CodecError> {
         let steps = self.scales.iter().map(|scale| scale * step).collect();
         Quantised::new(self.model.coefficients.values().view(), steps)
+    }
+
+    /// Returns a relative step at which all coefficients above degree 0 are rounded to 0, at most 4 times too coarse.
+    fn coarsest(&self) -> f64 {
+        let values = self.model.coefficients.values().indexed_iter().skip(self.model.coefficients.channels());
+        let relative = values.map(|((_, channel), value)| value.abs() / self.scales[channel % self.scales.len()]);
+        let largest = relative.fold(0.0, f64::max);
+        if largest > 0.0 { 2.0 * largest } else { 1.0 }
+    }
+
+    /// Returns whether quantised coefficients still describe a surface, not a point or a line; true for a signal.
+    fn has_extent(&self, quantised: &Quantised) -> bool {
+        !self.surface || Coefficients::new(quantised.coefficients()).is_ok_and(|found| extent(&found).is_ok())
     }
 
     /// Writes a file; the caller fills in its distance, step and scale.

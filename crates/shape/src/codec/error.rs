@@ -48,7 +48,7 @@ pub enum CodecError {
         /// Largest number of steps that the format allows.
         most: f64,
     },
-    /// A requested size below the size of the smallest file.
+    /// A requested size below the size of the smallest file. The surface in this file isn't a point or a line.
     #[error(
         "{wanted} bytes are too few: the smallest possible file has {least} bytes, including {of_which} bytes of header"
     )]
@@ -114,9 +114,7 @@ pub enum CodecError {
 
 fn beginning(level: &Option<usize>) -> String {
     match level {
-        Some(degree) => {
-            format!("the bytes present contain a complete model of degree {degree}; allow a prefix to read this model")
-        }
+        Some(degree) => format!("the bytes present contain a complete model of degree {degree}"),
         None => "the bytes present don't contain a complete model".to_owned(),
     }
 }

@@ -292,3 +292,22 @@ fn a_smaller_mirrored_member_is_told_by_its_surface() {
     let mirrored: Vec<usize> = warnings.iter().flat_map(ProcrustesWarning::mirrored).copied().collect();
     assert_eq!(mirrored, [2], "{warnings:?}");
 }
+
+#[test]
+fn members_in_another_unit_are_named_first() {
+    let member = |n: usize| {
+        let mut pose = some_pose(n);
+        pose.similarity.scale = if n == 2 { 1000.0 } else { 1.0 };
+        posed(&perturbed(n, 0.02), &pose)
+    };
+    let members: Vec<Coefficients> = (0..6).map(member).collect();
+    for method in [Method::FixedParameters, Method::Surfaces] {
+        let align = AlignParams { method, ..ProcrustesParams::default().align };
+        let params = ProcrustesParams { align, ..ProcrustesParams::default() };
+        let warnings = procrustes(&members, &params, &Silent).unwrap().report.warnings;
+        let units = warnings.iter().filter(|warning| matches!(warning, ProcrustesWarning::Unit(_))).count();
+        assert_eq!((units, warnings[0].member()), (1, Some(2)), "{warnings:?}");
+        let text = warnings[0].naming(|member| format!("model {member}"));
+        assert!(text.starts_with("model 2: ") && text.contains("about 1000 times the lengths"), "{text}");
+    }
+}

@@ -2,7 +2,8 @@
 //!
 //! A contrast is a sum of terms `WEIGHT NAME`, `WEIGHT * NAME` or `NAME`, with signs between them. Weights are
 //! numbers or fractions such as `1/3`. Names may contain spaces, signs and digits: of all names that match, the
-//! longest is taken.
+//! longest is taken. A name may be in double quotes, and must be if it is also a combination of other columns, such as
+//! a level `a - b` beside levels `a` and `b`.
 
 use ndarray::Array2;
 
@@ -16,7 +17,8 @@ impl Design {
     /// # Errors
     ///
     /// [`ShapeError::Contrast`] if a row isn't such a combination, is zero, or has a name that two columns share;
-    /// [`ShapeError::NoColumn`] if a name isn't a column of the design.
+    /// [`ShapeError::NoColumn`] if a name isn't a column of the design; [`ShapeError::AmbiguousName`] if a name without
+    /// double quotes is also a combination of other columns.
     ///
     /// ```
     /// use spharm_shape::stats::Design;
@@ -62,8 +64,7 @@ fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeErro
             None => weight_at(rest).unwrap_or((1.0, rest)),
         };
         let Some((column, left)) = column_at(named, names) else {
-            let end = [" - ", " + "].into_iter().filter_map(|sign| named.find(sign)).min().unwrap_or(named.len());
-            let unknown = named[..end].trim();
+            let unknown = name_at(named);
             if unknown.is_empty() {
                 return Err(malformed(text, names));
             }
@@ -72,6 +73,9 @@ fn summands(text: &str, names: &[String]) -> Result<Vec<(f64, usize)>, ShapeErro
         if names.iter().filter(|name| **name == names[column]).count() > 1 {
             let found = format!("{:?}, the name of two columns", names[column]);
             return Err(ShapeError::Contrast { expected: "names that occur only once in the design", found });
+        }
+        if named.starts_with(&names[column]) && is_combination(&names[column], names) {
+            return Err(ShapeError::AmbiguousName { name: names[column].clone(), found: text.to_owned() });
         }
         found.push((sign * weight, column));
         rest = left;
@@ -89,11 +93,31 @@ fn malformed(text: &str, names: &[String]) -> ShapeError {
     }
 }
 
-/// Finds the column whose name is at the start of the text and is followed by a sign or the end of the text; of several
-/// columns, the one with the longest name. Returns the column and the text after its name.
+/// Returns whether a column's name is also a combination of two or more other columns.
+fn is_combination(name: &str, names: &[String]) -> bool {
+    let others: Vec<String> = names.iter().filter(|other| *other != name).cloned().collect();
+    match summands(name, &others) {
+        Ok(found) => found.len() > 1,
+        Err(error) => matches!(error, ShapeError::AmbiguousName { .. }),
+    }
+}
+
+/// Returns the unknown name at the start of the text, without its quotes.
+fn name_at(text: &str) -> &str {
+    if let Some((name, _)) = text.strip_prefix('"').and_then(|rest| rest.split_once('"')) {
+        return name.trim();
+    }
+    let end = [" - ", " + "].into_iter().filter_map(|sign| text.find(sign)).min().unwrap_or(text.len());
+    text[..end].trim()
+}
+
+/// Finds the column whose name, with or without double quotes, is at the start of the text and is followed by a sign or
+/// the end of the text; of several columns, the one with the longest name. Returns the column and the text after its
+/// name.
 fn column_at<'a>(text: &'a str, names: &[String]) -> Option<(usize, &'a str)> {
     let candidates = names.iter().enumerate().filter_map(|(column, name)| {
-        let rest = text.strip_prefix(name.as_str())?.trim_start();
+        let quoted = || text.strip_prefix('"')?.strip_prefix(name.as_str())?.strip_prefix('"');
+        let rest = text.strip_prefix(name.as_str()).or_else(quoted)?.trim_start();
         (rest.is_empty() || rest.starts_with(SIGNS)).then_some((name.len(), column, rest))
     });
     candidates.max_by_key(|(length, ..)| *length).map(|(_, column, rest)| (column, rest))
@@ -134,6 +158,20 @@ mod tests {
         assert_eq!(parsed("-1 - 1", &signed).unwrap(), [(1.0, 0), (-1.0, 2)]);
         assert_eq!(parsed("1 - -1", &signed).unwrap(), [(1.0, 2), (-1.0, 0)]);
         assert_eq!(parsed("+/- - +/+", &signed).unwrap(), [(1.0, 3), (-1.0, 4)]);
+    }
+
+    #[test]
+    fn names_that_are_also_combinations_need_quotes() {
+        let names = ["a", "b", "a - b", "c+d", "c"];
+        for text in ["a - b", "c - a - b", "2 a - b"] {
+            let found = parsed(text, &names).unwrap_err();
+            assert!(found.contains("\"a - b\" is the name of a column and also a combination"), "{found}");
+        }
+        assert_eq!(parsed("\"a - b\" - c", &names).unwrap(), [(1.0, 2), (-1.0, 4)]);
+        assert_eq!(parsed("\"a\" - \"b\"", &names).unwrap(), [(1.0, 0), (-1.0, 1)]);
+        assert_eq!(parsed("b - 1/2 \"a - b\"", &names).unwrap(), [(1.0, 1), (-0.5, 2)]);
+        assert_eq!(parsed("c+d - c", &names).unwrap(), [(1.0, 3), (-1.0, 4)], "d is no column");
+        assert!(parsed("\"d - e\" - c", &names).unwrap_err().contains("found \"d - e\""));
     }
 
     #[test]

@@ -1,7 +1,10 @@
 //! Creates designs from tables of subjects: a term to test, and covariates to account for.
 
+use std::collections::BTreeMap;
+
 use ndarray::Array2;
 
+use super::TestWarning;
 use super::design::{Contrast, Design};
 use super::projection::{Projection, contrast_in_basis};
 use super::terms::{Coded, Column, Term, centred, check_varies, coded, distinct, indicator, times};
@@ -26,6 +29,8 @@ pub struct Question {
     pub covariates: Vec<Term>,
     /// Names and distinct values of the columns that are treated as numbers but may be codes of levels.
     pub codes: Vec<(String, Vec<f64>)>,
+    /// Warnings about the columns.
+    pub warnings: Vec<TestWarning>,
 }
 
 impl Question {
@@ -98,14 +103,16 @@ struct Tested {
 /// # Errors
 ///
 /// [`ShapeError::Subjects`] if columns have different lengths; [`ShapeError::Levels`] if the effect has only one level,
-/// or `order` doesn't list all levels; [`ShapeError::Setting`] if `order` is given for an effect of numbers, or colons
-/// in levels give two pairs of levels the same name; [`ShapeError::Constant`] if all numbers of a column are equal;
-/// [`ShapeError::EmptyCell`] if a pair of levels has no subjects; the errors of [`Design::new`].
+/// or `order` doesn't list all levels; [`ShapeError::DuplicateLevel`] if `order` lists a level twice;
+/// [`ShapeError::Setting`] if `order` is given for an effect of numbers, or colons in levels give two pairs of levels
+/// the same name; [`ShapeError::Constant`] if all numbers of a column are equal; [`ShapeError::EmptyCell`] if a pair of
+/// levels has no subjects; the errors of [`Design::new`].
 pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<Question, ShapeError> {
     let n = effect.columns()[0].1.len();
     let terms: Vec<&Term> = std::iter::once(effect).chain(covariates).collect();
     check(n, &terms)?;
     let codes = codes_of(Some(effect), covariates);
+    let warnings = similar_levels(&terms);
     let tested = match effect {
         Term::Column(name, Column::Numbers(numbers)) => Tested {
             base: constant(n),
@@ -151,7 +158,7 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
     let levels = tested.levels.iter().map(|level| (level.clone(), count(level))).collect();
     let contrast = Contrast { weights };
     let Tested { meaning, level_of, .. } = tested;
-    Ok(Question { design, contrast, meaning, levels, level_of, covariates, codes })
+    Ok(Question { design, contrast, meaning, levels, level_of, covariates, codes, warnings })
 }
 
 /// Returns the design and the contrast of the mean of n subjects, with centred covariates; the hypothesis is that the
@@ -165,11 +172,13 @@ pub fn mean_question(subjects: usize, covariates: &[Term]) -> Result<Question, S
     let terms: Vec<&Term> = covariates.iter().collect();
     check(subjects, &terms)?;
     let codes = codes_of(None, covariates);
+    let warnings = similar_levels(&terms);
     let [_, covariates] = expanded(None, covariates);
     let design = assemble(constant(subjects), Vec::new(), &covariates)?;
     let contrast = Contrast::column(design.matrix().ncols(), 0);
     let (levels, level_of) = (Vec::new(), Vec::new());
-    Ok(Question { design, contrast, meaning: "mean".to_owned(), levels, level_of, covariates, codes })
+    let meaning = "mean".to_owned();
+    Ok(Question { design, contrast, meaning, levels, level_of, covariates, codes, warnings })
 }
 
 fn constant(n: usize) -> Coded {
@@ -179,6 +188,9 @@ fn constant(n: usize) -> Coded {
 /// Returns the levels in the given order, by default sorted.
 fn ordered(name: &str, of: &[String], order: &[String]) -> Result<Vec<String>, ShapeError> {
     let found = distinct(of);
+    if let Some((_, level)) = order.iter().enumerate().find(|(at, level)| order[..*at].contains(*level)) {
+        return Err(ShapeError::DuplicateLevel { column: name.to_owned(), level: level.clone() });
+    }
     if found.len() < 2 || !order.is_empty() && distinct(order) != found {
         return Err(ShapeError::Levels { column: name.to_owned(), found, order: order.to_vec() });
     }
@@ -330,6 +342,23 @@ fn codes_of(effect: Option<&Term>, covariates: &[Term]) -> Vec<(String, Vec<f64>
         }
     });
     codes
+}
+
+/// Returns warnings about levels of a column that differ only in case or in surrounding spaces.
+fn similar_levels(terms: &[&Term]) -> Vec<TestWarning> {
+    let mut found: Vec<TestWarning> = Vec::new();
+    for (name, column) in terms.iter().flat_map(|term| term.columns()) {
+        let Column::Levels(of) = column else { continue };
+        let mut before = BTreeMap::new();
+        for level in distinct(of) {
+            let Some(other) = before.insert(level.trim().to_lowercase(), level.clone()) else { continue };
+            let warning = TestWarning::SimilarLevels { column: name.to_owned(), levels: [other, level] };
+            if !found.contains(&warning) {
+                found.push(warning);
+            }
+        }
+    }
+    found
 }
 
 #[cfg(test)]

@@ -245,6 +245,27 @@ fn what_cant_be_compressed_is_refused() {
     assert!(matches!(error, CodecError::TooFine { .. }), "{error}");
 }
 
+#[test]
+fn the_stated_smallest_size_holds_a_surface() {
+    for (model, provenance) in [(surface(8), false), (surface(8), true), (model(8, 2, Kind::Signal, 4), false)] {
+        let of_size = |bytes| {
+            let params = CompressParams { provenance, ..CompressParams::new(Target::Bytes(bytes)) };
+            compress(&model, &params, &Silent)
+        };
+        let Err(CodecError::TooFewBytes { least, of_which, wanted: 1 }) = of_size(1) else { panic!("{provenance}") };
+        assert!(of_which <= least, "{of_which} {least}");
+        let file = of_size(least).unwrap();
+        assert!(file.bytes.len() <= least && file.distance.is_finite(), "{file:?}");
+        for bytes in (least.saturating_sub(4)..least + 4).filter(|_| model.kind() == Kind::Surface) {
+            match of_size(bytes) {
+                Ok(file) => assert!(file.bytes.len() <= bytes && file.distance.is_finite(), "{bytes} {file:?}"),
+                Err(CodecError::TooFewBytes { least: stated, .. }) => assert!(stated == least && bytes < least),
+                Err(error) => panic!("{bytes}: {error}"),
+            }
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 

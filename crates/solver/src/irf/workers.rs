@@ -194,11 +194,30 @@ impl Worker<'_> {
                 let rows = parts[0].rows();
                 let r = Matrix::new(residual[at], rows, *channels, rows);
                 let all: Vec<Matrix<'_>> = parts.iter().copied().chain([r]).collect();
-                triangle.push(pack(&all, root, packed));
+                match root {
+                    None => triangle.push(pack(&all, None, packed)),
+                    Some(roots) if roots.iter().all(|root| *root == 0.0) => {}
+                    Some(roots) => triangle.push(pack_weighted(&all, roots, packed)),
+                }
             })?;
         }
         Ok(triangle)
     }
+}
+
+/// Packs matrices side by side into one matrix, with each row multiplied by its root weight, and without the rows of
+/// weight 0. At least one row must have a nonzero weight.
+fn pack_weighted<'p>(parts: &[Matrix<'_>], root_weights: &[f64], packed: &'p mut Vec<f64>) -> Matrix<'p> {
+    packed.clear();
+    for part in parts {
+        for j in 0..part.columns() {
+            let rows = part.column(j).iter().zip(root_weights).filter(|(_, root)| **root > 0.0);
+            packed.extend(rows.map(|(a, root)| a * root));
+        }
+    }
+    let rows = root_weights.iter().filter(|root| **root > 0.0).count();
+    let columns = packed.len() / rows;
+    Matrix::new(packed, rows, columns, rows)
 }
 
 /// Packs matrices side by side into one matrix, with each row multiplied by its root weight if `root_weights` is given.

@@ -15,6 +15,8 @@ use super::limits::{
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cost {
     pub(super) rows: usize,
+    /// Number of rows with nonzero weight, which determines the number of iterations.
+    pub(super) rows_with_weight: usize,
     pub(super) max_degree: usize,
     pub(super) channels: usize,
 }
@@ -64,9 +66,10 @@ impl Cost {
 
     /// Returns the expected number of iterations to a tolerance on a random sampling. By the law of Marchenko and
     /// Pastur, the eigenvalues of its normal matrix lie between (1 - (K / n)^(1/2))^2 and (1 + (K / n)^(1/2))^2, and
-    /// each iteration reduces the error by a factor of (n / K)^(1/2). Even samplings take half as many iterations.
+    /// each iteration reduces the error by a factor of (n / K)^(1/2), where n counts the rows with nonzero weight. Even
+    /// samplings take half as many iterations.
     pub(super) fn expected_iterations(&self, tolerance: f64) -> f64 {
-        let ratio = basis_size(self.max_degree) as f64 / self.rows.max(1) as f64;
+        let ratio = basis_size(self.max_degree) as f64 / self.rows_with_weight.max(1) as f64;
         if ratio < 1.0 { 2.0 * tolerance.ln() / ratio.ln() } else { f64::INFINITY }
     }
 
@@ -88,7 +91,7 @@ impl Cost {
 /// at degrees from 50 to 400.
 pub fn moments_pay(rows: usize, max_degree: usize, channels: usize, tolerance: f64) -> bool {
     let many = rows >= SAMPLES_PER_DEGREE_SQUARED_FOR_SHARED_GRID * max_degree * max_degree;
-    channels == 1 && many && Cost { rows, max_degree, channels }.at_once(tolerance)
+    channels == 1 && many && Cost { rows, rows_with_weight: rows, max_degree, channels }.at_once(tolerance)
 }
 
 #[cfg(test)]
@@ -96,7 +99,7 @@ mod tests {
     use super::*;
 
     fn cost(rows: usize, max_degree: usize, channels: usize) -> Cost {
-        Cost { rows, max_degree, channels }
+        Cost { rows, rows_with_weight: rows, max_degree, channels }
     }
 
     #[test]
@@ -115,6 +118,13 @@ mod tests {
         assert!((cost(10_000 * 121, 10, 1).expected_iterations(1e-12) - 6.0).abs() < 1e-12);
         assert!(cost(121, 10, 1).expected_iterations(1e-10).is_infinite());
         assert!(cost(0, 10, 1).expected_iterations(1e-10).is_infinite());
+    }
+
+    #[test]
+    fn rows_of_weight_0_do_not_shorten_the_iterations() {
+        let masked = Cost { rows_with_weight: 100, ..cost(12_100, 10, 1) };
+        assert!(masked.expected_iterations(1e-10).is_infinite());
+        assert_eq!(masked.paid_after(), cost(12_100, 10, 1).paid_after());
     }
 
     #[test]

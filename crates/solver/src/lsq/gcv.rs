@@ -8,7 +8,8 @@
 //! with vectors z of independent signs (M. F. Hutchinson, Commun. Stat. Simul. 19, 1990). The same few z are used for
 //! every lambda, so that GCV is a smooth function of lambda, whose minimum can be searched for. G. H. Golub, M. Heath,
 //! G. Wahba, "Generalized cross-validation as a method for choosing a good ridge parameter", Technometrics 21 (1979).
-//! The columns of a target share a lambda: their residuals are summed.
+//! The columns of a target share a lambda: their residuals are summed. Degree 0 has no penalty, so GCV doesn't depend
+//! on the mean of a column. The mean is subtracted, because the accuracy of a solve is relative to the column.
 //!
 //! Cost: for each of 23 values of lambda, one solve for the columns of the target and of the probes by conjugate
 //! gradients.
@@ -54,10 +55,29 @@ pub struct Gcv {
 ///
 /// # Errors
 ///
-/// [`SolverError::Interrupted`] if the monitor cancels the search.
+/// [`SolverError::Interrupted`] if the monitor cancels the search; [`SolverError::LostResidual`] if rounding errors of
+/// the moments hide the residual.
 pub fn choose_smoothness_by_moments(problem: &MomentProblem, monitor: &dyn Monitor) -> Result<Gcv, SolverError> {
-    let adjoint = Summed { problem, penalty: None }.right_sides()?;
-    search(problem, adjoint, monitor)
+    let centred = problem.centred();
+    let adjoint = Summed { problem: &centred, penalty: None }.right_sides()?;
+    let found = search(&centred, adjoint, monitor)?;
+    match problem.lost_together(found.square(problem.rows())) {
+        Some(column) => Err(SolverError::LostResidual { column }),
+        None => Ok(found),
+    }
+}
+
+impl Gcv {
+    /// Returns the residual's sum of squares at the chosen smoothness, for n rows. It isn't finite if GCV isn't.
+    fn square(&self, rows: usize) -> f64 {
+        let (least, rows) = (least(&self.tried), rows as f64);
+        least[1] * (rows - least[2]).powi(2) / rows
+    }
+}
+
+/// Returns the entry of `tried` with the least GCV.
+fn least(tried: &[[f64; 3]]) -> [f64; 3] {
+    tried.iter().copied().min_by(|x, y| x[1].total_cmp(&y[1])).unwrap_or_default()
 }
 
 /// The operations on a problem that cross-validation requires.
@@ -181,8 +201,7 @@ pub fn choose_smoothness_by<E>(
         }
     }
     monitor.end();
-    let least = tried.iter().min_by(|x, y| x[1].total_cmp(&y[1])).map_or(0.0, |tried| tried[0]);
-    Ok(Gcv { smoothness: least, tried, at_the_end })
+    Ok(Gcv { smoothness: least(&tried)[0], tried, at_the_end })
 }
 
 /// Returns the terms of GCV for a problem with the right-hand sides `adjoint` (K, c).

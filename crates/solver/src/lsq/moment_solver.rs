@@ -4,12 +4,13 @@ use std::ops::Range;
 
 use ndarray::Array2;
 use rayon::prelude::*;
-use spharm_harmonics::Coefficients;
+use spharm_harmonics::{Coefficients, basis_size};
 use spharm_monitor::Monitor;
 
 use super::moments::MomentProblem;
 use super::params::LsqParams;
 use super::report::LsqReport;
+use super::signs::sign;
 use super::solver::{Given, LsqSolver, Source};
 use crate::SolverError;
 use crate::gram::GramMatrix;
@@ -21,6 +22,9 @@ pub struct MomentFit {
     pub coefficients: Coefficients,
     /// Weighted sum of squares (c) of each column's residual, `sum w (f - A x)^2`.
     pub residual_squares: Vec<f64>,
+    /// Whether rounding errors hide each column's residual (c), because the mean of the values is large: see
+    /// [`MomentProblem::lost`].
+    pub lost: Vec<bool>,
     /// Report on the fit, without norms of residuals by target, since these would need the samples.
     pub report: LsqReport,
     /// Standard errors (K, c) of the coefficients, if requested.
@@ -45,8 +49,9 @@ pub struct GroupFit {
 ///
 /// [`SolverError::Smoothness`] if the smoothness is negative or not finite; [`SolverError::Interrupted`] if the monitor
 /// cancels the fit; an error if a factor is requested and the budget is too small for it;
-/// [`SolverError::Underdetermined`] if standard errors are requested and the samples don't determine the coefficients.
-/// A fit that doesn't converge isn't an error.
+/// [`SolverError::Underdetermined`] if standard errors are requested and the samples don't determine the coefficients;
+/// [`SolverError::LostResidual`] if they are requested and rounding errors hide a residual. A fit that doesn't converge
+/// isn't an error.
 ///
 /// ```
 /// use ndarray::Array2;
@@ -77,11 +82,44 @@ pub fn solve_moments(
     let mut solver = LsqSolver::of(Source::Moments(problem), Some(&make_gram), params)?;
     let (coefficients, _, report) = solver.solve(Given::Sums(problem), &[], monitor)?;
     let residual_squares = problem.residual_squares(coefficients.values())?;
+    let lost = problem.lost(&residual_squares);
+    if let Some(column) = lost.iter().position(|&lost| lost).filter(|_| standard_errors) {
+        return Err(SolverError::LostResidual { column });
+    }
     let standard_errors = match standard_errors {
         true => Some(solver.standard_errors_of(&residual_squares, monitor)?),
         false => None,
     };
-    Ok(MomentFit { coefficients, residual_squares, report, standard_errors })
+    Ok(MomentFit { coefficients, residual_squares, lost, report, standard_errors })
+}
+
+/// Largest norm of the error of recovered coefficients if all functions are recovered. The component of each function
+/// in the known coefficients has the size 1.2.
+const MOST_LOST: f64 = 0.03;
+/// Optimality of the fit that recovers known coefficients, small enough for condition numbers of several thousand.
+const RECOVERED: f64 = 1e-11;
+
+/// Returns whether the samples determine the coefficients without a penalty: whether a fit recovers known coefficients
+/// from their function's values at the samples.
+///
+/// Conjugate gradients from zero converge even if some functions are zero at all samples, and their condition number
+/// doesn't show these functions. This test shows them for any arrangement of the samples. It takes about as long as the
+/// fit of one column. `params` gives the strategy and the memory.
+///
+/// # Errors
+///
+/// The errors of [`solve_moments`].
+pub fn determined(problem: &MomentProblem, params: &LsqParams, monitor: &dyn Monitor) -> Result<bool, SolverError> {
+    let functions = basis_size(problem.max_degree());
+    // Sixteen random bits: coefficients that differ only in sign could cancel in a sum of two lost functions.
+    let digits = |k: usize| (0..16).map(move |bit| sign((16 * k + bit) as u64) * 0.5f64.powi(bit as i32));
+    let known = Array2::from_shape_fn((functions, 1), |(k, _)| digits(k).sum::<f64>());
+    let tolerance = params.tolerance.min(RECOVERED);
+    let max_iterations = params.max_iterations.max(LsqParams::default().max_iterations);
+    let params = LsqParams { smoothness: 0.0, penalty: None, tolerance, max_iterations, ..params.clone() };
+    let found = solve_moments(&problem.of_known(&known)?, &params, false, monitor)?;
+    let square: f64 = (found.coefficients.values() - &known).iter().map(|error| error * error).sum();
+    Ok(found.report.shift == 0.0 && square.sqrt() <= MOST_LOST)
 }
 
 /// Solves for groups of columns in parallel, each to its own optimality. Groups that need a factor follow one after

@@ -13,7 +13,9 @@ pub enum Strategy {
     /// Runs conjugate gradients by moments, preconditioned with the density of an uneven sampling. If moments aren't
     /// available or don't fit in memory, no preconditioner is used, and the report contains a warning.
     DensityCg,
-    /// Uses a Cholesky factor with refinement, shifted if the normal matrix is singular.
+    /// Uses a Cholesky factor with refinement, shifted if the normal matrix is singular. If there are fewer rows with
+    /// nonzero weight than coefficients and there is no penalty, runs conjugate gradients instead, and the report
+    /// contains a warning.
     Cholesky,
 }
 

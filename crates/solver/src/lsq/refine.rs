@@ -27,7 +27,7 @@ impl LsqSolver<'_> {
         let tolerance = self.params.tolerance;
         let shifted = self.made.as_ref().is_some_and(|made| made.shift > 0.0);
         if shifted && cg.iterations > 0 {
-            // Start from zero, to obtain the solution of minimum norm.
+            // Start from zero, to obtain a solution of small norm.
             *cg = Cg::new(problem)?;
         }
         let (mut stop, mut refinements, mut residual) = (Stop::IterationLimit, 0, None);

@@ -119,7 +119,7 @@ pub struct LsqSeconds {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LsqWarning {
-    /// A factor would have helped, but there is no memory for one.
+    /// No factor was computed, because there is no memory for one, or because the solution isn't unique.
     #[error("no factor was computed: {reason}")]
     NoFactor {
         /// Reason why no factor was computed.

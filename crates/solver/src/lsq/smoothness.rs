@@ -1,6 +1,6 @@
 //! Chooses the smoothness for targets at samples.
 
-use ndarray::{Array2, ArrayView2};
+use ndarray::{Array2, ArrayView1, ArrayView2};
 use spharm_monitor::Monitor;
 use spharm_transform::FINEST;
 
@@ -28,15 +28,35 @@ impl LsqSolver<'_> {
         let Source::Samples(operator) = self.source else { return Err(SolverError::NoGram) };
         check::targets(targets, operator.rows())?;
         let channels = targets.ncols() + PROBES;
-        let cost = Cost { rows: operator.rows(), max_degree: operator.max_degree(), channels };
+        let (rows, rows_with_weight, max_degree) = (operator.rows(), self.rows_with_weight(), operator.max_degree());
+        let cost = Cost { rows, rows_with_weight, max_degree, channels };
         let makeable = self.available(Given::Targets(operator, targets)).moments == Moments::Makeable;
         if makeable && cost.paid_after() <= LEAST_ITERATIONS_OF_SEARCH {
             let accuracy = MOMENT_ACCURACY_OF_SEARCH.min(MOMENT_ACCURACY_PER_TOLERANCE * self.params.tolerance);
             self.take_moments(accuracy.max(FINEST), None, monitor)?;
         }
-        let equations = NormalEquations { operator, weights: self.params.weights.as_deref(), penalty: None };
-        let sampled = Sampled { equations, targets, moments: self.moments.as_ref() };
+        let weights = self.params.weights.as_deref();
+        let centred = centred(targets, weights);
+        let equations = NormalEquations { operator, weights, penalty: None };
+        let sampled = Sampled { equations, targets: &centred, moments: self.moments.as_ref() };
         search(&Samples(sampled), sampled.right_sides()?, monitor)
+    }
+}
+
+/// Returns targets (n, c) minus the weighted mean of their column.
+fn centred(targets: &Array2<f64>, weights: Option<&[f64]>) -> Array2<f64> {
+    let mut centred = targets.clone();
+    for mut column in centred.columns_mut() {
+        let mean = mean(column.view(), weights);
+        column -= mean;
+    }
+    centred
+}
+
+fn mean(column: ArrayView1<'_, f64>, weights: Option<&[f64]>) -> f64 {
+    match weights {
+        None => column.sum() / column.len() as f64,
+        Some(weights) => column.iter().zip(weights).map(|(f, w)| w * f).sum::<f64>() / weights.iter().sum::<f64>(),
     }
 }
 

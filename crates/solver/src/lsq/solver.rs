@@ -16,7 +16,7 @@ use super::params::{LsqParams, Strategy};
 use super::plan::{self, Plan};
 use super::problem::{Moments, Problem, Sampled};
 use super::report::{LsqReport, LsqWarning};
-use super::strategy::choose;
+use super::strategy::{choose, is_undetermined};
 use crate::cholesky::{CholeskyFactor, FactorParams, plan_factor};
 use crate::gram::{GramMatrix, degree_penalty, smoothness_penalty};
 use crate::operator::Operator;
@@ -252,7 +252,13 @@ impl<'a> LsqSolver<'a> {
         if self.params.strategy == Strategy::DensityCg && available.moments == plan::Moments::None {
             self.warnings.push(LsqWarning::NoDensity { reason: self.why_no_moments() });
         }
-        choose(&self.sizes(columns), &available, &self.request())
+        let (sizes, request) = (self.sizes(columns), self.request());
+        if request.strategy == Strategy::Cholesky && is_undetermined(&sizes, &request) {
+            let reason = "with fewer vertices than coefficients, iterations give the solution of minimum norm more \
+                          accurately; a smoothness penalty allows a factor";
+            self.warnings.push(LsqWarning::NoFactor { reason: reason.to_owned() });
+        }
+        choose(&sizes, &available, &request)
     }
 
     /// Returns the factor to solve with: the stored factor if there is one, else the computed factor.

@@ -3,7 +3,7 @@
 //!
 //! | request | available | steps |
 //! |---|---|---|
-//! | factor | | factor, refinement |
+//! | factor | at least as many rows as basis functions, or a penalty | factor, refinement |
 //! | auto | factor, except as below | factor, refinement |
 //! | any | moments, or no samples | iterations by moments |
 //! | any | moments that pay off at once (`cost`) or that a requested density needs | moments, iterations by moments |
@@ -15,7 +15,8 @@
 //! is requested or the choice is left to the solver, provided that there is no penalty and there are enough rows. With
 //! auto, iterations end early if a factor seems faster, provided that there are at most as many basis functions as
 //! rows, and that there is a factor or a Gram matrix. The iterations are then followed by factor and refinement, or by
-//! further iterations if the factor can't be computed. The constants are in `limits`.
+//! further iterations if the factor can't be computed. Rows of weight 0 only count towards the cost of products and,
+//! with a penalty, towards the rows needed for a factor. The constants are in `limits`.
 
 #[cfg(test)]
 mod tests;
@@ -35,7 +36,8 @@ use super::why::Why;
 pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) -> Plan {
     let &Request { strategy, max_iterations, .. } = request;
     let &Available { moments, factor } = available;
-    let cost = Cost { rows: sizes.rows, max_degree: sizes.max_degree, channels: sizes.columns };
+    let &Sizes { rows, rows_with_weight, max_degree, columns: channels } = sizes;
+    let cost = Cost { rows, rows_with_weight, max_degree, channels };
     let before_moments = iterations_before_moments(&cost, moments, request);
     let at_hand = matches!(factor, Factor::Made | Factor::Stored { .. });
     let well = matches!(factor, Factor::Stored { reciprocal } if reciprocal > WELL_CONDITIONED_RECIPROCAL);
@@ -45,7 +47,9 @@ pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) ->
         plan.push(Step::Factor { from: factor, required: strategy == Strategy::Cholesky }, why);
         plan.push(Step::Refine, Why::AfterFactor);
     };
-    if strategy == Strategy::Cholesky || (strategy == Strategy::Auto && at_hand && !left_alone) {
+    let by_factor_at_once = strategy == Strategy::Cholesky || (strategy == Strategy::Auto && at_hand && !left_alone);
+    let undetermined = is_undetermined(sizes, request);
+    if by_factor_at_once && !undetermined {
         by_factor(&mut plan, why_at_once(strategy, factor));
         return plan;
     }
@@ -68,7 +72,8 @@ pub(super) fn choose(sizes: &Sizes, available: &Available, request: &Request) ->
         plan.push(Step::MakeMoments, why_moments(&cost, first, request));
         by_moments = true;
     }
-    let may_leave = strategy == Strategy::Auto && factor != Factor::None && basis_size(sizes.max_degree) <= sizes.rows;
+    let has_factor = factor != Factor::None && basis_size(max_degree) <= rows && !undetermined;
+    let may_leave = strategy == Strategy::Auto && has_factor;
     let why = match (by_moments, moments) {
         (true, _) => Why::MomentsExist,
         (false, Moments::None) => Why::NoMoments,
@@ -106,6 +111,13 @@ fn why_moments(cost: &Cost, first: usize, request: &Request) -> Why {
 pub(super) fn density_may_precondition(sizes: &Sizes, request: &Request) -> bool {
     let enough = sizes.rows_with_weight >= ROWS_PER_COLUMN_FOR_DENSITY * basis_size(sizes.max_degree);
     matches!(request.strategy, Strategy::Auto | Strategy::DensityCg) && enough && !request.penalised
+}
+
+/// Returns whether the solution isn't unique, because there is no penalty and there are fewer rows with nonzero weight
+/// than basis functions. Iterations then tend to the solution of minimum norm. A factor of the shifted normal matrix
+/// doesn't, because its inverse magnifies the transforms' errors in the undetermined components.
+pub(super) fn is_undetermined(sizes: &Sizes, request: &Request) -> bool {
+    !request.penalised && sizes.rows_with_weight < basis_size(sizes.max_degree)
 }
 
 /// Returns the number of iterations by samples before moments are computed. It is zero if moments pay off within the

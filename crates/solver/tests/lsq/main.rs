@@ -4,6 +4,7 @@
 mod denoise;
 mod factors;
 mod gcv;
+mod large_means;
 mod moments;
 mod preconditioned;
 mod problems;

@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ndarray::{Array2, ArrayView2, s};
-use spharm_harmonics::basis_size;
+use spharm_harmonics::{Directions, basis_size};
 use spharm_monitor::Silent;
 use spharm_solver::lsq::{
-    LsqWarning, MomentProblem, Stop, choose_smoothness_by_moments, solve_moments, solve_moments_of_groups,
+    LsqWarning, MomentProblem, Stop, choose_smoothness_by_moments, determined, solve_moments, solve_moments_of_groups,
 };
 use spharm_solver::{
     GramMatrix, LsqFit, LsqParams, LsqSolver, MatrixFreeOperator, Operator, SolverError, Strategy, moment_gram,
@@ -108,7 +108,7 @@ fn a_lower_degree_needs_no_other_sums() {
     let to_twelve = sums(&sampling, None, &targets, 12);
     let (found, expected) = (of(7, &to_twelve), of(7, &sums(&sampling, None, &targets, 7)));
     assert!(norms(&(&found - &expected))[0] < 1e-9 * norms(&expected)[0]);
-    assert!(matches!(MomentProblem::new(&to_twelve, 13), Err(SolverError::Degree { found: 13, max_degree: 12 })));
+    assert!(matches!(MomentProblem::new(&to_twelve, 13), Err(SolverError::MomentsDegree { found: 13, .. })));
 }
 
 /// Returns the recomputed gradient of a solution x relative to the right-hand sides: the maximum over all columns.
@@ -369,4 +369,29 @@ fn moments_that_dont_fit_the_memory_are_not_made() {
         let said = fit.report.warnings.iter().filter(|warning| matches!(warning, LsqWarning::NoDensity { .. }));
         assert_eq!((said.count(), fit.report.warnings.len()), (warnings, warnings), "{:?}", fit.report);
     }
+}
+
+/// However many samples repeat them, few places don't determine a fit, and neither do many places on few circles.
+#[test]
+fn functions_that_are_zero_at_all_samples_are_noticed() {
+    const DEGREE: usize = 8;
+    let of = |places: &[[f64; 3]], repeats: usize| {
+        let directions = Directions::from_vertices(&places.repeat(repeats)).unwrap();
+        let targets = Array2::from_shape_fn((directions.len(), 1), |(i, _)| (i as f64).sin());
+        let sums = SampleSums::new(&directions, None, targets.view(), DEGREE, FINEST).unwrap();
+        let problem = MomentProblem::new(&sums, DEGREE).unwrap();
+        determined(&problem, &LsqParams::default(), &Silent).unwrap()
+    };
+    let circles = |count: usize| -> Vec<[f64; 3]> {
+        let place = |i: usize| {
+            let (z, turn) = ((2 * (i / 40) + 1) as f64 / count as f64 - 1.0, (i % 40) as f64 * 0.157);
+            let radius = (1.0 - z * z).sqrt();
+            [radius * turn.cos(), radius * turn.sin(), z]
+        };
+        (0..40 * count).map(place).collect()
+    };
+    for (places, repeats, expected) in [(200, 1, true), (200, 5, true), (80, 20, false), (5, 100, false)] {
+        assert_eq!(of(even(places).directions.as_slice(), repeats), expected, "{places} places");
+    }
+    assert!(of(&circles(12), 1) && !of(&circles(6), 1));
 }

@@ -101,14 +101,17 @@ impl ModelSurface {
 
     /// Returns the memory in bytes for a comparison with a surface of `faces` triangles.
     fn bytes(max_degree: usize, level: u32, faces: usize) -> Option<usize> {
-        /// Bytes per triangle of a search tree, including its construction.
-        const TRIANGLE: usize = 400;
-        const POINT: usize = 80;
-        let transform = Transform::bytes(&params(max_degree), vertices(level), 3).ok()?;
-        let triangles = 2 * vertices(level);
-        // Each triangle has at least one point; large triangles have more.
-        let points = POINTS_PER_FUNCTION * basis_size(max_degree) + triangles.max(faces);
-        Some(transform + TRIANGLE * triangles.max(faces) + 100 * vertices(level) + POINT * points)
+        /// Bytes per triangle and per point, as in [`spharm_surface::metrics::surface_distance_bytes`].
+        const TRIANGLE: usize = 370;
+        const POINT: usize = 136;
+        let nodes = vertices(level);
+        let transform = Transform::bytes(&params(max_degree), nodes, 3).ok()?;
+        let triangles = faces.max(2 * nodes);
+        // Vertices are points, too. Each triangle has at least one point; large triangles have more.
+        let points = POINTS_PER_FUNCTION * basis_size(max_degree) + triangles + triangles / 2;
+        // A mesh takes 48 bytes per vertex. There are the icosphere, the model with its values, and the surface.
+        let meshes = (48 + 48 + 24) * nodes + 24 * faces;
+        Some(transform + TRIANGLE * triangles + POINT * points + meshes)
     }
 
     /// Prepares comparisons on an icosphere.
@@ -159,5 +162,28 @@ impl ModelSurface {
             points,
             model_vertices: self.sphere.vertices.len(),
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_surface::metrics::surface_distance_bytes;
+
+    use super::*;
+
+    #[test]
+    fn the_memory_of_a_comparison_is_within_its_estimate() {
+        for (max_degree, subdivisions) in [(8, 3), (20, 5), (40, 4)] {
+            let surface = icosphere(subdivisions);
+            let faces = surface.faces.len();
+            let level = ModelSurface::level(max_degree, faces, usize::MAX).expect("a level");
+            let model = icosphere(level);
+            let sampling = SurfaceDistanceParams { samples: POINTS_PER_FUNCTION * basis_size(max_degree) };
+            let bytes = |mesh: &Mesh| (24 * mesh.vertices.len() + 12 * mesh.faces.len()) as u64;
+            let needed = surface_distance_bytes(&surface, &model, &sampling) + 2 * bytes(&model) + bytes(&surface);
+            let transform = Transform::bytes(&params(max_degree), vertices(level), 3).expect("a degree in range");
+            let planned = ModelSurface::bytes(max_degree, level, faces).expect("a degree in range") - transform;
+            assert!(planned as u64 >= needed, "degree {max_degree}: {planned} of {needed} bytes");
+        }
     }
 }

@@ -6,7 +6,7 @@
 //! | `mean.spharm.npz` | the mean over the group's sphere |
 //! | `NAME.spharm.npz` | a member's model, in the group's frame and over its sphere |
 //! | `places/NAME.npz` | `places` (n, 3): corresponding points in the group's frame; `reached` (n, 1): 1 if the member has a counterpart there, else 0 |
-//! | `members/NAME.json` | the member's source file, its similarity to the group's frame, report on its registration |
+//! | `members/NAME.json` | the member's source file and order of axes, its similarity to the group's frame, report on its registration |
 //!
 //! `group.json` is written after all other files of the group, and `members/NAME.json` after the member's other files.
 //! If one of these files exists, the files written before it are complete. Members can also be added to a finished
@@ -61,6 +61,9 @@ struct Member {
     /// Whether the surface was mirrored before it was aligned. `to_group` includes the reflection.
     #[serde(default)]
     mirrored: bool,
+    /// Order of the axes in which a volume was read.
+    #[serde(default)]
+    axes: Option<String>,
     to_group: Similarity,
     #[serde(with = "Registered")]
     registration: MemberReport,
@@ -79,6 +82,10 @@ struct Registered {
     without_counterpart: usize,
     turned: usize,
     model_rms: f64,
+    #[serde(default)]
+    area: f64,
+    #[serde(default)]
+    volume: f64,
 }
 
 /// The origin of a member, as recorded in its files.
@@ -90,6 +97,8 @@ pub struct MemberOrigin {
     pub input: Option<FileRecord>,
     /// Whether the surface was mirrored (x to -x) before it was aligned.
     pub mirrored: bool,
+    /// Order of the axes in which a volume was read; `None` for other files, and for records that lack it.
+    pub axes: Option<String>,
     /// Reasons to check the member.
     pub warnings: Vec<String>,
 }

@@ -7,7 +7,7 @@ use spharm_register::{RegisterParams, Registered, Subject, Template, register};
 use spharm_shape::groupwise::{FinishedGroup, GroupwiseParams};
 use spharm_surface::geometry::Vec3;
 use spharm_surface::pose::{
-    GroupPoseWarning, NEARER_MIRRORED, OF_ANOTHER_KIND, PoseParams, PoseSearch, PoseSurface, pose,
+    CLOSE, GroupPoseWarning, NEARER_MIRRORED, OF_ANOTHER_KIND, PoseParams, PoseSearch, PoseSurface, pose,
 };
 use spharm_surface::{Kind, Mesh, Similarity};
 
@@ -39,8 +39,6 @@ pub struct NewMember {
 
 /// Number of members whose distances from the mean are compared with a new member's.
 const USUAL: usize = 8;
-/// A surface belongs elsewhere if its distance from the mean exceeds this multiple of the distance in its best pose.
-const ELSEWHERE: f64 = 1.5;
 
 /// Data of a group, prepared once for all new members.
 pub struct Joining {
@@ -138,6 +136,8 @@ impl Joining {
             turned,
             without_counterpart: without.count(),
             model_rms: fitted.rms[0],
+            area: moving.area,
+            volume: moving.volume.abs(),
             ..MemberReport::new(posed.distance, &cover)
         };
         let own = distance_from(&fitted.coefficients[0], &self.group, &self.pose, &quiet)?;
@@ -170,7 +170,7 @@ impl Joining {
             Ok(pose(&surface, &self.pose, &any, monitor)?.distance)
         };
         let best = if self.params.pose.search == PoseSearch::Near { searched(surface)? } else { distance };
-        if ELSEWHERE * best < distance {
+        if CLOSE * best < distance {
             return warnings(GroupPoseWarning::Elsewhere { member: 0, distance, best });
         }
         if !self.params.pose.mirror {

@@ -12,6 +12,14 @@ use super::guide::GuideReport;
 /// Largest share of a member's area that may lack a counterpart on the template without a warning.
 pub(super) const UNREACHED: f64 = 0.02;
 
+/// Largest relative difference in area and in volume at which two surfaces are treated as the same.
+const SAME: f64 = 1e-6;
+
+/// Returns whether two areas or volumes are treated as the same.
+pub(super) fn close(a: f64, b: f64) -> bool {
+    (a - b).abs() <= SAME * a.abs().max(b.abs())
+}
+
 /// Report on a group's correspondence.
 #[derive(Debug, Clone)]
 pub struct CorrespondReport {
@@ -52,6 +60,10 @@ pub struct MemberReport {
     pub turned: usize,
     /// Root mean square distance between the model and the corresponding points that it was fitted to.
     pub model_rms: f64,
+    /// Area of the member's surface, in the square of the surface's own unit; 0 if unknown.
+    pub area: f64,
+    /// Volume of the member's surface, at least 0, in the cube of the surface's own unit.
+    pub volume: f64,
 }
 
 impl MemberReport {
@@ -65,7 +77,16 @@ impl MemberReport {
             without_counterpart: 0,
             turned: 0,
             model_rms: 0.0,
+            area: 0.0,
+            volume: 0.0,
         }
+    }
+
+    /// Returns whether the areas and volumes of two members' surfaces are equal within a relative difference of 1e-6.
+    /// Such members are the same surface, possibly moved or mirrored.
+    #[must_use]
+    pub fn same_surface(&self, other: &Self) -> bool {
+        self.area > 0.0 && close(self.area, other.area) && close(self.volume, other.volume)
     }
 }
 

@@ -12,7 +12,7 @@ use spharm_surface::{Mesh, Similarity, Sphere};
 use super::fits::Fitted;
 use super::guide::{GuideLandmarks, Guided, Verdict};
 use super::params::CorrespondParams;
-use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED};
+use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED, close};
 use super::subjects::Subjects;
 use super::template::MappedTemplate;
 use super::together::{mesh_of, spread, together, weights};
@@ -21,13 +21,13 @@ use crate::Error;
 
 /// Largest share of the template's directions that may lack a counterpart on a member without a warning.
 const LACKING: f64 = 0.05;
-/// Largest relative difference in area and in volume at which two surfaces are treated as the same.
-const SAME: f64 = 1e-6;
 
 /// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
 struct Posed {
     similarities: Vec<Similarity>,
     distances: Vec<f64>,
+    /// Area and absolute volume of each surface, in the surface's own unit.
+    sizes: Vec<[f64; 2]>,
     template: Option<usize>,
     warnings: Vec<CorrespondWarning>,
 }
@@ -39,7 +39,7 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         seconds.push((name, mark.elapsed().as_secs_f64()));
         mark = Instant::now();
     };
-    let Posed { mut similarities, distances, template, mut warnings } = poses(subjects, params, monitor)?;
+    let Posed { mut similarities, distances, sizes, template, mut warnings } = poses(subjects, params, monitor)?;
     for (index, similarity) in similarities.iter_mut().enumerate() {
         if let Some(reflection) = params.reflection(index) {
             *similarity = reflection.then(similarity);
@@ -69,12 +69,14 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         shape = mesh_of(mean, &sphere.faces);
     }
     lap("registration");
-    let of = |(found, distance): (&Registered, &f64)| MemberReport {
+    let of = |((found, distance), [area, volume]): ((&Registered, &f64), &[f64; 2])| MemberReport {
         turned: found.turned,
         without_counterpart: without_counterpart(found, &masked),
+        area: *area,
+        volume: *volume,
         ..MemberReport::new(*distance, &found.cover)
     };
-    let mut members: Vec<MemberReport> = registered.iter().zip(&distances).map(of).collect();
+    let mut members: Vec<MemberReport> = registered.iter().zip(&distances).zip(&sizes).map(of).collect();
     warnings.extend(of_cover(&members, &masked));
     let mut reached: Vec<Vec<bool>> = registered.into_iter().map(|found| found.reached).collect();
     let mut fitted = Fitted::new(&sphere, places, params, monitor)?;
@@ -119,6 +121,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     let surfaces = subjects.each(surface)?;
     let landmarks = params.guide.as_ref().map(|guide| reflected(guide, params));
     let mut warnings = same(&surfaces);
+    let sizes = surfaces.iter().map(|surface| [surface.area, surface.volume.abs()]).collect();
     let Some(template) = &params.template else {
         let mut found = group_poses(&surfaces, &params.pose, monitor)?;
         if let Some(landmarks) = landmarks {
@@ -128,6 +131,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         return Ok(Posed {
             similarities: found.similarities,
             distances: found.distances,
+            sizes,
             template: Some(found.template),
             warnings,
         });
@@ -157,6 +161,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     Ok(Posed {
         similarities: found.iter().map(|pose| pose.similarity).collect(),
         distances: found.iter().map(|pose| pose.distance).collect(),
+        sizes,
         template: None,
         warnings,
     })
@@ -261,7 +266,6 @@ pub(super) fn of_cover(members: &[MemberReport], masked: &[bool]) -> Vec<Corresp
 /// Returns warnings for members whose area and volume equal those of an earlier member within a relative difference of
 /// 1e-6. Such members are the same surface, possibly moved or mirrored.
 fn same(surfaces: &[PoseSurface]) -> Vec<CorrespondWarning> {
-    let close = |a: f64, b: f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
     let equal = |a: &PoseSurface, b: &PoseSurface| close(a.area, b.area) && close(a.volume.abs(), b.volume.abs());
     let earlier = |member: usize| {
         let as_member = (0..member).find(|other| equal(&surfaces[member], &surfaces[*other]))?;

@@ -30,6 +30,8 @@ pub(crate) struct Run<'a, T, E> {
     /// Index of each finished target, and the result that `done` returned for it.
     pub(crate) results: Vec<(usize, T)>,
     pub(crate) batches: Vec<BatchReport>,
+    /// Indices of the targets of each batch, in the order of `batches`.
+    pub(crate) targets: Vec<Vec<usize>>,
     pub(crate) seconds: Seconds,
     /// Number of targets read at the same time. It is set by the method's memory plan, and 1 before a plan exists.
     pub(crate) readers: usize,
@@ -183,8 +185,10 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         monitor: &'a dyn Monitor,
     ) -> Result<Self, E> {
         let (batches, seconds, ready) = (Vec::new(), Seconds::default(), VecDeque::new());
-        let results = Vec::new();
-        let mut run = Self { job, monitor, count, results, batches, seconds, readers: 1, read, done, next: 0, ready };
+        let (results, targets) = (Vec::new(), Vec::new());
+        let readers = 1;
+        let mut run =
+            Self { job, monitor, count, results, batches, targets, seconds, readers, read, done, next: 0, ready };
         let mark = Instant::now();
         run.fill()?;
         run.seconds.read += mark.elapsed().as_secs_f64();
@@ -239,6 +243,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
                 self.results.extend(self.hand_over(&batch, &solved)?);
                 restore_batch(&mut solved.report, &batch.exponents, self.job.weight_exponent);
                 self.batches.push(solved.report);
+                self.targets.push(batch.numbers);
             }
             (Err(error @ Error::NotConverged(_)), &[number]) => {
                 self.results.push((number, (self.done)(number, Err(error.into()))?));

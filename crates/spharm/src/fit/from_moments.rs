@@ -5,12 +5,12 @@ use serde::Serialize;
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_model::{Fitted, Provenance, Settings};
 use spharm_moments::Moments;
-use spharm_monitor::{Level, Monitor};
+use spharm_monitor::{Level, Monitor, OnlyCancel};
 use spharm_solver::lsq::{
     Denoise, Gcv, LsqReport, LsqWarning, MomentFit, MomentProblem, NoisePower, choose_smoothness_by_moments,
-    solve_moments,
+    determined, solve_moments,
 };
-use spharm_solver::{LsqParams, MomentNormal};
+use spharm_solver::{LsqParams, MomentNormal, SolverError};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Kind;
 use spharm_surface::range::{times, times_within};
@@ -48,10 +48,12 @@ pub struct MomentsReport {
     pub samples: u64,
     /// Sum of the weights.
     pub weight: f64,
-    /// Root of the weighted mean squared residual of each channel, in the channel's unit.
-    pub rms: Vec<f64>,
-    /// Share of the sum `sum w f^2` of each channel that the model explains.
-    pub explained: Vec<f64>,
+    /// Root of the weighted mean squared residual of each channel, in the channel's unit; `None` if rounding errors
+    /// hide the residual.
+    pub rms: Vec<Option<f64>>,
+    /// Share of the sum `sum w f^2` of each channel that the model explains; `None` if rounding errors hide the
+    /// residual.
+    pub explained: Vec<Option<f64>>,
     /// Diameter of the largest cap without samples, in degrees. Its accuracy is limited by the resolution of the
     /// moments.
     pub largest_gap: f64,
@@ -91,7 +93,7 @@ const UNDETERMINED: f64 = 1e6;
 /// request.columns.values = vec!["f".to_owned()];
 /// let moments = accumulate(&request, &Silent)?.moments;
 /// let fit = fit_moments(&moments, &FitParams::lsq(2), &Silent)?;
-/// assert!(fit.report.rms[0] < 1e-6);
+/// assert!(fit.report.rms[0].is_some_and(|rms| rms < 1e-6));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 ///
@@ -99,7 +101,8 @@ const UNDETERMINED: f64 = 1e6;
 ///
 /// [`Error::Solver`] if the degree is above that of the moments, or standard errors of undetermined coefficients are
 /// requested; [`Error::Memory`] if memory doesn't suffice; [`Error::NotConverged`] if `params` are strict and the
-/// tolerance isn't met; [`Error::Setting`] if a setting or a sum of squares is out of range.
+/// tolerance isn't met; [`Error::Setting`] if a setting or a sum of squares is out of range, or rounding errors hide a
+/// residual that standard errors, denoising or the choice of the smoothness require.
 pub fn fit_moments(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result<MomentsFit, Error> {
     params.check()?;
     in_pool(params.threads, || solve(moments, params, monitor))
@@ -127,7 +130,8 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let mut gcv = match params.smoothness {
         Smoothness::Auto => {
             check_auto(problem.rows(), max_degree)?;
-            Some(choose_smoothness_by_moments(&problem, monitor)?)
+            let chosen = choose_smoothness_by_moments(&problem, monitor);
+            Some(chosen.map_err(|error| refused(error, "smoothness auto", moments))?)
         }
         _ => None,
     };
@@ -146,8 +150,10 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         gram_bytes: MomentGram::bytes(max_degree),
         ..LsqParams::default()
     };
-    let mut found =
-        solve_moments(&problem, &solver, params.standard_errors && !params.denoise, monitor).map_err(Error::from)?;
+    let mut found = solve_moments(&problem, &solver, params.standard_errors && !params.denoise, monitor)
+        .map_err(|error| refused(error, "stderr", moments))?;
+    // Denoising adds the times of its own fits to the report.
+    let has_factor = found.report.seconds.factor > 0.0;
     let mut denoised =
         if params.denoise { denoise(&problem, &solver, params, &mut found, moments, monitor)? } else { Vec::new() };
     let largest_gap = moments.occupied.largest_gap().to_degrees();
@@ -155,24 +161,35 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let mut warnings = FitWarning::of_lsq(&found.report, params.tolerance, None);
     let few = found.report.warnings.iter().any(|warning| matches!(warning, LsqWarning::Underdetermined { .. }));
     let poor = found.report.shift > 0.0 || few || found.report.condition > UNDETERMINED;
-    if let (true, Some(resolved)) = (poor && smoothness == 0.0, resolved) {
+    // Samples at few places, or with wide gaps, can leave functions undetermined that iterations don't notice. The
+    // condition number of a factor reveals these functions without a further fit.
+    let sparse = resolved.is_some_and(|resolved| largest_gap > resolved || moments.occupied.count() < functions);
+    let unsure = sparse && !has_factor;
+    let poor = smoothness == 0.0 && (poor || (unsure && !recovers(&problem, &solver, monitor)?));
+    if let (true, Some(resolved)) = (poor, resolved) {
         let samples = moments.sums.count;
         warnings.push(FitWarning::Gap { max_degree, samples, functions, largest_gap, resolved });
     }
+    warnings.extend(doubts(moments, &found.lost));
     let converged = converged(params, &warnings)?;
     let text = format_args!("{} iterations, optimality {:.1e}", found.report.iterations, found.report.optimality);
     monitor.note(Level::Detail, text);
     let mean = |(square, e): (&f64, &i32)| times((square / sums.weight).sqrt(), *e);
-    let rms = found.residual_squares.iter().zip(&exponents).map(mean).collect();
-    let shares = found.residual_squares.iter().zip(&sums.squares);
-    let explained = shares.map(|(left, all)| if *all > 0.0 { 1.0 - left / all } else { 1.0 }).collect();
+    let known = |(value, lost): (f64, &bool)| (!lost).then_some(value);
+    let rms = found.residual_squares.iter().zip(&exponents).map(mean).zip(&found.lost).map(known).collect();
+    let share = |(left, all): (&f64, &f64)| if *all > 0.0 { 1.0 - left / all } else { 1.0 };
+    let explained = found.residual_squares.iter().zip(&sums.squares).map(share).zip(&found.lost).map(known).collect();
     restore_moments(&mut found, &exponents, weight_exponent);
     for (removed, e) in denoised.iter_mut().zip(&exponents) {
         removed.sigma = times(removed.sigma, e + weight_exponent / 2);
     }
     if let Some(gcv) = &mut gcv {
         gcv.smoothness = times_within(gcv.smoothness, weight_exponent);
-        gcv.tried.iter_mut().for_each(|tried| tried[0] = times_within(tried[0], weight_exponent));
+        let exponent = exponents.iter().copied().max().unwrap_or(0);
+        for [smoothness, score, _] in &mut gcv.tried {
+            *smoothness = times_within(*smoothness, weight_exponent);
+            *score = times_within(*score, 2 * exponent + weight_exponent);
+        }
     }
     if let Some(((row, channel), &found)) = found.coefficients.values().indexed_iter().find(|(_, x)| !x.is_finite()) {
         return Err(Error::NotFinite { row, channel, found });
@@ -193,6 +210,36 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         warnings,
     };
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
+}
+
+/// Returns whether a fit recovers known coefficients from the same samples.
+fn recovers(problem: &MomentProblem, solver: &LsqParams, monitor: &dyn Monitor) -> Result<bool, Error> {
+    monitor.note(Level::Info, format_args!("checks whether the samples determine the fit"));
+    determined(problem, solver, &OnlyCancel(monitor)).map_err(Error::from)
+}
+
+/// Returns warnings about residuals that rounding errors hide, and about missing shards.
+fn doubts(moments: &Moments, lost: &[bool]) -> Vec<FitWarning> {
+    let hidden = moments.channels.iter().zip(lost).filter(|(_, lost)| **lost);
+    let channels: Vec<String> = hidden.map(|(channel, _)| channel.clone()).collect();
+    let missing = moments.missing_shards();
+    let hidden = (!channels.is_empty()).then_some(FitWarning::LostResidual { channels });
+    let partial = (!missing.is_empty()).then_some(FitWarning::MissingShards { missing });
+    hidden.into_iter().chain(partial).collect()
+}
+
+/// Returns the error of a request `what` for which the solver failed.
+fn refused(error: SolverError, what: &'static str, moments: &Moments) -> Error {
+    let SolverError::LostResidual { column } = error else { return error.into() };
+    let channel = moments.channels.get(column).map_or("", String::as_str);
+    Error::Setting {
+        what,
+        expected: "moments that determine the residual",
+        found: format!(
+            "channel {channel:?}, whose mean is so large that rounding errors hide the residual; subtract a constant, \
+             such as the mean, from the values and compute the moments again, or leave out this channel"
+        ),
+    }
 }
 
 /// Returns an error if sums of squares have overflowed, or have lost digits by underflow.
@@ -222,6 +269,9 @@ fn denoise(
     moments: &Moments,
     monitor: &dyn Monitor,
 ) -> Result<Vec<Denoise>, Error> {
+    if let Some(column) = found.lost.iter().position(|&lost| lost) {
+        return Err(refused(SolverError::LostResidual { column }, "denoise", moments));
+    }
     let power = NoisePower::of_moments(problem, monitor)?;
     let mut coefficients = found.coefficients.values().to_owned();
     let mut errors = params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
@@ -283,5 +333,50 @@ impl MomentsFit {
         let fitted =
             Fitted { coefficients: self.coefficients.clone(), scheme_key, provenance: self.provenance.clone() };
         Model::without_sphere(fitted, if surface { Kind::Surface } else { Kind::Signal })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fmt;
+    use std::sync::Mutex;
+
+    use spharm_harmonics::Directions;
+    use spharm_moments::{Part, Samples, accumulate_samples};
+    use spharm_monitor::Silent;
+
+    use super::*;
+    use crate::Preconditioner;
+
+    /// A monitor that records the notes for all users.
+    #[derive(Default)]
+    struct Notes(Mutex<Vec<String>>);
+
+    impl Monitor for Notes {
+        fn note(&self, level: Level, text: fmt::Arguments<'_>) {
+            if level == Level::Info {
+                self.0.lock().unwrap().push(text.to_string());
+            }
+        }
+    }
+
+    /// Samples with a wide gap around a pole are checked by a second fit only if the first fit has no factor.
+    #[test]
+    fn a_fit_with_a_factor_is_not_repeated() {
+        let all = Directions::fibonacci(2000).unwrap();
+        let places: Vec<f64> = all.as_slice().iter().filter(|v| v[2] < 0.8).flatten().copied().collect();
+        let directions = Array2::from_shape_vec((places.len() / 3, 3), places).unwrap();
+        let samples = Samples { directions: directions.view(), values: directions.slice(s![.., 2..]), weights: None };
+        let moments = accumulate_samples(&samples, vec!["f".to_owned()], 6, &Part::default(), &Silent).unwrap();
+        for (preconditioner, expected) in [(Preconditioner::None, 1), (Preconditioner::Factor, 0)] {
+            let notes = Notes::default();
+            let params = FitParams { preconditioner, ..FitParams::lsq(6) };
+            let report = fit_moments(&moments, &params, &notes).unwrap().report;
+            assert!(report.resolved.is_some_and(|resolved| report.largest_gap > resolved));
+            assert!(!report.warnings.iter().any(|warning| matches!(warning, FitWarning::Gap { .. })));
+            let notes = notes.0.into_inner().unwrap();
+            let checks = notes.iter().filter(|note| note.contains("whether the samples determine the fit")).count();
+            assert_eq!(checks, expected, "{preconditioner}: {notes:?}");
+        }
     }
 }

@@ -12,7 +12,7 @@ use spharm_transform::MomentGram;
 
 use super::batches::{Run, Solved};
 use super::job::Job;
-use super::shared::counted;
+use super::shared::{counted, in_batches};
 use crate::machine::check_limits;
 use crate::report::BatchReport;
 use crate::{Error, FitWarning, defaults};
@@ -220,14 +220,14 @@ impl<'o> Planner<'o> {
     ) {
         let (plan, blocks) = (fitter.plan(), fitter.blocks().len());
         let text = format_args!(
-            "{} with {} vertices, degree {}: method {} with {} of {}, {together} targets at a time, {} of {} MiB of \
-             memory planned",
+            "{} with {} vertices, degree {}: method {} with {} of {}{}, {} of {} MiB of memory planned",
             counted(surfaces, "target", "targets"),
             self.operator.rows(),
             job.params.max_degree,
             self.method.name(),
             counted(self.method.passes(), "pass", "passes"),
             counted(blocks, "block", "blocks"),
+            in_batches(surfaces, together),
             plan.total.div_ceil(1 << 20),
             plan.budget >> 20,
         );

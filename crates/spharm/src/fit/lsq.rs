@@ -18,7 +18,7 @@ use super::batches::{Batch, PerTarget, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
-use super::shared::{NestedMonitor, allowed, check_auto, converged, counted, note_solution, strategy};
+use super::shared::{NestedMonitor, allowed, check_auto, converged, counted, in_batches, note_solution, strategy};
 use crate::report::{BatchReport, Denoised};
 use crate::{Error, FitParams, FitWarning, Smoothness, Weights, defaults};
 
@@ -264,11 +264,11 @@ fn plan(job: &Job<'_>, channels: usize, most: usize) -> Result<(LsqPlan, usize),
 
 fn note_plan(job: &Job<'_>, plan: &LsqPlan, count: usize, together: usize, monitor: &dyn Monitor) {
     let text = format_args!(
-        "{} with {} vertices, degree {}: least squares, matrix-free, {together} targets at a time, {} of {} MiB of \
-         memory planned",
+        "{} with {} vertices, degree {}: least squares, matrix-free{}, {} of {} MiB of memory planned",
         counted(count, "target", "targets"),
         job.sphere.directions.len(),
         job.params.max_degree,
+        in_batches(count, together),
         plan.needed(together).div_ceil(1 << 20),
         plan.budget >> 20,
     );

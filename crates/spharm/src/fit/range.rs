@@ -1,16 +1,16 @@
-//! Scales targets and weights whose squares would overflow or underflow.
+//! Scales targets and weights whose products would overflow or underflow.
 //!
 //! The coefficients of a fit are proportional to its target, and don't change if weights and penalty are multiplied by
-//! the same factor. Therefore values beyond 1e60 or below 1e-60 are divided by a power of two and fitted, and the
+//! the same factor. Therefore values above 4e9 or below 1e-9 are divided by a power of two and fitted, and the
 //! results are multiplied by that power. The scaling is exact: coefficients have the digits that they would have for a
 //! target of ordinary size. Squared figures that would exceed the range of f64 are clamped to its ends. A surface has
-//! one exponent; each channel of a signal has its own.
+//! one exponent. So has a signal, unless its channels differ much in size; then each channel has its own.
 
 use ndarray::{Array2, ArrayView2, ArrayViewMut1, ArrayViewMut2};
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_solver::ResidualNorms;
 use spharm_solver::lsq::{LsqReport, LsqWarning, MomentFit};
-use spharm_surface::range::{exponent, scale_all, times, times_within};
+use spharm_surface::range::{even_exponent, exponent, scale_all, times, times_within, unless_ordinary};
 use spharm_surface::{Kind, Target};
 use spharm_transform::{SampleSums, synthesis};
 
@@ -22,17 +22,22 @@ use crate::{Error, Fit, FitWarning};
 /// f64.
 const MOST: i32 = 900;
 
+/// Channels whose exponents differ by at most this number are divided by the same power of two.
+const SPREAD: i32 = 40;
+
+/// Largest magnitude of the exponent of sums of weights that aren't scaled. Sums over many samples of ordinary weights
+/// are below.
+const SUM: i32 = 50;
+
 /// Exponents of the powers of two by which a target's channels were divided. Empty if the target wasn't scaled.
 pub(crate) type Exponents = Vec<i32>;
 
 /// Divides the channels of a target by powers of two. Returns the exponents of these powers.
 pub(crate) fn into_range(target: &mut Target) -> Exponents {
     let channels = target.channels;
-    let of = |channel: usize, step: usize| exponent(target.values.iter().skip(channel).step_by(step).copied());
-    let exponents: Exponents = match target.kind {
-        Kind::Surface => vec![of(0, 1); channels],
-        Kind::Signal => (0..channels).map(|channel| of(channel, channels)).collect(),
-    };
+    let of = |channel: usize| even_exponent(target.values.iter().skip(channel).step_by(channels).copied());
+    let sizes: Vec<Option<i32>> = (0..channels).map(of).collect();
+    let exponents = exponents_of(&sizes, target.kind == Kind::Surface);
     if exponents.iter().all(|&e| e == 0) {
         return Vec::new();
     }
@@ -40,6 +45,16 @@ pub(crate) fn into_range(target: &mut Target) -> Exponents {
         row.iter_mut().zip(&exponents).for_each(|(value, &e)| *value = times(*value, -e));
     }
     exponents
+}
+
+/// Returns the exponents by which to scale channels whose largest values have the exponents `sizes`, `None` for
+/// channels of zeros. With `together`, or if the sizes are similar, all channels have the same exponent.
+fn exponents_of(sizes: &[Option<i32>], together: bool) -> Exponents {
+    let all = sizes.iter().flatten().copied().max().unwrap_or(0);
+    if together || sizes.iter().flatten().all(|size| all - size <= SPREAD) {
+        return vec![unless_ordinary(all); sizes.len()];
+    }
+    sizes.iter().map(|size| size.map_or(0, unless_ordinary)).collect()
 }
 
 /// Divides weights by a power of two. Returns the exponent of this power.
@@ -185,12 +200,12 @@ pub(crate) fn restore_solution(report: &mut LsqReport, exponent: i32, weights: i
 /// Divides sums over samples by powers of two. Returns the scaled sums, the exponents of the channels, and the exponent
 /// of the weights. With `together`, all channels have the same exponent. Returns `None` if no sum needs scaling.
 pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(SampleSums, Exponents, i32)> {
-    let weights = exponent(sums.moments.iter().copied().chain([sums.weight]));
-    let of = |column: ndarray::ArrayView1<'_, f64>| exponent(column.iter().map(|&sum| times(sum, -weights)));
-    let mut exponents: Exponents = sums.right_sides.columns().into_iter().map(of).collect();
-    if together {
-        exponents = vec![largest(&exponents); exponents.len()];
-    }
+    let total = even_exponent(sums.moments.iter().copied().chain([sums.weight])).unwrap_or(0);
+    let weights = if total.abs() > SUM { total } else { 0 };
+    // A sum divided by the total weight has the size of the channel's values, whatever the number of samples.
+    let of = |column: ndarray::ArrayView1<'_, f64>| even_exponent(column.iter().map(|&sum| times(sum, -total)));
+    let sizes: Vec<Option<i32>> = sums.right_sides.columns().into_iter().map(of).collect();
+    let exponents = exponents_of(&sizes, together);
     if weights == 0 && exponents.iter().all(|&e| e == 0) {
         return None;
     }
@@ -208,4 +223,23 @@ pub(crate) fn sums_into_range(sums: &SampleSums, together: bool) -> Option<(Samp
 pub(crate) fn restore_moments(fit: &mut MomentFit, exponents: &[i32], weights: i32) {
     restore_columns(&mut fit.coefficients, &mut fit.standard_errors, exponents);
     restore_solution(&mut fit.report, largest(exponents), weights);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_share_an_exponent_unless_their_sizes_differ_much() {
+        for (sizes, together, expected) in [
+            ([None, Some(-130), Some(-132)], true, [-130; 3]),
+            ([None, Some(-130), Some(-132)], false, [-130; 3]),
+            ([Some(30), Some(-8), None], false, [0; 3]),
+            ([Some(0), Some(90), Some(-66)], false, [0, 90, -66]),
+            ([Some(0), Some(90), Some(-66)], true, [90; 3]),
+            ([None; 3], false, [0; 3]),
+        ] {
+            assert_eq!(exponents_of(&sizes, together), expected, "{sizes:?}");
+        }
+    }
 }

@@ -63,6 +63,11 @@ pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
+/// Returns the part of a note that says how many targets are fitted at a time, or nothing if all are fitted together.
+pub(crate) fn in_batches(count: usize, together: usize) -> String {
+    if together >= count { String::new() } else { format!(", {together} at a time") }
+}
+
 /// Returns whether the tolerance was met, according to a fit's warnings. With strict settings, returns an error if it
 /// wasn't.
 pub(crate) fn converged(params: &FitParams, warnings: &[FitWarning]) -> Result<bool, Error> {

@@ -20,7 +20,7 @@ use super::batches::{Batch, PerTarget, Run, Solved};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{Sizes, transform};
-use super::shared::{NestedMonitor, converged, counted, merge_reports, note_solution, strategy};
+use super::shared::{NestedMonitor, converged, counted, in_batches, merge_reports, note_solution, strategy};
 use super::surface_plan::SurfacePlan;
 use super::surface_sums::SurfaceSums;
 use crate::assess::{ModelSurface, ReadSurface};
@@ -49,13 +49,13 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let fitter = Fitter::new(job, &plan, sums)?;
     let needed = plan.needed(plan.together).div_ceil(1 << 20);
     let text = format_args!(
-        "{} with {} vertices, degree {}: least squares over {} samples of the surface, {} targets at a time, {needed} \
-         of {} MiB of memory planned",
+        "{} with {} vertices, degree {}: least squares over {} samples of the surface{}, {needed} of {} MiB of memory \
+         planned",
         counted(count, "target", "targets"),
         sizes.vertices,
         sizes.max_degree,
         samples,
-        plan.together,
+        in_batches(count, plan.together),
         plan.budget >> 20,
     );
     monitor.note(Level::Info, text);

@@ -40,6 +40,9 @@ impl Fitter<'_> {
     pub(super) fn choose_smoothness(&self, target: ArrayView2<'_, f64>, monitor: &dyn Monitor) -> Result<Gcv, Error> {
         let (vertices, columns) = (self.vertices_with_weight, target.ncols());
         check_auto(vertices, self.params.max_degree)?;
+        // The accuracy of a solve is relative to the target, and GCV doesn't depend on the target's position.
+        let target = self.centred(target);
+        let target = target.view();
         let probes = self.signs(PROBES_FOR_GCV, &mut SplitMix64::new(0));
         let all = columns + PROBES_FOR_GCV;
         let problem = self.problem(&[(0..columns, target), (columns..all, probes.view())], monitor)?;
@@ -100,6 +103,19 @@ impl Fitter<'_> {
             });
         }
         signs
+    }
+
+    /// Returns `target` (n, c) minus the mean of each column over the fitted vertices.
+    fn centred(&self, target: ArrayView2<'_, f64>) -> Array2<f64> {
+        let weights = self.weights();
+        let is_fitted = |vertex: usize| weights.is_none_or(|weights| weights[vertex] > 0.0);
+        let mut centred = target.to_owned();
+        for mut column in centred.columns_mut() {
+            let values = column.iter().enumerate().filter(|(vertex, _)| is_fitted(*vertex));
+            let mean = values.map(|(_, value)| value).sum::<f64>() / self.vertices_with_weight as f64;
+            column -= mean;
+        }
+        centred
     }
 
     /// Returns the sum of squares of each column of `residual` (n, c) over the fitted vertices.

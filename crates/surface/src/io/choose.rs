@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::flaw::shown;
 use super::formats::FORMATS;
+use super::load::{head, is_gzip};
 use super::spec::FormatSpec;
 use crate::error::SurfaceError;
 
@@ -96,6 +97,20 @@ pub fn is_named_signal(path: &Path) -> bool {
         && !name.ends_with(".surf.gii")
 }
 
+/// Returns whether an existing file may hold values on vertices rather than a surface. FreeSurfer's names don't
+/// determine this, so the first bytes of such a file do. Files that can't be read hold no values.
+#[must_use]
+pub fn may_hold_signal(path: &Path) -> bool {
+    if by_proper_ending(&name_without_gz(path)).is_some() {
+        return is_named_signal(path);
+    }
+    let Ok(head) = head(path) else { return false };
+    let format = FORMATS.iter().find(|format| (format.magic)(&head));
+    // The same bytes begin GIfTI's surfaces and values. A gzipped file must be unpacked to find its format.
+    let holds = |format: &FormatSpec| FORMATS.iter().any(|of| of.name == format.name && of.write_signal.is_some());
+    is_gzip(&head) || format.is_some_and(holds)
+}
+
 fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static FormatSpec, SurfaceError> {
     let name = name_without_gz(path);
     let holding = || FORMATS.iter().filter(|format| holds(format));
@@ -146,7 +161,8 @@ fn has_ending(format: &FormatSpec, name: &str) -> bool {
 }
 
 fn no_format(path: &Path, expected: String) -> SurfaceError {
-    let found = format!("the name is {}", shown(lower_name(path).as_bytes()));
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let found = format!("the name is {}", shown(name.as_bytes()));
     SurfaceError::UnknownFormat { path: path.to_owned(), expected, found }
 }
 
@@ -210,6 +226,25 @@ mod tests {
             ["lh.thickness", "a.mgz", "a.csv", "a.func.gii", "a.shape.gii.gz", "a.gii"].iter().all(|name| signal(name))
         );
         assert!(["lh.pial", "a.surf.gii", "a.ply", "lh.other", "a.obj.gz"].iter().all(|name| !signal(name)));
+    }
+
+    #[test]
+    fn first_bytes_tell_values_from_surfaces() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes, signal) in [
+            ("lh.thickness.fwhm10", &b"\xff\xff\xff\0"[..], true),
+            ("lh.pial.curv", b"\xff\xff\xfe\n", false),
+            ("lh.myelin.gz", b"\x1f\x8b", true),
+            ("values", b"<?xml?><GIFTI>", true),
+            ("other", b"text", false),
+            ("a.csv", b"", true),
+            ("a.ply", b"ply", false),
+        ] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(may_hold_signal(&path), signal, "{name}");
+        }
+        assert!(!may_hold_signal(&folder.path().join("lh.none")));
     }
 
     #[test]

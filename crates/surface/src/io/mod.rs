@@ -81,9 +81,11 @@ pub use atomic::write_new;
 pub use check::mesh as check_mesh;
 pub(crate) use check::{indices as check_indices, mesh_with_gaps, signal as check_signal, signal_with_gaps};
 pub(crate) use choose::name_without_gz;
-pub use choose::{Output, check_output, is_named_mesh, is_named_signal, to_write_mesh, to_write_signal};
+pub use choose::{
+    Output, check_output, is_named_mesh, is_named_signal, may_hold_signal, to_write_mesh, to_write_signal,
+};
 pub use formats::FORMATS;
-pub use gifti::gifti_metadata;
+pub use gifti::{gifti_metadata, read_gifti_metadata};
 pub use leftovers::remove_leftovers;
 pub use load::MOST_EXPANSION;
 pub use mask::read_mask;
@@ -93,6 +95,7 @@ pub use ply::PlyAttributes;
 pub use scalar::Scalar;
 use spec::{Context, Writer};
 pub use spec::{FormatSpec, Precision};
+pub(crate) use table::Columns;
 
 /// Options for writing a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -139,7 +142,12 @@ fn mesh_of(path: &Path, input: Input) -> Result<Mesh, SurfaceError> {
 /// The errors of [`read_input`]; [`NotASignal`](SurfaceError::NotASignal) if the file holds a surface.
 pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
-    match read_input(path)? {
+    signal_of(path, read_input(path)?)
+}
+
+/// Returns the signal that was read from a file.
+pub(crate) fn signal_of(path: &Path, input: Input) -> Result<Signal, SurfaceError> {
+    match input {
         Input::Signal(signal) => Ok(signal),
         Input::Mesh(mesh) => Err(SurfaceError::NotASignal {
             path: path.to_owned(),
@@ -156,19 +164,24 @@ pub fn read_signal(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
 /// The errors of [`read_mesh`], except [`NotAMesh`](SurfaceError::NotAMesh).
 pub fn read_input(path: impl AsRef<Path>) -> Result<Input, SurfaceError> {
     let path = path.as_ref();
-    let input = parse(path)?;
-    check::input(path, &input)?;
-    Ok(input)
+    Ok(read_columns(path)?.0)
 }
 
-/// Reads a surface or a signal whose values may be NaN or infinite.
-pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
-    let input = parse(path)?;
+/// Reads a surface or a signal and, if the file is a table, the facts about its columns.
+pub(crate) fn read_columns(path: &Path) -> Result<(Input, Columns), SurfaceError> {
+    let (input, columns) = parse(path)?;
+    check::input(path, &input)?;
+    Ok((input, columns))
+}
+
+/// Reads a surface or a signal, like [`read_columns`], but allows values that are NaN or infinite.
+pub(crate) fn read_columns_with_gaps(path: &Path) -> Result<(Input, Columns), SurfaceError> {
+    let (input, columns) = parse(path)?;
     match &input {
         Input::Mesh(mesh) => mesh_with_gaps(path, mesh)?,
         Input::Signal(signal) => signal_with_gaps(path, signal)?,
     }
-    Ok(input)
+    Ok((input, columns))
 }
 
 /// Reads a surface whose positions may be NaN or infinite, for fits that don't read these vertices.
@@ -178,7 +191,7 @@ pub(crate) fn read_input_with_gaps(path: &Path) -> Result<Input, SurfaceError> {
 /// The errors of [`read_mesh`], except those for positions.
 pub fn read_mesh_with_gaps(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError> {
     let path = path.as_ref();
-    mesh_of(path, read_input_with_gaps(path)?)
+    mesh_of(path, read_columns_with_gaps(path)?.0)
 }
 
 /// Reads values on vertices. Missing values are allowed and are stored as NaN.
@@ -188,14 +201,14 @@ pub fn read_mesh_with_gaps(path: impl AsRef<Path>) -> Result<Mesh, SurfaceError>
 /// The errors of [`read_signal`], except that NaN is allowed.
 pub fn read_signal_with_gaps(path: impl AsRef<Path>) -> Result<Signal, SurfaceError> {
     let path = path.as_ref();
-    let Input::Signal(signal) = parse(path)? else { return read_signal(path) };
+    let (Input::Signal(signal), _) = parse(path)? else { return read_signal(path) };
     let filled = signal.values.iter().map(|&x| if x.is_nan() { 0.0 } else { x }).collect();
     check::signal(path, &Signal { values: filled, ..signal })?;
     Ok(signal)
 }
 
-/// Returns the number of vertices of a FreeSurfer surface or curv file, from the file's first bytes. Returns `None`
-/// for other formats, whose files must be read completely to get this number.
+/// Returns the number of vertices of a FreeSurfer surface, a curv file or a PLY file, from the file's first bytes.
+/// Returns `None` for other formats, and for gzipped files, which must be read completely to get this number.
 ///
 /// # Errors
 ///
@@ -206,11 +219,11 @@ pub fn declared_vertices(path: impl AsRef<Path>) -> Result<Option<u64>, SurfaceE
     if head.is_empty() {
         parse(path)?;
     }
-    Ok(freesurfer::declared(&head))
+    Ok(freesurfer::declared(&head).or_else(|| ply::declared(&head)))
 }
 
 /// Reads a file without checking that its numbers are finite and its indices in range.
-fn parse(path: &Path) -> Result<Input, SurfaceError> {
+fn parse(path: &Path) -> Result<(Input, Columns), SurfaceError> {
     let mut bytes = load::load(path)?;
     if load::is_gzip(&bytes) {
         bytes = load::gunzip(&bytes).map_err(|flaw| flaw.at(path, "a gzipped file"))?;
@@ -223,8 +236,11 @@ fn parse(path: &Path) -> Result<Input, SurfaceError> {
     // Spreadsheets and programs for Windows write a byte order mark before text in UTF-8.
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
     let format = choose::of_file(path, bytes)?;
-    let input = (format.read)(bytes).map_err(|flaw| flaw.at(path, format.name))?;
-    Ok(input)
+    let contents = match table::separator(format) {
+        Some(separator) => table::read_columns(bytes, separator).map(|(signal, facts)| (Input::Signal(signal), facts)),
+        None => (format.read)(bytes).map(|input| (input, Columns::default())),
+    };
+    contents.map_err(|flaw| flaw.at(path, format.name))
 }
 
 /// Writes a surface in the format implied by the output's name, completely or not at all.

@@ -4,19 +4,40 @@
 use std::io::{self, Write};
 
 use super::flaw::{Flaw, shown};
+use super::spec::FormatSpec;
 use super::text::{lines, number};
 use crate::mesh::Signal;
 
-/// Reads a table with cells separated by `separator`. The first line is treated as column names if one of its cells
-/// isn't a number.
+/// Reads a table like [`read_columns`], without the facts about its columns.
 pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
+    Ok(read_columns(bytes, separator)?.0)
+}
+
+/// Reads a table with cells separated by `separator`, and facts about its columns. The first line is treated as column
+/// names if one of its cells isn't a number. Columns that only count the rows are left out, see [`counts_rows`].
+pub(super) fn read_columns(bytes: &[u8], separator: u8) -> Result<(Signal, Columns), Flaw> {
+    let mut signal = all_columns(bytes, separator)?;
+    let mut names = names(bytes, separator);
+    let mut index = Vec::new();
+    // From last to first, because leaving out a column moves those after it.
+    for column in (0..names.len()).rev() {
+        if is_index(&names[column]) && counts_rows(&signal, column, &names[column])? {
+            signal = without_column(signal, column);
+            index.push(names.remove(column));
+        }
+    }
+    index.reverse();
+    let plain = separator == b',' && names.is_empty() && signal.channels == 2;
+    let decimal_commas = if plain { decimal_commas(bytes) } else { None };
+    Ok((signal, Columns { names, index, decimal_commas }))
+}
+
+/// Reads all columns of a table.
+fn all_columns(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     let mut values: Vec<f64> = Vec::new();
     let (mut vertices, mut channels) = (0, None);
     let mut first = true;
-    for (at, line) in lines(bytes) {
-        if line.trim_ascii().is_empty() {
-            continue;
-        }
+    for (at, line) in rows(bytes) {
         let start = values.len();
         let mut bad = None;
         for cell in line.split(|&b| b == separator) {
@@ -37,9 +58,10 @@ pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
             let found = values.len() - start;
             let wanted = *channels.get_or_insert(found);
             if found != wanted {
+                let hint = hint(line, separator, found.saturating_sub(wanted), vertices == 0);
                 return Err(Flaw::new(
                     format!("{wanted} values on line {at}, as on the first line"),
-                    found.to_string(),
+                    format!("{found}{hint}"),
                 ));
             }
             vertices += 1;
@@ -48,6 +70,117 @@ pub(super) fn read(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     }
     Ok(Signal { values, vertices, channels: channels.unwrap_or(0) })
 }
+
+/// Returns a possible reason for the surplus values of a row, or an empty string. `is_first` says whether this is the
+/// first row after the names.
+fn hint(line: &[u8], separator: u8, surplus: usize, is_first: bool) -> &'static str {
+    let has_points = line.contains(&b'.');
+    match surplus {
+        1 if has_points && is_first => " (row names without a column name?)",
+        1.. if !has_points && separator == b',' => " (decimal commas?)",
+        _ => "",
+    }
+}
+
+/// Returns the lines of a table that aren't blank, with their numbers from 1.
+fn rows(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
+    lines(bytes).filter(|(_, line)| !line.trim_ascii().is_empty())
+}
+
+/// Returns the names of a table's columns, or an empty vector if the table has no header.
+fn names(bytes: &[u8], separator: u8) -> Vec<String> {
+    let Some((_, line)) = rows(bytes).next() else { return Vec::new() };
+    let cells = || line.split(|&b| b == separator).map(<[u8]>::trim_ascii);
+    if cells().all(|cell| number::<f64>(cell).is_some()) {
+        return Vec::new();
+    }
+    let name = |cell: &[u8]| String::from_utf8_lossy(cell).trim_matches(['"', '#', ' ']).to_owned();
+    cells().map(name).collect()
+}
+
+/// Returns whether a column's name is usual for numbers of rows. Pandas and R leave the name empty, and pandas reads an
+/// empty name as `Unnamed: 0`.
+fn is_index(name: &str) -> bool {
+    let name = name.to_lowercase();
+    ["vertex", "index", "id", ""].contains(&name.as_str()) || name.starts_with("unnamed: ")
+}
+
+/// Returns whether the cells of the column at an index, named `name`, count the rows from 0 or 1. The column is refused
+/// if it names vertices but has other values, or only has the numbers in another order. The only column never counts.
+fn counts_rows(signal: &Signal, column: usize, name: &str) -> Result<bool, Flaw> {
+    if signal.channels < 2 {
+        return Ok(false);
+    }
+    let found: Vec<f64> = signal.values.iter().skip(column).step_by(signal.channels).copied().collect();
+    let mut sorted = found.clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let counts = |numbers: &[f64], first: usize| numbers.iter().zip(first..).all(|(x, row)| *x == row as f64);
+    let is_count = |numbers: &[f64]| counts(numbers, 0) || counts(numbers, 1);
+    if is_count(&found) {
+        return Ok(true);
+    }
+    if is_count(&sorted) || name.eq_ignore_ascii_case("vertex") {
+        return Err(Flaw::unsupported(
+            format!("a column {} that doesn't count the rows from 0 or 1", shown(name.as_bytes())),
+            "sort the rows by the numbers of the vertices, or remove the column if the rows are in this order",
+        ));
+    }
+    Ok(false)
+}
+
+/// Leaves out the column at an index.
+fn without_column(signal: Signal, column: usize) -> Signal {
+    let Signal { values, vertices, channels } = signal;
+    let kept = values.into_iter().enumerate().filter(|(i, _)| i % channels != column).map(|(_, x)| x).collect();
+    Signal { values: kept, vertices, channels: channels - 1 }
+}
+
+/// Facts about a table's columns that its values don't contain. They are empty for other files.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(crate) struct Columns {
+    /// Names of the columns of values; empty if the table has no header.
+    pub(crate) names: Vec<String>,
+    /// Names of the columns that were left out because they count the rows.
+    pub(crate) index: Vec<String>,
+    /// First row of a table whose two columns may be numbers with decimal commas.
+    pub(crate) decimal_commas: Option<String>,
+}
+
+/// Returns the separator of the cells if a format is that of tables.
+pub(super) fn separator(format: &FormatSpec) -> Option<u8> {
+    match format.endings {
+        [".csv"] => Some(b','),
+        [".tsv"] => Some(b'\t'),
+        _ => None,
+    }
+}
+
+/// Returns the first row of a table of two columns whose cells look like the digits before and after a decimal comma,
+/// such as `2,5000`: whole numbers, of which those of the second column have a leading zero somewhere, or all have the
+/// same length of at least [`DECIMALS`]. If those of the first column have such a length, too, the columns are two
+/// channels.
+fn decimal_commas(bytes: &[u8]) -> Option<String> {
+    let (mut zero, mut same, mut lengths) = (false, [true; 2], None);
+    for (_, line) in rows(bytes) {
+        let line = line.trim_ascii();
+        let at = line.iter().position(|&b| b == b',')?;
+        let (whole, decimals) = (line[..at].strip_prefix(b"-").unwrap_or(&line[..at]), &line[at + 1..]);
+        if [whole, decimals].iter().any(|digits| digits.is_empty() || !digits.iter().all(u8::is_ascii_digit)) {
+            return None;
+        }
+        zero |= decimals.len() > 1 && decimals.starts_with(b"0");
+        let found = [whole.len(), decimals.len()];
+        let expected = *lengths.get_or_insert(found);
+        same = [0, 1].map(|column| same[column] && found[column] == expected[column]);
+    }
+    let lengths = lengths?;
+    let [channel, long] = [0, 1].map(|column| same[column] && lengths[column] >= DECIMALS);
+    let first = rows(bytes).next().map(|(_, line)| String::from_utf8_lossy(line.trim_ascii()).into_owned());
+    first.filter(|_| !channel && (zero || long))
+}
+
+/// Length from which whole numbers of one length are taken for decimals.
+const DECIMALS: usize = 3;
 
 /// Writes values in digits that read back exactly, without column names.
 pub(super) fn write(out: &mut dyn Write, signal: &Signal, separator: u8) -> io::Result<()> {
@@ -61,4 +194,79 @@ pub(super) fn write(out: &mut dyn Write, signal: &Signal, separator: u8) -> io::
         out.write_all(b"\n")?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_column_that_counts_the_rows_is_left_out() {
+        for text in ["vertex,a\n0,5\n1,7\n", "a,Index\n5,1\n7,2\n", "\"\",a\n0,5\n1,7\n"] {
+            assert_eq!(read(text.as_bytes(), b',').unwrap(), Signal::new(vec![5.0, 7.0], 2, 1), "{text}");
+        }
+        // A region's id is a value.
+        assert_eq!(read(b"id,a\n9,5\n9,7\n", b',').unwrap().channels, 2);
+        assert_eq!(read(b"id\n0\n1\n", b',').unwrap().channels, 1);
+    }
+
+    #[test]
+    fn all_columns_that_count_the_rows_are_left_out() {
+        for (text, left_out) in [
+            (",vertex,a\n0,0,5\n1,1,7\n", vec!["", "vertex"]),
+            ("Unnamed: 0,a\n0,5\n1,7\n", vec!["Unnamed: 0"]),
+            ("Unnamed: 0.1,a,Unnamed: 0\n0,5,1\n1,7,2\n", vec!["Unnamed: 0.1", "Unnamed: 0"]),
+        ] {
+            let (signal, columns) = read_columns(text.as_bytes(), b',').unwrap();
+            assert_eq!(signal, Signal::new(vec![5.0, 7.0], 2, 1), "{text}");
+            assert_eq!(columns.names, ["a"], "{text}");
+            assert_eq!(columns.index, left_out, "{text}");
+        }
+        // The first of two such names may be that of values.
+        let (signal, columns) = read_columns(b"id,vertex\n9,0\n9,1\n", b',').unwrap();
+        assert_eq!(signal.values, [9.0, 9.0]);
+        assert_eq!(columns.names, ["id"]);
+    }
+
+    #[test]
+    fn rows_in_another_order_are_refused() {
+        for text in
+            ["vertex,a\n1,5\n0,7\n", "id\ta\n2\t5\n1\t7\n", "vertex,a\n10,5\n11,7\n", ",vertex,a\n10,10,5\n11,11,7\n"]
+        {
+            let separator = if text.contains(',') { b',' } else { b'\t' };
+            let Err(Flaw::Unsupported { found, remedy }) = read(text.as_bytes(), separator) else { panic!("{text}") };
+            assert!(found.contains("doesn't count the rows") && remedy.contains("sort the rows"), "{found}");
+        }
+    }
+
+    #[test]
+    fn decimal_commas_are_suspected() {
+        for (text, suspected) in [
+            ("2,5000\n-3,2500\n", true),
+            ("2,5\n3,05\n", true),
+            ("2,5\n3,7\n", false),
+            ("2,500\n3,1\n", false),
+            ("2,5000\n3.5,2500\n", false),
+            ("2,0\n3,0\n", false),
+            ("2,-500\n3,-250\n", false),
+            ("1022,1031\n1180,1204\n", false),
+            ("98,103\n102,118\n", true),
+        ] {
+            assert_eq!(decimal_commas(text.as_bytes()).is_some(), suspected, "{text}");
+        }
+    }
+
+    #[test]
+    fn surplus_values_are_explained() {
+        for (text, expected) in [
+            ("thickness\n2,5\n", "2 (decimal commas?)"),
+            ("thickness,area\n1,2.5,3.1\n2,2.7,3.3\n", "3 (row names without a column name?)"),
+            ("thickness\n1,2.5,3.1\n", "3"),
+            ("1,2.5\n1,2.5,3.1\n", "3"),
+        ] {
+            let error = read(text.as_bytes(), b',').unwrap_err();
+            let Flaw::Malformed { found, .. } = error else { panic!("{error:?}") };
+            assert_eq!(found, expected, "{text}");
+        }
+    }
 }

@@ -148,8 +148,8 @@ pub fn surface_distance_at(
     };
     let [from_first, from_second] = parts.as_ref().map_or([first, second], |parts| parts.each_ref());
     let scale = bounding_box_scale(&first.vertices)?;
-    let there = Samples::towards(from_first, &TriangleTree::new(second), params, monitor)?;
-    let back = Samples::towards(from_second, &TriangleTree::new(first), params, monitor)?;
+    let there = Samples::towards(from_first, &TriangleTree::new(second), f64::INFINITY, params, monitor)?;
+    let back = Samples::towards(from_second, &TriangleTree::new(first), f64::INFINITY, params, monitor)?;
     let (forward, backward) = (there.summary(), back.summary());
     let area = there.area + back.area;
     // A sum of two terms doesn't depend on their order, so exchanging the surfaces doesn't change the result.
@@ -161,8 +161,19 @@ pub fn surface_distance_at(
     Ok(SurfaceDistance { mean, rms: square.sqrt(), percentile95, hausdorff, forward, backward, bound, scale })
 }
 
-/// Returns the distances from the points of the surface `from` to the surface in the tree `to`, and the fraction of the
-/// area of `from` that lies farther than `limit` from that surface.
+/// A sample point of one surface far from another surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FarSample {
+    /// Position of the sample point.
+    pub point: [f64; 3],
+    /// Distance to the other surface.
+    pub distance: f64,
+    /// Fraction of the surface's area that the point represents.
+    pub share: f64,
+}
+
+/// Returns the distances from the points of the surface `from` to the surface in the tree `to`, and the sample points
+/// of `from` that lie farther than `limit` from that surface.
 ///
 /// # Errors
 ///
@@ -177,10 +188,9 @@ pub fn directed_distance(
     limit: f64,
     params: &SurfaceDistanceParams,
     monitor: &dyn Monitor,
-) -> Result<(Directed, f64), SurfaceError> {
-    let samples = Samples::towards(from, to, params, monitor)?;
-    let beyond = samples.weighted.iter().filter(|(distance, _)| *distance > limit).map(|(_, area)| area);
-    Ok((samples.summary(), beyond.sum::<f64>() / samples.area))
+) -> Result<(Directed, Vec<FarSample>), SurfaceError> {
+    let samples = Samples::towards(from, to, limit, params, monitor)?;
+    Ok((samples.summary(), samples.far))
 }
 
 /// Returns the vertices that a mask keeps, and the triangles between them.
@@ -262,6 +272,8 @@ pub fn surface_distance_bytes(first: &Mesh, second: &Mesh, params: &SurfaceDista
 struct Samples {
     /// For each sample point, its distance to the other surface and the area that it represents.
     weighted: Vec<(f64, f64)>,
+    /// The sample points farther than a limit from the other surface.
+    far: Vec<FarSample>,
     area: f64,
     worst: (f64, Vec3),
     spacing: f64,
@@ -271,6 +283,7 @@ impl Samples {
     fn towards(
         mesh: &Mesh,
         other: &TriangleTree,
+        limit: f64,
         params: &SurfaceDistanceParams,
         monitor: &dyn Monitor,
     ) -> Result<Self, SurfaceError> {
@@ -302,8 +315,10 @@ impl Samples {
             let pieces = (n * n) as usize;
             std::iter::repeat_n(area / pieces as f64, pieces)
         });
-        let weighted = distances.iter().copied().zip(weights).collect();
-        Ok(Self { weighted, area: grid.area, worst, spacing: grid.spacing })
+        let weighted: Vec<(f64, f64)> = distances.iter().copied().zip(weights).collect();
+        let far = weighted.iter().zip(&points).filter(|((distance, _), _)| *distance > limit);
+        let far = far.map(|(&(distance, area), &point)| FarSample { point, distance, share: area / grid.area });
+        Ok(Self { far: far.collect(), weighted, area: grid.area, worst, spacing: grid.spacing })
     }
 
     fn summary(&self) -> Directed {
@@ -337,7 +352,24 @@ fn percentile(mut weighted: Vec<(f64, f64)>, part: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use spharm_monitor::Silent;
+
     use super::*;
+    use crate::generate::icosphere;
+
+    #[test]
+    fn far_samples_have_their_positions_and_shares() {
+        let near = icosphere(2);
+        let mut both = near.clone();
+        let count = near.vertices.len() as u32;
+        both.vertices.extend(near.vertices.iter().map(|[x, y, z]| [x + 10.0, *y, *z]));
+        both.faces.extend(near.faces.iter().map(|face| face.map(|v| v + count)));
+        let params = SurfaceDistanceParams { samples: 2000 };
+        let (_, far) = directed_distance(&both, &TriangleTree::new(&near), 1.0, &params, &Silent).unwrap();
+        assert!(far.iter().all(|sample| sample.distance > 7.9 && sample.point[0] > 8.9));
+        let share = far.iter().map(|sample| sample.share).sum::<f64>();
+        assert!((share - 0.5).abs() < 1e-12, "{share}");
+    }
 
     #[test]
     fn percentiles_go_by_weight() {

@@ -8,8 +8,8 @@ mod vertexwise;
 
 pub use colormap::{DIVERGING, colors, colors_by, diverging, viridis};
 pub use distance::{
-    Directed, SurfaceDistance, SurfaceDistanceParams, directed_distance, surface_distance, surface_distance_at,
-    surface_distance_bytes,
+    Directed, FarSample, SurfaceDistance, SurfaceDistanceParams, directed_distance, surface_distance,
+    surface_distance_at, surface_distance_bytes,
 };
 pub use pointwise::{correspond, distances_to_surface, distances_to_surface_bytes, vertex_distances};
 pub use vertexwise::{Distances, bounding_box_scale, compare, compare_at, squared_distances};

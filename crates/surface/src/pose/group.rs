@@ -30,9 +30,10 @@ const ROUNDS: usize = 5;
 /// for landmarks of vertebrae, the residual is 1.14 times that of a fit to the landmarks themselves; it would be 1.25
 /// times if all of the trimmed area were excluded.
 const OUTLYING: f64 = 0.25;
-/// If the distances of a member's two best poses differ by less than this factor, the pose is chosen by the distances
-/// from the other members.
-const CLOSE: f64 = 1.5;
+/// Factor up to which the distances in two poses of a member count as close. If the two best poses are close, the
+/// distances from the other members decide. A member belongs elsewhere if its distance exceeds this multiple of the
+/// distance in its best pose.
+pub const CLOSE: f64 = 1.5;
 /// Largest number of other members used to compare two poses of a member.
 const JUDGES: usize = 32;
 /// Largest number of sweeps in which each member chooses the better of its two poses.

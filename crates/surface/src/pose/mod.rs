@@ -36,7 +36,7 @@ use std::sync::OnceLock;
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
-pub use self::group::{DOUBTFUL, GroupPoses, NEARER_MIRRORED, OF_ANOTHER_KIND, OTHERS, group_poses};
+pub use self::group::{CLOSE, DOUBTFUL, GroupPoses, NEARER_MIRRORED, OF_ANOTHER_KIND, OTHERS, group_poses};
 use self::surface::Density;
 pub use self::surface::PoseSurface;
 pub use self::warning::{GroupPoseWarning, IN_DOUBT};

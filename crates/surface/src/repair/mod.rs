@@ -16,8 +16,11 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::geometry::{Vec3, dot, face_normal};
 use crate::mesh::Mesh;
-pub use rims::{LARGEST_FAN, LEAST_AREA, rims};
+pub use rims::{LARGEST_FAN, LEAST_AREA, bulk, rims};
 pub use wrap::Wrap;
+
+/// Smallest share of the area in dropped fins that a description states.
+const LEAST_STATED: f64 = 0.01;
 
 /// The changes that a repair made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -34,6 +37,8 @@ pub struct MeshRepair {
     pub repeated: usize,
     /// Number of triangles dropped in fins and in walls between chambers.
     pub fins: usize,
+    /// Area of the triangles dropped in fins and walls, as a fraction of the area before.
+    pub fins_area: f64,
     /// Number of triangles turned to agree with their neighbours.
     pub turned: usize,
     /// Number of vertices added where parts of the surface touched.
@@ -42,6 +47,8 @@ pub struct MeshRepair {
     pub pieces: usize,
     /// Area of the dropped pieces as a fraction of the area of all pieces.
     pub dropped_area: f64,
+    /// Number of dropped pieces that shared edges with the kept piece, such as a body behind a common wall.
+    pub attached: usize,
     /// Number of holes filled.
     pub holes: usize,
     /// Number of triangles added to fill the holes. They are the last triangles of the repaired mesh.
@@ -65,7 +72,7 @@ impl MeshRepair {
     /// the area.
     #[must_use]
     pub fn drops_and_fills(&self) -> String {
-        self.large().into_iter().flatten().collect::<Vec<_>>().join(", ")
+        self.large().into_iter().chain([self.behind_walls()]).flatten().collect::<Vec<_>>().join(", ")
     }
 
     /// Returns a description of all changes: phrases joined by commas, or "nothing".
@@ -77,16 +84,32 @@ impl MeshRepair {
             lost,
             phrase(self.degenerate, "degenerate triangle dropped", "degenerate triangles dropped"),
             phrase(self.repeated, "repeated triangle dropped", "repeated triangles dropped"),
-            phrase(self.fins, "triangle of fins or inner walls dropped", "triangles of fins or inner walls dropped"),
+            self.of_fins(),
             phrase(self.turned, "triangle turned", "triangles turned"),
             phrase(self.split, "vertex added where parts touched", "vertices added where parts touched"),
             dropped,
             filled,
+            self.behind_walls(),
             phrase(self.unused, "unused vertex dropped", "unused vertices dropped"),
             self.wrap.map(|wrap| wrap.to_string()),
         ];
         let phrases: Vec<String> = phrases.into_iter().flatten().collect();
         if phrases.is_empty() { "nothing".to_owned() } else { phrases.join(", ") }
+    }
+
+    fn of_fins(&self) -> Option<String> {
+        let text =
+            phrase(self.fins, "triangle of fins or inner walls dropped", "triangles of fins or inner walls dropped");
+        let share = (self.fins_area >= LEAST_STATED).then(|| format!(" ({} % of the area)", percent(self.fins_area)));
+        text.map(|text| text + &share.unwrap_or_default())
+    }
+
+    fn behind_walls(&self) -> Option<String> {
+        phrase(
+            self.attached,
+            "dropped piece shared edges with the kept one, such as a common wall",
+            "dropped pieces shared edges with the kept one, such as a common wall",
+        )
     }
 
     fn large(&self) -> [Option<String>; 3] {
@@ -110,7 +133,7 @@ impl MeshRepair {
 
     /// Returns each count with its name for reports.
     #[must_use]
-    pub fn counts(&self) -> [(&'static str, usize); 10] {
+    pub fn counts(&self) -> [(&'static str, usize); 11] {
         [
             ("vertices_welded", self.welded),
             ("degenerate_triangles_dropped", self.degenerate),
@@ -119,6 +142,7 @@ impl MeshRepair {
             ("triangles_turned", self.turned),
             ("vertices_split", self.split),
             ("pieces_dropped", self.pieces),
+            ("attached_pieces_dropped", self.attached),
             ("holes_filled", self.holes),
             ("triangles_added", self.filled),
             ("unused_vertices_dropped", self.unused),
@@ -127,15 +151,16 @@ impl MeshRepair {
 }
 
 impl Serialize for MeshRepair {
-    /// Serializes the counts by name, the shares of the area, `lost_area`, `dropped_area` and `filled_area`, and `wrap`
-    /// if there is one.
+    /// Serializes the counts by name, the shares of the area, `lost_area`, `fins_area`, `dropped_area` and
+    /// `filled_area`, and `wrap` if there is one.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let counts = self.counts();
-        let mut map = serializer.serialize_map(Some(counts.len() + 3 + usize::from(self.wrap.is_some())))?;
+        let mut map = serializer.serialize_map(Some(counts.len() + 4 + usize::from(self.wrap.is_some())))?;
         for (name, count) in counts {
             map.serialize_entry(name, &count)?;
         }
         map.serialize_entry("lost_area", &self.lost_area)?;
+        map.serialize_entry("fins_area", &self.fins_area)?;
         map.serialize_entry("dropped_area", &self.dropped_area)?;
         map.serialize_entry("filled_area", &self.filled_area)?;
         if let Some(wrap) = &self.wrap {
@@ -178,9 +203,9 @@ pub fn repair(mesh: &Mesh) -> (Mesh, MeshRepair) {
     let mut found = MeshRepair::default();
     let mut vertices = mesh.vertices.clone();
     let mut faces = welded(mesh, &mut found);
-    found.fins = sheets::drop_fins(&vertices, &mut faces);
+    (found.fins, found.fins_area) = sheets::drop_fins(&vertices, &mut faces);
     found.turned = sheets::orient(&vertices, &mut faces);
-    (found.pieces, found.dropped_area) = sheets::keep_largest(&vertices, &mut faces);
+    (found.pieces, found.dropped_area, found.attached) = sheets::keep_largest(&vertices, &mut faces);
     rims::fill(&mut vertices, &mut faces, &mut found);
     found.split = sheets::split(&mut vertices, &mut faces);
     let welded = found.welded;

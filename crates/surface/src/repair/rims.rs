@@ -56,13 +56,24 @@ pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
     rims
 }
 
-/// Returns the diagonal of a mesh's bounding box; or twice the diagonal of the box around its bulk, if that is smaller,
-/// as with specks far away. The box around the bulk leaves out 1 % of the area on each side.
+/// Returns the diagonal of a mesh's bounding box; or twice the diagonal of the box around its [`bulk`], if that is
+/// smaller, as with specks far away.
 fn size(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
+    let diagonal = |(low, high): (Vec3, Vec3)| dot(sub(high, low), sub(high, low)).sqrt();
+    let whole = diagonal(bounds(faces.as_flattened().iter().map(|&v| vertices[v as usize])));
+    let bulk = diagonal(bulk(vertices, faces));
+    if bulk > 0.0 { whole.min(MOST_OF_BULK * bulk) } else { whole }
+}
+
+/// Returns the lowest and the highest corner of the box around the bulk of a mesh. The box leaves out 1 % of the area
+/// on each side. The corners are NaN if the mesh has no area.
+///
+/// # Panics
+///
+/// If a triangle's index is out of range.
+#[must_use]
+pub fn bulk(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec3, Vec3) {
     let at = |v: u32| vertices[v as usize];
-    let diagonal = |low: Vec3, high: Vec3| dot(sub(high, low), sub(high, low)).sqrt();
-    let (low, high) = bounds(faces.as_flattened().iter().map(|&v| at(v)));
-    let whole = diagonal(low, high);
     let areas: Vec<f64> = faces.iter().map(|face| area_of(vertices, face)).collect();
     let most = OUTSIDE * areas.iter().sum::<f64>();
     // Returns the coordinate at which the triangles, in order of their smallest coordinates, exceed this area.
@@ -81,8 +92,7 @@ fn size(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
     };
     let low = [0, 1, 2].map(|axis| quantile(&|face| least(face, 1.0, axis)));
     let high = [0, 1, 2].map(|axis| -quantile(&|face| least(face, -1.0, axis)));
-    let bulk = diagonal(low, high);
-    if bulk > 0.0 { whole.min(MOST_OF_BULK * bulk) } else { whole }
+    (low, high)
 }
 
 /// Welds vertices on rims that are nearer to each other than [`NEAR`], as happens if a mesh was converted with few

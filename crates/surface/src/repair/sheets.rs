@@ -53,10 +53,12 @@ fn pieces(faces: &[[u32; 3]], sides: &[Side]) -> UnionFind {
 
 /// Drops pieces that end at an edge of more than two triangles, such as fins and walls between chambers. At each such
 /// edge, pieces are dropped until two triangles are left: first pieces with a rim, then the smallest ones. Returns the
-/// number of triangles dropped.
-pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
+/// number of triangles dropped, and their share of the area.
+pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize, f64) {
     let given = faces.len();
-    let mut left = LARGEST_FINS * faces.iter().map(|face| area_of(vertices, face)).sum::<f64>();
+    let all: f64 = faces.iter().map(|face| area_of(vertices, face)).sum();
+    let most = LARGEST_FINS * all;
+    let mut left = most;
     loop {
         let sides = sides(faces);
         if by_edge(&sides).all(|edge| edge.len() < 3) {
@@ -101,7 +103,8 @@ pub(super) fn drop_fins(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> usize {
         let mut f = 0..;
         faces.retain(|_| f.next().is_some_and(|f| !fins.contains(&pieces.root(f))));
     }
-    given - faces.len()
+    let dropped = given - faces.len();
+    (dropped, if dropped > 0 && all > 0.0 { (most - left) / all } else { 0.0 })
 }
 
 /// The choice of sides to join at an edge where a surface touches itself.
@@ -283,8 +286,9 @@ pub(super) fn turn_outward(vertices: &[Vec3], faces: &mut [[u32; 3]]) {
 }
 
 /// Keeps only the piece with the largest area; in case of ties, the first one. Triangles with joined sides belong to
-/// the same piece. Returns the number of pieces dropped, and their share of the area.
-pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize, f64) {
+/// the same piece. Returns the number of pieces dropped, their share of the area, and the number of them that shared
+/// edges with the kept piece.
+pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usize, f64, usize) {
     let mut pieces = UnionFind::new(faces.len());
     for (side, &other) in (0..).zip(&joined(vertices, faces, Join::AcrossBody)).filter(|(_, other)| **other != OPEN) {
         pieces.join(side / 3, other / 3);
@@ -295,10 +299,17 @@ pub(super) fn keep_largest(vertices: &[Vec3], faces: &mut Vec<[u32; 3]>) -> (usi
     }
     let all: f64 = areas.values().sum();
     let largest = areas.iter().rev().max_by(|a, b| a.1.total_cmp(b.1));
-    let Some((&root, &area)) = largest.filter(|_| areas.len() > 1) else { return (0, 0.0) };
+    let Some((&root, &area)) = largest.filter(|_| areas.len() > 1) else { return (0, 0.0, 0) };
+    let mut attached: HashSet<u32> = HashSet::new();
+    for edge in by_edge(&sides(faces)).filter(|edge| edge.len() > 2) {
+        let roots: Vec<u32> = edge.iter().map(|side| pieces.root(side.2 / 3)).collect();
+        if roots.contains(&root) {
+            attached.extend(roots.into_iter().filter(|&other| other != root));
+        }
+    }
     let mut f = 0..;
     faces.retain(|_| f.next().is_some_and(|f| pieces.root(f) == root));
-    (areas.len() - 1, if all > 0.0 { (1.0 - area / all).max(0.0) } else { 0.0 })
+    (areas.len() - 1, if all > 0.0 { (1.0 - area / all).max(0.0) } else { 0.0 }, attached.len())
 }
 
 /// Gives each fan of triangles around a vertex a vertex of its own. Where the surface touches itself along an edge, the

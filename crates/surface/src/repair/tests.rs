@@ -360,3 +360,28 @@ fn area_that_welding_loses_is_counted() {
     assert_eq!(large.drops_and_fills(), "93.8 % of the area lost by welding");
     assert_eq!(large.changes(), "3 vertices welded to others, 93.8 % of the area lost by welding");
 }
+
+/// Two cubes share a face: the one behind it is dropped with its share of the area. A wall of less than 5 % is dropped
+/// instead, and its share is stated.
+#[test]
+fn bodies_that_share_a_wall_are_named_with_their_area() {
+    let corners =
+        |length: f64| (0..12).map(move |k| [f64::from(k / 4) * length, f64::from(k / 2 % 2), f64::from(k % 2)]);
+    let ring = |[a, b, c, d]: [u32; 4], by: u32| {
+        [[a, b], [b, d], [d, c], [c, a]].into_iter().flat_map(move |[p, q]| [[p, p + by, q + by], [p, q + by, q]])
+    };
+    let lid = |[a, b, c, d]: [u32; 4]| [[a, b, d], [a, d, c]];
+    let faces: Vec<[u32; 3]> = ring([0, 1, 2, 3], 4)
+        .chain(ring([4, 5, 6, 7], 4))
+        .chain([[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]].into_iter().flat_map(lid))
+        .collect();
+    let (cube, found) = repair(&Mesh::new(corners(1.0).collect(), faces.clone()));
+    assert!(Topology::of(&cube).is_sphere() && found.attached > 0, "{found:?}");
+    assert!((found.dropped_area - 6.0 / 11.0).abs() < 1e-12, "{found:?}");
+    let said = found.drops_and_fills();
+    assert!(said.contains("dropped (54.5 % of the area)") && said.contains("shared edges with the kept one"), "{said}");
+    let (both, found) = repair(&Mesh::new(corners(5.0).collect(), faces));
+    assert!(Topology::of(&both).is_sphere() && (found.fins, found.pieces) == (2, 0), "{found:?}");
+    assert!((found.fins_area - 1.0 / 43.0).abs() < 1e-12, "{found:?}");
+    assert!(found.changes().contains("2 triangles of fins or inner walls dropped (2.3 % of the area)"), "{found}");
+}

@@ -55,6 +55,11 @@ impl Occupied {
         }
     }
 
+    /// Returns the number of cells that contain samples.
+    pub fn count(&self) -> usize {
+        self.bits.iter().map(|byte| byte.load(Ordering::Relaxed).count_ones() as usize).sum()
+    }
+
     /// Marks the cells that contain samples. Samples are given by their cells and positions on a grid of `grid` points
     /// around.
     pub(super) fn mark(&self, cells: &[[u32; 2]], fractions: &[[f64; 2]], grid: usize) {
@@ -192,7 +197,7 @@ mod tests {
     fn bits_return() {
         let some = marked(3, &[[0.0, 0.0, 1.0], [0.0, 0.6, -0.8]]);
         let bytes = some.bytes();
-        assert_eq!(bytes.iter().map(|byte| byte.count_ones()).sum::<u32>(), 2);
+        assert_eq!(some.count(), 2);
         assert_eq!(Occupied::from_bytes(3, &bytes).unwrap(), some);
         assert!(Occupied::from_bytes(4, &bytes).is_none());
     }

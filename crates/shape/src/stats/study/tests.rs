@@ -21,11 +21,26 @@ fn effects_and_covariates_become_columns() {
     assert_eq!(found.design.matrix().column(2).sum(), 0.0);
     let order = ["b".to_owned(), "a".to_owned()];
     assert_eq!(question(&group, &order, &[]).unwrap().meaning, "b - a");
+    let found = question(&group, &[&order[..], &["b".to_owned()]].concat(), &[]).unwrap_err();
+    assert_eq!(found.to_string(), "levels: expected each level of \"group\" once, found the duplicate level \"b\"");
     let slope = question(&covariates[0], &[], &[group]).unwrap();
     assert_eq!(slope.design.names(), ["mean", "age", "group b"]);
     assert_eq!(slope.contrast.weights, ndarray::array![[0.0, 1.0, 0.0]]);
     let three = question(&covariates[1], &[], &[]).unwrap();
     assert_eq!(three.contrast.weights, ndarray::array![[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]);
+}
+
+#[test]
+fn levels_that_differ_only_in_case_are_doubted() {
+    let found = question(&column("group", "A a B b A a"), &[], &[]).unwrap();
+    let texts: Vec<String> = found.warnings.iter().map(ToString::to_string).collect();
+    assert_eq!((found.levels.len(), texts.len()), (4, 2));
+    assert!(texts[0].starts_with("group: the levels \"A\" and \"a\" differ only in case"), "{texts:?}");
+    let spaced = Column::Levels(["x", "x ", "y", "x", "y", "y"].map(str::to_owned).to_vec());
+    let site = Term::Column("site".to_owned(), spaced);
+    let expected = TestWarning::SimilarLevels { column: "site".to_owned(), levels: ["x".to_owned(), "x ".to_owned()] };
+    assert_eq!(mean_question(6, &[site]).unwrap().warnings, [expected]);
+    assert!(question(&column("group", GROUP), &[], &[column("age", "1 2 3 4 5 9")]).unwrap().warnings.is_empty());
 }
 
 #[test]

@@ -45,6 +45,7 @@ fn plans_are_as_expected() {
     let many = sizes(1_000_000, 30, 1);
     let dense = sizes(100_000, 1000, 1);
     let masked = Sizes { rows_with_weight: 20_401, ..CORTEX };
+    let undetermined = Sizes { rows_with_weight: 10_200, ..CORTEX };
     for (sizes, moments, factor, request, expected) in [
         // Plans for a surface that is given by sums over its samples.
         (CORTEX, EVEN, Factor::Makeable, AUTO, &by_moments[..]),
@@ -74,6 +75,13 @@ fn plans_are_as_expected() {
         (dense, Moments::Makeable, Factor::Makeable, AUTO, "samples to 3000"),
         (dense, Moments::Makeable, Factor::None, by(Strategy::DensityCg), "make moments; moments to 3000"),
         (CORTEX, Moments::None, Factor::None, by(Strategy::DensityCg), "samples to 3000"),
+        // Plans for a mask that selects fewer vertices than there are coefficients. Only a penalty makes the solution
+        // unique, so that a factor gives it.
+        (undetermined, EVEN, Factor::Makeable, AUTO, "moments to 3000"),
+        (undetermined, Moments::None, Factor::Makeable, AUTO, "samples to 3000"),
+        (undetermined, Moments::None, STORED, AUTO, "samples to 3000"),
+        (undetermined, Moments::None, Factor::Makeable, by(Strategy::Cholesky), "samples to 3000"),
+        (undetermined, Moments::None, Factor::Makeable, penalised, by_samples),
         // Plans with an existing factor.
         (CORTEX, Moments::Makeable, Factor::Made, AUTO, "factor; refine"),
         (CORTEX, EVEN, Factor::Stored { reciprocal: 1e-6 }, AUTO, "factor; refine"),

@@ -11,7 +11,7 @@ use super::{
     GroupFiles, Member, MemberOrigin, Shared, VERSION, check_names, io, member_path, model_path, places_path, refused,
 };
 use crate::Error;
-use crate::correspond::{CorrespondReport, Group, GroupTemplate};
+use crate::correspond::{CorrespondReport, Group, GroupTemplate, MemberReport};
 
 /// Largest size of a group's JSON file in bytes.
 const MOST: u64 = 256 << 20;
@@ -72,8 +72,18 @@ impl GroupFiles {
         if Self::of_member(folder, name).iter().any(|path| !path.exists()) {
             return Ok(None);
         }
-        let Member { name, input, mirrored, warnings, .. } = read_json(&member_path(folder, name))?;
-        Ok(Some(MemberOrigin { name, input, mirrored, warnings }))
+        let Member { name, input, mirrored, axes, warnings, .. } = read_json(&member_path(folder, name))?;
+        Ok(Some(MemberOrigin { name, input, mirrored, axes, warnings }))
+    }
+
+    /// Reads the report on the registration of a member.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Surface`] if the member's record can't be read; [`Error::GroupFile`] if it is invalid.
+    pub fn registration(&self, name: &str) -> Result<MemberReport, Error> {
+        let Member { registration, .. } = read_json(&member_path(&self.folder, name))?;
+        Ok(registration)
     }
 
     /// Reads the group's data that are needed to add new members.

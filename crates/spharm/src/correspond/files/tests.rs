@@ -24,6 +24,8 @@ fn group() -> Group {
         without_counterpart: 2,
         turned: 0,
         model_rms: 1e-3,
+        area: 2.0,
+        volume: 1.0 / 3.0,
     };
     let places = |seed: f64| (0..12).map(|v| [seed, f64::from(v).sqrt(), 0.1]).collect::<Vec<_>>();
     let moved = Similarity { scale: 1.1, translation: [0.1, 1.0 / 3.0, 1e-9], ..Similarity::default() };
@@ -125,7 +127,7 @@ fn members_are_added_beside_a_group() {
         report: group.report.members[1],
         warnings: Vec::new(),
     };
-    let origin = &origins()[1];
+    let origin = &MemberOrigin { axes: Some("zyx".to_owned()), ..origins()[1].clone() };
     assert_eq!(GroupFiles::origin(folder.path(), "b").unwrap(), None);
     member.write(folder.path(), origin, false).unwrap();
     assert_eq!(GroupFiles::origin(folder.path(), "b").unwrap().as_ref(), Some(origin));
@@ -135,6 +137,12 @@ fn members_are_added_beside_a_group() {
     group.template.masked[0] = true;
     let error = group.template.begin_folder(folder.path()).unwrap_err().to_string();
     assert!(error.contains("group.json") && error.contains("another group"), "{error}");
+    // Records of earlier versions lack the axes.
+    let path = folder.path().join("members/b.json");
+    let mut record: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    record.as_object_mut().unwrap().remove("axes").unwrap();
+    fs::write(&path, record.to_string()).unwrap();
+    assert_eq!(GroupFiles::origin(folder.path(), "b").unwrap().unwrap().axes, None);
 }
 
 #[test]

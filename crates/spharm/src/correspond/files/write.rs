@@ -188,6 +188,7 @@ impl Writer<'_> {
             name: name.clone(),
             input: origin.input.clone(),
             mirrored: origin.mirrored,
+            axes: origin.axes.clone(),
             to_group: *similarity,
             registration: *report,
             warnings: origin.warnings.clone(),

@@ -9,6 +9,11 @@ mod names;
 mod write;
 mod xml;
 
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+use spharm_files::open;
+
 use super::flaw::{Flaw, shown};
 use super::scalar::index;
 use crate::mesh::{Input, Mesh, Meta, Signal};
@@ -23,6 +28,28 @@ pub(super) fn read(bytes: &[u8]) -> Result<Input, Flaw> {
     // The standard requires UTF-8. Invalid bytes are replaced instead of rejected, since they can only occur in names
     // and other strings.
     interpret(xml::parse(&String::from_utf8_lossy(bytes))?)
+}
+
+/// Largest number of bytes in which [`read_gifti_metadata`] looks for the first DataArray.
+const MOST_HEAD: u64 = 1 << 20;
+
+/// Returns the metadata of a GIfTI file, as pairs (name, value), without reading its arrays. Returns `None` if the file
+/// can't be read, is compressed, isn't GIfTI, or has no array within the first MiB.
+#[must_use]
+pub fn read_gifti_metadata(path: impl AsRef<Path>) -> Option<Vec<(String, String)>> {
+    let mut head = String::new();
+    for line in BufReader::new(open(path).ok()?.take(MOST_HEAD)).split(b'\n') {
+        let line = line.ok()?;
+        let line = String::from_utf8_lossy(&line);
+        if let Some((before, _)) = line.split_once("<DataArray") {
+            // Close the root element, so that the text before the array is a whole document.
+            let document = format!("{head}{before}</GIFTI>");
+            return Some(xml::parse(&document).ok()?.metadata);
+        }
+        head.push_str(&line);
+        head.push('\n');
+    }
+    None
 }
 
 /// Intent of arrays of labels.
@@ -139,4 +166,26 @@ fn to_signal(arrays: Vec<DataArray>) -> Result<Signal, Flaw> {
         }
     }
     Ok(Signal::new(values, vertices, channels))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::icosphere;
+    use crate::io::{WriteOptions, write_mesh};
+
+    #[test]
+    fn metadata_are_read_without_the_arrays() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, packed) = (folder.path().join("a.surf.gii"), folder.path().join("a.surf.gii.gz"));
+        let mut mesh = icosphere(0);
+        let pairs = vec![("Note".to_owned(), "two\nlines & <DataArray>".to_owned()), ("Id".to_owned(), "7".to_owned())];
+        mesh.meta.file_metadata.clone_from(&pairs);
+        write_mesh(&path, &mesh, &WriteOptions::default()).unwrap();
+        write_mesh(&packed, &mesh, &WriteOptions::default()).unwrap();
+        assert_eq!(read_gifti_metadata(&path), Some(pairs));
+        assert_eq!(read_gifti_metadata(&packed), None);
+        std::fs::write(&path, "<DataArray").unwrap();
+        assert_eq!(read_gifti_metadata(&path), None);
+    }
 }

@@ -20,6 +20,13 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     body::read(&header, cursor)
 }
 
+/// Returns the number of vertices in the header of a PLY file. Returns `None` for other files, and if `head`, the first
+/// bytes of the file, doesn't contain the whole header.
+pub(super) fn declared(head: &[u8]) -> Option<u64> {
+    let header = header::read(&mut Cursor::new(head)).ok()?;
+    header.elements.iter().find(|element| element.name == b"vertex").map(|element| element.count)
+}
+
 /// Values stored for each vertex in addition to its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlyAttributes<'a> {

@@ -1,0 +1,194 @@
+//! Refuses repaired meshes that enclose no body: surfaces with one side, and sheets closed by filling their rim.
+
+use spharm_surface::Mesh;
+use spharm_surface::repair::MeshRepair;
+use spharm_surface::topology::{Topology, area, signed_volume};
+
+use crate::error::ParametrizeError;
+use crate::geometry::{add, scale};
+
+/// Smallest share of the area in filled holes for which a mesh may be a sheet. The rim of a flat sheet is as large as
+/// the sheet, so its filling has half of the area.
+const FILLED: f64 = 0.4;
+
+/// Largest compactness of a closed sheet. The compactness, 36 pi V^2 / A^3 for a volume V and an area A, is 1 for a
+/// ball, 0.6 for half of a ball, 0.005 for a cap of a ball that spans 15 degrees, and 0 for a sheet.
+const COMPACT: f64 = 0.005;
+
+/// Checks that a mesh can enclose a body after its repair. `open` has the rims that the repair left open, and `found`
+/// its changes. Returns whether the repaired mesh has two sides. A mesh with two sides may lose one by a repair that
+/// joins parts which only touch.
+///
+/// # Errors
+///
+/// [`OneSided`](ParametrizeError::OneSided) or [`OpenSheet`](ParametrizeError::OpenSheet) if it can't.
+///
+/// # Panics
+///
+/// When a triangle's index is out of range.
+pub(crate) fn check_enclosure(
+    given: &Mesh,
+    mended: &Mesh,
+    open: &[Vec<u32>],
+    found: &MeshRepair,
+) -> Result<bool, ParametrizeError> {
+    if !is_consistent(&mended.faces) && Topology::of(mended).one_sided {
+        let given = Topology::of(given);
+        let error = ParametrizeError::OneSided { closed: given.boundary_edges == 0 };
+        return if given.one_sided { Err(error) } else { Ok(false) };
+    }
+    filling_of_sheet(mended, open, found).map_or(Ok(true), |filled| Err(ParametrizeError::OpenSheet { filled }))
+}
+
+/// Returns whether no two triangles have an edge in the same direction. This takes much less time than a [`Topology`].
+fn is_consistent(faces: &[[u32; 3]]) -> bool {
+    let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+    edges.sort_unstable();
+    edges.windows(2).all(|pair| pair[0] != pair[1])
+}
+
+/// Returns the share of filled holes in the area of a sheet, with the `open` rims filled, too; `None` if the mesh isn't
+/// a sheet.
+fn filling_of_sheet(mended: &Mesh, open: &[Vec<u32>], found: &MeshRepair) -> Option<f64> {
+    if open.is_empty() && found.filled_area < FILLED {
+        return None;
+    }
+    let fans = fans(mended, open);
+    let [own, added] = [mended, &fans].map(area);
+    let all = own + added;
+    let filled = (found.filled_area * own + added) / all;
+    if filled < FILLED {
+        return None;
+    }
+    let volume = signed_volume(mended) + signed_volume(&fans);
+    // Powers of the volume and of the area alone leave the range of f64 for coordinates near 1e60.
+    let compactness = 36.0 * std::f64::consts::PI * (volume / all.powf(1.5)).powi(2);
+    (compactness < COMPACT).then_some(filled)
+}
+
+/// Returns fans of triangles that fill rims, each around the mean of its vertices. The mesh's vertices come first.
+fn fans(mesh: &Mesh, rims: &[Vec<u32>]) -> Mesh {
+    let mut fans = Mesh::new(mesh.vertices.clone(), Vec::new());
+    for rim in rims {
+        let sum = rim.iter().fold([0.0; 3], |sum, &v| add(sum, mesh.vertices[v as usize]));
+        let middle = fans.vertices.len() as u32;
+        fans.vertices.push(scale(sum, 1.0 / rim.len() as f64));
+        fans.faces.extend(rim.iter().zip(rim.iter().cycle().skip(1)).map(|(&a, &b)| [a, b, middle]));
+    }
+    fans
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use spharm_monitor::Silent;
+    use spharm_surface::generate::icosphere;
+    use spharm_surface::range::times;
+
+    use super::*;
+    use crate::{CaldParams, Input, defects, parametrize};
+
+    /// Returns a grid of n x n squares, with two triangles each.
+    fn sheet(n: u32, height: impl Fn(f64, f64) -> f64) -> Mesh {
+        let at = |k: u32| (f64::from(k / (n + 1)), f64::from(k % (n + 1)));
+        let vertices = (0..(n + 1) * (n + 1)).map(at).map(|(x, y)| [x, y, height(x, y)]).collect();
+        let squares = (0..n * n).map(|k| k / n * (n + 1) + k % n);
+        let faces = squares.flat_map(|a| [[a, a + n + 1, a + n + 2], [a, a + n + 2, a + 1]]).collect();
+        Mesh::new(vertices, faces)
+    }
+
+    /// Returns the part of a ball above a height.
+    fn cap(height: f64) -> Mesh {
+        let mut cap = icosphere(4);
+        let high = |face: &[u32; 3]| face.iter().all(|&v| cap.vertices[v as usize][2] > height);
+        let faces: Vec<[u32; 3]> = cap.faces.iter().filter(|face| high(face)).copied().collect();
+        cap.faces = faces;
+        cap
+    }
+
+    /// Returns a Möbius strip that isn't joined to itself: the vertices of the last edge lie on those of the first.
+    fn twisted_strip() -> Mesh {
+        let n = 40_u32;
+        let place = |k: u32| {
+            let along = f64::from(k / 2) * TAU / f64::from(n);
+            let across = if k.is_multiple_of(2) { -0.4 } else { 0.4 };
+            let out = 1.0 + across * (0.5 * along).cos();
+            [out * along.cos(), out * along.sin(), across * (0.5 * along).sin()]
+        };
+        let pair = |i: u32| [[2 * i, 2 * i + 2, 2 * i + 1], [2 * i + 1, 2 * i + 2, 2 * i + 3]];
+        Mesh::new((0..2 * n + 2).map(place).collect(), (0..n).flat_map(pair).collect())
+    }
+
+    fn scaled(mesh: &Mesh, exponent: i32) -> Mesh {
+        mesh.with_vertices(mesh.vertices.iter().map(|v| v.map(|x| times(x, exponent))).collect())
+    }
+
+    /// The grid of 150 x 150 squares has more edges in its rim than the repair fills.
+    #[test]
+    fn sheets_are_refused_and_not_offered_a_filling() {
+        let wave = |x: f64, y: f64| 0.02 * (x + y).sin();
+        for mesh in [sheet(12, |_, _| 0.0), sheet(12, wave), sheet(150, wave)] {
+            let error = Input::Mesh(mesh.clone()).mended(&Silent).unwrap_err();
+            assert!(matches!(error, ParametrizeError::OpenSheet { filled } if filled > 0.4), "{error}");
+            let error = parametrize(&mesh, &CaldParams::default()).unwrap_err().to_string();
+            assert!(error.contains("open sheet") && !error.contains("a repair is possible"), "{error}");
+        }
+    }
+
+    /// A ball cut in half is open, too, but encloses a body.
+    #[test]
+    fn a_half_of_a_ball_is_no_sheet() {
+        let mended = Input::Mesh(cap(-0.01)).mended(&Silent).unwrap();
+        assert!(mended.mesh().is_some_and(|mesh| defects(mesh).0.is_empty()), "{:?}", mended.mesh_repair());
+    }
+
+    /// The flat filling of a cap above 0.5 would have more than 40 % of the area, so the volume decides.
+    #[test]
+    fn the_unit_of_length_has_no_effect() {
+        for exponent in [-190, 190, 400] {
+            let sheet = Input::Mesh(scaled(&sheet(130, |_, _| 0.0), exponent));
+            let tried = sheet.clone().without_handles(&Silent);
+            for error in [tried, sheet.mended(&Silent)].map(Result::unwrap_err) {
+                assert!(matches!(error, ParametrizeError::OpenSheet { .. }), "2^{exponent}: {error}");
+            }
+            for body in [cap(-0.01), cap(0.5)] {
+                let mended = Input::Mesh(scaled(&body, exponent)).mended(&Silent);
+                assert!(mended.is_ok(), "2^{exponent}: {mended:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn surfaces_with_one_side_are_named() {
+        // A Klein bottle: a grid on a torus, joined after a turn with one direction reversed.
+        let n = 8_u32;
+        let vertex = |i: u32, j: u32| if i < n { i * n + j % n } else { (n - j % n) % n };
+        let quads = (0..n * n).flat_map(|k| {
+            let [a, b] = [vertex(k / n, k % n), vertex(k / n + 1, k % n)];
+            let [c, d] = [vertex(k / n + 1, k % n + 1), vertex(k / n, k % n + 1)];
+            [[a, b, c], [a, c, d]]
+        });
+        let place = |k: u32| {
+            let [u, v] = [k / n, k % n].map(|x| f64::from(x) * TAU / f64::from(n));
+            [(2.0 + v.cos()) * u.cos(), (2.0 + v.cos()) * u.sin(), v.sin()]
+        };
+        let bottle = Mesh::new((0..n * n).map(place).collect(), quads.collect());
+        assert!(Topology::of(&bottle).one_sided);
+        let error = parametrize(&bottle, &CaldParams::default()).unwrap_err();
+        assert!(matches!(error, ParametrizeError::OneSided { closed: true }), "{error}");
+        assert!(error.to_string().contains("not orientable"), "{error}");
+        assert!(matches!(Input::Mesh(bottle).mended(&Silent), Err(ParametrizeError::OneSided { closed: true })));
+    }
+
+    #[test]
+    fn a_strip_that_only_its_repair_joins_has_two_sides() {
+        let strip = twisted_strip();
+        assert!(!Topology::of(&strip).one_sided);
+        let error = parametrize(&strip, &CaldParams::default()).unwrap_err();
+        assert!(matches!(error, ParametrizeError::BadSurface { mending: None, .. }), "{error}");
+        let error = Input::Mesh(strip).mended(&Silent).unwrap_err();
+        assert!(matches!(error, ParametrizeError::BadSurface { mending: None, .. }), "{error}");
+        assert!(error.to_string().contains("after its repair (2 vertices welded to others"), "{error}");
+    }
+}

@@ -1,0 +1,40 @@
+//! Names the order of an array's axes.
+
+use crate::error::ParametrizeError;
+
+/// The order of the axes of an array's file. Other formats have a fixed order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AxisOrder {
+    /// The first axis is x, the last one z.
+    #[default]
+    Xyz,
+    /// The first axis is z, the last one x, as in images of scikit-image, tifffile and napari.
+    Zyx,
+}
+
+impl AxisOrder {
+    /// Returns the order with a name, as used in arguments and provenance.
+    ///
+    /// # Errors
+    ///
+    /// [`ParametrizeError::Argument`] if the name is neither `xyz` nor `zyx`.
+    pub fn named(name: &str) -> Result<Self, ParametrizeError> {
+        match name {
+            "xyz" => Ok(Self::Xyz),
+            "zyx" => Ok(Self::Zyx),
+            other => {
+                let (what, expected) = ("axes", "xyz or zyx");
+                Err(ParametrizeError::Argument { what, expected, found: other.to_owned() })
+            }
+        }
+    }
+
+    /// Returns the name used in arguments and provenance.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Xyz => "xyz",
+            Self::Zyx => "zyx",
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! Limits of the number of voxels of a wrap.
+
+/// Numbers of voxels that [`wrap`](super::wrap()) accepts, along the longest side of a mesh.
+pub const VOXELS: std::ops::RangeInclusive<usize> = 16..=512;
+/// Number of voxels along the longest side of a mesh that suits most meshes.
+pub const USUAL_VOXELS: usize = 128;

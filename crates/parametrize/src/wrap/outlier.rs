@@ -1,0 +1,68 @@
+//! Refuses meshes of which a small part lies so far from the rest that the grid is too coarse for the rest.
+
+use spharm_surface::Mesh;
+use spharm_surface::repair::bulk;
+
+use super::limits::VOXELS;
+use crate::error::ParametrizeError;
+use crate::flaws::used_vertices;
+use crate::geometry::{Vec3, add, norm, scale, sub};
+
+/// Number of voxels along the longest side of the rest of a mesh that a wrap with losses must have.
+const LEAST: f64 = 8.0;
+/// Number of voxels along the longest side of the rest of a mesh that every wrap must have. A wrap with fewer voxels
+/// has nothing of the rest's shape, but may still lose nothing.
+const FEWEST: f64 = 2.0;
+/// Share of a mesh that a wrap may lose before a rest of fewer than [`LEAST`] voxels is an error. A long thin tail
+/// has less.
+const LOSS: f64 = 0.05;
+
+/// Checks that the rest of a mesh has enough voxels, given the share of the mesh that a wrap loses. The unit of `given`
+/// is a voxel. `surface` is the same mesh in its own unit.
+///
+/// The rest is the smaller of two boxes: one around the bulk of the area, one around most vertices. Triangles of a
+/// vertex far away may have most of the area, and a part far away may have many vertices.
+///
+/// # Errors
+///
+/// [`FarVertex`](ParametrizeError::FarVertex), with the vertex farthest from the rest.
+pub(super) fn check_rest(given: &Mesh, surface: &Mesh, voxels: usize, loss: f64) -> Result<(), ParametrizeError> {
+    let used = used_vertices(given);
+    let percent = used.len() / 100;
+    let (least, left_out) = if loss > LOSS { (LEAST, percent) } else { (FEWEST, percent.min(1)) };
+    let by_area = bulk(&given.vertices, &given.faces);
+    // Only a mesh without area has no box; it encloses no voxel.
+    if longest(by_area) == 0.0 {
+        return Ok(());
+    }
+    let by_vertices = inner_box(&used, left_out);
+    let rest = if longest(by_vertices) < longest(by_area) { by_vertices } else { by_area };
+    let middle = scale(add(rest.0, rest.1), 0.5);
+    let off = |v: Vec3| norm(sub(v, middle));
+    let farthest = used.iter().max_by(|a, b| off(a.1).total_cmp(&off(b.1)));
+    let rest = longest(rest);
+    let Some(&(vertex, _)) = farthest.filter(|_| rest < least) else { return Ok(()) };
+    let enough = (LEAST * voxels as f64 / rest).ceil() as usize;
+    Err(ParametrizeError::FarVertex {
+        vertex,
+        position: surface.vertices[vertex],
+        rest,
+        voxels,
+        enough: Some(enough).filter(|enough| VOXELS.contains(enough)),
+    })
+}
+
+fn longest((low, high): (Vec3, Vec3)) -> f64 {
+    sub(high, low).into_iter().fold(0.0, f64::max)
+}
+
+/// Returns the lowest and the highest corner of the box that leaves out a number of vertices on each side, less than
+/// half of them.
+fn inner_box(used: &[(usize, Vec3)], left_out: usize) -> (Vec3, Vec3) {
+    let sides = [0, 1, 2].map(|axis| {
+        let mut values: Vec<f64> = used.iter().map(|(_, v)| v[axis]).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        (values[left_out], values[values.len() - 1 - left_out])
+    });
+    (sides.map(|side| side.0), sides.map(|side| side.1))
+}
