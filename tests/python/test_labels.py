@@ -23,7 +23,7 @@ CELLS = {1: ((6, 6, 6), (4, 4, 4)), 2: ((16, 14, 12), (6, 4, 5)), 7: ((0, 18, 16
 
 def cells() -> NDArray[np.int_]:
     """Returns a volume with axes x, y and z."""
-    volume, at = np.zeros(SHAPE, int), np.stack(np.indices(SHAPE), axis=-1)
+    volume, at = np.zeros(SHAPE, int), np.moveaxis(np.indices(SHAPE), 0, -1)
     for label, (centre, radii) in CELLS.items():
         volume[(((at - centre) / radii) ** 2).sum(axis=-1) < 1] = label
     return volume
