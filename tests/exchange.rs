@@ -129,8 +129,8 @@ fn what_a_format_cannot_hold_is_refused_with_the_reason() {
     site.model("surface.npz", 3, 3);
     site.model("radius.npz", 3, 1);
     for (model, format, why) in [
-        ("radius.npz", "pdm", "SPHARM-PDM files hold surfaces, with 3 channels; the model has 1"),
-        ("radius.npz", "mat", "SPHARM-MAT files hold surfaces, with 3 channels; the model has 1"),
+        ("radius.npz", "pdm", "SPHARM-PDM files can only hold surfaces (3 channels), but the model has 1"),
+        ("radius.npz", "mat", "SPHARM-MAT files can only hold surfaces (3 channels), but the model has 1"),
         ("surface.npz", "aics", "radius of a star-shaped body"),
     ] {
         let said = fail(&mut site.run("export", &[model, "--to", format, "-o", "x"]));

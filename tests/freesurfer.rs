@@ -134,7 +134,7 @@ fn values_are_held_against_the_surfaces_of_their_hemisphere() {
     let output = finish(&mut subjects.run(&fit));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(
-        !output.status.success() && said.contains("rh.thickness: the sphere doesn't belong to its surface"),
+        !output.status.success() && said.contains("rh.thickness: the sphere doesn't match the surface of these values"),
         "{said}"
     );
     std::fs::write(bert("rh.sphere.reg"), good).expect("a sphere");

@@ -61,8 +61,8 @@ fn a_label_of_freesurfer_needs_its_sphere() {
     let site = site();
     let output = paired(site.path(), "right", &["--icosphere", "2", "--mask", "rh.cortex.label"]);
     let error = error_line(&output);
-    let expected =
-        "rh.cortex.label: expected a mask for the 162 vertices of an icosphere of 2 subdivisions, found a label";
+    let expected = "rh.cortex.label: expected a mask for the 162 vertices of an icosphere of 2 subdivisions, found a \
+                    FreeSurfer label";
     assert!(error.contains(expected) && error.contains("with --sphere"), "{error}");
 }
 

@@ -142,8 +142,8 @@ fn a_folder_stands_for_its_meshes() {
     command.arg(study.path(".")).arg(study.path("s0.surf.gii")).arg("--sphere").arg(study.path("ico.surf.gii"));
     command.args(["--max-degree", "4", "--keep-going"]).arg("-o").arg(study.path("models"));
     let output = finish(&mut command);
-    assert!(output.status.success() && text(&output).contains("fits 4 of 6 files"), "{}", text(&output));
-    assert!(text(&output).contains("` fits its 1 volume"), "{}", text(&output));
+    assert!(output.status.success() && text(&output).contains("fitting 4 of 6 files"), "{}", text(&output));
+    assert!(text(&output).contains("` fits the 1 volume in it"), "{}", text(&output));
     assert!(!study.path("models/ico.spharm.npz").exists());
     for name in ["s0", "s1", "s2", "s3"] {
         assert!(study.path(&format!("models/{name}.spharm.npz")).exists(), "{name}");

@@ -109,7 +109,7 @@ fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
     for (name, more, said) in [
         ("bad_cow.obj", &[][..], "1 vertex added where parts touched"),
         ("bad_suzanne.obj", &["--largest-repair", "6"], suzanne),
-        ("wild/beetle.obj", &["--largest-repair", "61%"], "10 triangles turned, 1 smaller piece dropped"),
+        ("wild/beetle.obj", &["--largest-repair", "61%"], "10 triangles reversed, 1 smaller piece dropped"),
     ] {
         let Some(output) = run(name, more) else { return };
         assert!(output.status.success() && text(&output).contains(said), "{name}: {}", text(&output));

@@ -265,7 +265,7 @@ fn coordinates_too_large_for_32_bits_are_warned_of() {
         ("a.glb", "such as .obj or .vtp"),
     ] {
         let text = warnings("far.spharm.npz", &[name]);
-        assert!(text.contains("32-bit numbers round the surface") && text.contains(advice), "{name}: {text}");
+        assert!(text.contains("32-bit numbers are too coarse") && text.contains(advice), "{name}: {text}");
         let text = warnings("m.spharm.npz", &[name]);
         assert!(!text.contains("32-bit"), "{name}: {text}");
     }

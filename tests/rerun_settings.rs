@@ -77,17 +77,17 @@ fn another_size_of_the_voxels_is_another_setting() {
     succeed(&mut volumes(&[]));
     succeed(&mut volumes(&[skip]));
     let error = text(&finish(volumes(&[skip]).args(size)));
-    assert!(error.contains("fitted with other settings: voxel-size the file's, not 3,3,3"), "{error}");
+    assert!(error.contains("fitted with other settings: voxel-size from the file, not 3,3,3"), "{error}");
     succeed(volumes(&["--force"]).args(size));
     succeed(volumes(&[skip]).args(size));
     let error = text(&finish(&mut volumes(&[skip])));
-    assert!(error.contains("voxel-size 3,3,3, not the file's"), "{error}");
+    assert!(error.contains("voxel-size 3,3,3, not from the file"), "{error}");
     let name = "ball.1.spharm.npz";
     assert_eq!(site.model(name).provenance.voxel_size, Some([3.0; 3]));
 
     // `fit` refuses a model with another voxel size, and replaces it with --update.
     let error = fail(&mut site.fit("ball.nii", &[skip]));
-    assert!(error.contains("voxel-size 3,3,3, not the file's"), "{error}");
+    assert!(error.contains("voxel-size 3,3,3, not from the file"), "{error}");
     let scale = |model: Model| model.coefficients.values()[[1, 1]].abs();
     let large = scale(site.model(name));
     succeed(&mut site.fit("ball.nii", &["--update", "--objective", "vertices"]));
@@ -98,7 +98,7 @@ fn another_size_of_the_voxels_is_another_setting() {
     site.forget(name);
     succeed(&mut site.fit("ball.nii", &[skip, "--objective", "vertices"]));
     let error = text(&finish(site.fit("ball.nii", &[skip]).args(size)));
-    assert!(error.contains("voxel-size the file's, not 3,3,3"), "{error}");
+    assert!(error.contains("voxel-size from the file, not 3,3,3"), "{error}");
 }
 
 #[test]

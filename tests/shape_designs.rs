@@ -37,7 +37,7 @@ fn an_interaction_is_the_difference_of_slopes() {
     let site = subjects();
     let site = site.path();
     let found = report(site, &["--table", "t.csv", "--effect", "group:age", "--covariates", "sex,age"], "slopes");
-    assert_eq!(found["meaning"], "slope of age in a - slope in b", "{found}");
+    assert_eq!(found["meaning"], "slope of age in a minus slope of age in b", "{found}");
     let covariates = about(site, "slopes")["covariates"].clone();
     assert_eq!(covariates, serde_json::json!(["group (2 levels)", "age", "sex (2 levels)"]));
     assert_eq!((&found["levels"][0]["subjects"], &found["statistic"]["freedom"]), (&5.into(), &5.0.into()), "{found}");
@@ -147,7 +147,7 @@ fn a_study_takes_interactions_and_contrasts() {
     let error = text(&finish(&mut study("[[test]]\nname = \"x\"\neffect = \"group:height\"\n")));
     assert!(error.contains("no column \"height\""), "{error}");
     succeed(&mut study(&format!("{slopes}{groups}")));
-    for (name, tested) in [("slopes", "slope of age in a - slope in b"), ("groups", "b - a")] {
+    for (name, tested) in [("slopes", "slope of age in a minus slope of age in b"), ("groups", "b - a")] {
         assert_eq!(about(&site.join("study/tests"), name)["tested"], tested);
     }
 }

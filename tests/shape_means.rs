@@ -237,8 +237,8 @@ fn a_mask_leaves_vertices_out_of_all_that_is_corrected() {
         ),
         (
             &["mask.csv", "other.label"],
-            "other.label: expected a mask for the 42 vertices of an icosphere of 1 subdivision, found a label or \
-             annotation of FreeSurfer's surfaces, which have other vertices; give the mask's own sphere with --sphere",
+            "other.label: expected a mask for the 42 vertices of an icosphere of 1 subdivision, found a FreeSurfer \
+             label or annotation, whose surface has other vertices; give the mask's own sphere with --sphere",
         ),
         (&["mask.csv", "third.csv"], "mask.csv, third.csv: expected a vertex within all masks, found none"),
     ] {
@@ -259,7 +259,7 @@ fn models_in_another_unit_are_named() {
     ] {
         let output = finish(tool("shape").args(arguments).current_dir(site.path()));
         let said = text(&output);
-        assert!(output.status.success() && said.contains("s3.spharm.npz: root mean square radius"), "{said}");
+        assert!(output.status.success() && said.contains("s3.spharm.npz: the root mean square radius"), "{said}");
         assert!(said.contains("about 1000 times the lengths of the others"), "{said}");
         assert_eq!(said.matches("another unit").count(), 1, "{said}");
     }

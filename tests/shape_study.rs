@@ -169,7 +169,7 @@ fn a_study_finds_the_bump_of_its_second_group() {
     let morph = ["shape", "morph", a[0].as_str(), b[0].as_str(), "--icosphere", "2", "-o", "path", "--steps"];
     // Frames step00 to step10 would lie among the frames step0 to step2.
     let refused = fail(&mut run(site.path(), &[&morph[..], &["11"]].concat()));
-    assert!(refused.contains("step0.ply: expected no frames of an earlier path"), "{refused}");
+    assert!(refused.contains("step0.ply: this frame of an earlier path"), "{refused}");
     succeed(&mut run(site.path(), &[&morph[..], &["2", "--force"]].concat()));
     assert_eq!(files(&at("path"), "step").len(), 2);
     assert_eq!(fs::read(at("m.gif")).expect("an animation")[..6], *b"GIF89a");
@@ -209,7 +209,7 @@ fn studies_that_are_none_are_refused() {
     for (arguments, words) in [
         (
             &["shape", "align", "models/a01.spharm.npz", "models/b01.spharm.npz", "--group", "-o", "out"][..],
-            "at least 3 models, found 2; `align MODEL --to OTHER`",
+            "at least 3 models, found 2; to align one model to another, use `align MODEL --to OTHER`",
         ),
         (&["shape", "smooth", "models", "--fwhm", "-5", "-o", "out"], "-5 degrees"),
         (&["shape", "align", "nothing", "--group", "-o", "out"], "nothing"),

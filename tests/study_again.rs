@@ -297,8 +297,8 @@ fn a_study_is_run_again_from_its_provenance() {
     let kept = fs::read(&mesh).expect("a mesh");
     fs::copy(moved.join("meshes/b01.ply"), &mesh).expect("a copy");
     let output = again(&[]);
-    let expected = "1 of the recorded 6 inputs missing or changed, so the results can't be reproduced; first: \
-                    meshes/a03.ply: the file has changed";
+    let expected = "the results can't be reproduced, because recorded inputs are missing or have changed (1 of 6 \
+                    inputs); the first: meshes/a03.ply: the file has changed";
     assert!(!output.status.success() && text(&output).contains(expected), "{}", text(&output));
     fs::write(&mesh, kept).expect("a mesh");
     fs::write(moved.join("out/provenance.json"), "{}").expect("a file");

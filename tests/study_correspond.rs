@@ -113,7 +113,7 @@ fn landmarks_of_the_table_or_by_a_pattern_are_carried_and_shown() {
     let measured = &site.json("out/quality/correspond.json")["landmarks"];
     assert!((mean(measured) / mean(marks) - 1.0).abs() < 0.3, "{measured} {marks}");
     let page = site.text("out/report.html");
-    for said in ["<h2>Landmarks</h2>", "landmarks apart, mean", "<bdi>x1</bdi>"] {
+    for said in ["<h2>Landmarks</h2>", "landmark error, mean", "<bdi>x1</bdi>"] {
         assert!(page.contains(said), "{said}");
     }
     // Landmarks can also be named by a pattern, with a table that has no paths of landmarks.

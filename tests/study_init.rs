@@ -50,7 +50,7 @@ fn a_study_of_a_bids_dataset_runs_as_it_was_written() {
         &[
             "id = \"participant_id\"",
             "surface = \"derivatives/{id}/anat/{id}_hemi-L_pial.surf.gii\"",
-            "# or, of 1 subject: surface = \"other/{id}/lh.pial\"",
+            "# or, for 1 subject: surface = \"other/{id}/lh.pial\"",
             "effect = \"group\"",
         ],
     );
@@ -83,7 +83,7 @@ fn a_table_whose_subjects_have_no_files_says_what_to_fill_in() {
     let site = site.path();
     fs::write(site.join("t.tsv"), "participant_id\tage\ns1\t1\ns2\t2\ns3\t4\n").expect("a table");
     let said = init(site, "t.tsv");
-    assert!(said.contains("with an id such as \"s1\"") && said.contains("tested: age"), "{said}");
+    assert!(said.contains("an id such as \"s1\"") && said.contains("tested: age"), "{said}");
     let error = fail(tool("study").args(["init", "--force", "--table", "gone.tsv"]).current_dir(site));
     assert!(error.contains("gone.tsv"), "{error}");
 }

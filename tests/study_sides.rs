@@ -94,7 +94,7 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
     fs::write(site.join("rh.mask.csv"), "1\n").expect("a mask");
     for (from, to, expected) in [
         ("side = \"rh\"", "side = \"right\"", "side: expected \"lh\", \"rh\" or \"asymmetry\", found \"right\""),
-        ("side = \"rh\"\n", "", "expected `side` (\"lh\", \"rh\" or \"asymmetry\")"),
+        ("side = \"rh\"\n", "", "give `side` (\"lh\", \"rh\" or \"asymmetry\")"),
         (
             "{side}.ply",
             "lh.ply",
@@ -116,7 +116,7 @@ fn right_bodies_are_mirrored_and_compared_with_left_ones() {
         (
             "[fit]",
             "signal = \"in/{id}/lh.csv\"\n[fit]",
-            "`signal` in [subjects]: expected a pattern with {side}, as each side",
+            "`signal` in [subjects]: expected a pattern with {side}, to distinguish",
         ),
     ] {
         let changed = format!("{head}{TESTS}").replacen(from, to, 1);

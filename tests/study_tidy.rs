@@ -71,7 +71,7 @@ fn what_would_fail_after_the_fits_is_refused_before_them() {
         (
             &STUDY.replace("effect", "levels = [\"b\"]\neffect"),
             table.clone(),
-            "column \"group\": expected an order of all levels, which are a, b; found b",
+            "column \"group\": expected an order of all levels (a, b), found b",
         ),
         (&STUDY.replace("effect", "levels = [\"a\", \"c\"]\neffect"), table.clone(), "column \"group\""),
         (

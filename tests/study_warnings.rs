@@ -169,8 +169,8 @@ fn exclusions_that_cannot_be_are_refused() {
     for (exclude, expected) in [
         ("[\"a3\"]".to_owned(), "no subject \"a3\"; did you mean \"a03\"?"),
         ("[\"a03\", \"a03\"]".to_owned(), "\"a03\" is listed twice"),
-        ("\"a03\"".to_owned(), "found string"),
-        ("[{ id = \"a03\", reason = \"\" }]".to_owned(), "found a table without an id and a reason"),
+        ("\"a03\"".to_owned(), "found a value of type string"),
+        ("[{ id = \"a03\", reason = \"\" }]".to_owned(), "found a table that lacks the id or the reason"),
         ("[{ id = \"a03\", why = \"x\" }]".to_owned(), "`exclude` in [subjects]: expected a list, such as"),
         (format!("[{}]", all[..8].join(", ")), "expected 3 subjects or more, found 2 (8 subjects excluded)"),
         (

@@ -49,7 +49,7 @@ fn one_time_of_several_is_fitted_and_recorded() {
     assert!(refused.contains("give --time N from 1 to 2"), "{refused}");
     assert!(fail(&mut fit(&["--time", "3"])).contains("time 3"));
     let zero = finish(&mut fit(&["--time", "0"]));
-    assert!(zero.status.code() == Some(2) && text(&zero).contains("expected a number from 1"));
+    assert!(zero.status.code() == Some(2) && text(&zero).contains("expected a whole number of at least 1"));
     succeed(&mut fit(&["--time", "1"]));
     let input = Model::read(at("m.spharm.npz")).unwrap().provenance.input.unwrap();
     assert_eq!((input.label, input.channel, input.time), (Some(1), None, Some(1)));

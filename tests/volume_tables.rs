@@ -204,7 +204,7 @@ fn voxel_sizes_are_given_where_files_have_none() {
     assert!(other.contains("fitted with other settings: axes zyx, not xyz"), "{other}");
     succeed(site.run(&again).args(["--axes", "zyx"]));
     let fixed = text(&finish(&mut site.run(&["in/b.nii", "--axes", "zyx", "--table", "fixed.tsv"])));
-    assert!(fixed.contains("in/b.nii: expected the order of axes xyz") && fixed.contains("omit --axes"), "{fixed}");
+    assert!(fixed.contains("in/b.nii: expected axes in the order xyz") && fixed.contains("omit --axes"), "{fixed}");
     assert_eq!(finish(&mut site.run(&["wide.npy", "--axes", "xzy", "--table", "no.tsv"])).status.code(), Some(2));
     // `fit` accepts array files with --voxel-size as well.
     let mut fit = tool("fit");

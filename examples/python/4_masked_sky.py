@@ -115,9 +115,9 @@ right.legend(fontsize=8)
 plt.show()
 
 # %%
-# A solver of one's own
+# Using your own solver
 # ---------------------
-# The basis is also available as a linear operator of SciPy, for solvers such as ``lsqr``. The operator doesn't store
+# The basis is also available as a SciPy ``LinearOperator``, for solvers such as ``lsqr``. The operator doesn't store
 # the basis matrix, which would take 8 n K bytes for n samples and K coefficients.
 
 from scipy.sparse.linalg import lsqr

@@ -53,7 +53,7 @@ def unwrapped(what: str, values: Any) -> Any:
         return values
     intents = [one.intent for one in values.darrays]
     if _VERTEX_NUMBERS in intents:
-        raise ValueError(f"{what}: expected a value for each vertex, found a GIfTI image with values of numbered vertices")
+        raise ValueError(f"{what}: expected a value for each vertex, found a GIfTI image with values for listed vertices only")
     arrays = [one.data for one in values.darrays if one.intent not in (_POINTS, _TRIANGLES)]
     if not arrays:
         found = "a mesh" if intents else "an empty image"
@@ -109,7 +109,7 @@ def positions(what: str, values: ArrayLike) -> Floats:
 def triangles(what: str, values: ArrayLike) -> Triangles:
     """Returns triangles, (f, 3), counted from 0."""
     if np.ma.is_masked(values):
-        raise ValueError(f"{what}: expected vertex numbers, found masked ones; leave out these triangles")
+        raise ValueError(f"{what}: expected vertex numbers, found masked ones; leave out the triangles that have them")
     try:
         array = np.asarray(values)
     except ValueError as error:

@@ -219,7 +219,7 @@ def fit_cohort(
     """
     collects = _arrays.on_error(on_error)
     if not isinstance(weights, str):
-        raise ValueError("weights: expected 'uniform' or 'area'; give arrays to `fit`, and files in the table")
+        raise ValueError("weights: expected 'uniform' or 'area'; call `fit` for arrays; name files in the table's column weights")
     settings = _settings(
         max_degree,
         0,

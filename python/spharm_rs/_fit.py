@@ -84,7 +84,7 @@ def _sphere_of(vertices: int, triangles: Any, sphere: Any) -> tuple[Any, Any, bo
     directions, faces, parametrized = sphere_arrays(named_icosphere(sphere))
     if directions is not None and len(directions) != vertices:
         raise errors.MeshError(
-            f"surface: {vertices} vertices, but the sphere has {len(directions)}; both must have the same vertices"
+            f"surface: found {vertices} vertices, but the sphere has {len(directions)}; both must have the same vertices"
         )
     if directions is not None and faces is None:
         faces = triangles
@@ -149,9 +149,9 @@ def _check_values(
     at = f"{'NaN' if missing else 'infinity'} {'in row' if scattered else 'at vertex'} {vertex} (counted from 0)"
     rows, drop = ("rows", ", or drop these rows from the directions and values") if scattered else ("vertices", "")
     if masked:
-        text = f"{at}, which is inside mask; leave out {rows} without values, by mask=mask & {kept}{drop}"
+        text = f"{at}, which is inside the mask; leave out {rows} without values with mask=mask & {kept}{drop}"
     else:
-        text = f"{at}; leave out {rows} without values by mask=, such as mask={kept}{drop}"
+        text = f"{at}; leave out {rows} without values, for example with mask={kept}{drop}"
     raise errors.MeshError(f"{what}: expected finite numbers, found {text}")
 
 
@@ -550,7 +550,7 @@ def solve(
         degree = _arrays.whole("max_degree", max_degree)
     if degree == -1:
         raise ValueError("max_degree: expected a degree, which is required with directions; found None")
-    values = _arrays.real("values", values, "(n,) or (n, c), or of a grid", flags=True)
+    values = _arrays.real("values", values, "(n,) or (n, c), or that of a grid", flags=True)
     shape, flat = values.shape, values.ndim == 1
     if len(shape) in (2, 3) and shape[0] != len(directions) and shape[0] * shape[1] == len(directions):
         # Of a grid: (n_latitude, n_longitude) and perhaps channels.

@@ -273,7 +273,7 @@ def fit_each(
 
 def _check_several(surfaces: Any) -> None:
     if isinstance(surfaces, (str, os.PathLike)) or not hasattr(surfaces, "__iter__"):
-        raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; use fit for it")
+        raise ValueError(f"surfaces: expected several surfaces or signals, found one {type(surfaces).__name__}; call fit instead")
 
 
 def processors() -> int:

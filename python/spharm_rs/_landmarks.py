@@ -112,7 +112,7 @@ def matched(
                 raise ValueError(f"landmarks[{index}]: expected finite positions, found NaN or infinity")
         return None, arrays
     if len(named) != members:
-        raise ValueError("landmarks: expected named landmarks for all members, or arrays for all members")
+        raise ValueError("landmarks: expected named landmarks for all members, or arrays for all members; found both")
     names = tuple(name for name in named[0].names if all(name in item.names for item in named))
     if not names:
         raise ValueError("landmarks: no name is common to all members")

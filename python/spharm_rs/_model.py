@@ -282,7 +282,9 @@ class Model(Values):
             given = f"at={at}" if at is None or isinstance(at, (int, str)) else f"at, a {type(at).__name__}"
             of_fit = self.sphere is not None and shape == (len(self.sphere.vertices),)
             advice = "give at=model.sphere for values at the vertices of the fit" if of_fit else "give the values' sphere as at="
-            raise ValueError(f"values: expected shape {expected}, a value for each vertex of {given}; found {shape}; {advice}")
+            raise ValueError(
+                f"values: expected shape {expected}, a value for each vertex of the sphere {given}; found {shape}; {advice}"
+            )
         return mesh
 
     def surface(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Surface:
@@ -430,7 +432,7 @@ class Model(Values):
             threads=_arrays.threads(threads),
         )
         if degree < self.max_degree:
-            reason = "because they are all zero and don't fit into a file this small"
+            reason = "because all their coefficients are zero and don't fit into a file this small"
             warn([f"{name}: the degrees above {degree} are omitted, {reason}"])
         return distance
 

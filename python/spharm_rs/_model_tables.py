@@ -64,7 +64,7 @@ def of_table(table: Any) -> tuple[Floats, bool]:
     bad = np.flatnonzero((degrees < 0) | (np.abs(orders) > degrees))
     if len(bad):
         found = f"degree {degrees[bad[0]]} and order {orders[bad[0]]}"
-        raise ValueError(f"table, row {bad[0]}: expected an order from -l to l of degree l, found {found}")
+        raise ValueError(f"table, row {bad[0]}: expected an order from -l to l for degree l, found {found}")
     rows = degrees**2 + degrees + orders
     if len(np.unique(rows)) < len(rows):
         raise ValueError("table: expected each degree and order once, found duplicates")

@@ -297,7 +297,7 @@ def _volume(
     if isinstance(volume, (str, os.PathLike)):
         return os.fspath(volume), sizes, matrix, axes
     if np.ma.is_masked(volume):
-        raise ValueError("volume: expected a value of each voxel, found masked ones; volume.filled(0) gives background")
+        raise ValueError("volume: expected a value for each voxel, found masked voxels; volume.filled(0) makes them background")
     array = np.asarray(volume)
     if array.ndim != 3:
         raise ValueError(f"volume: expected shape (i, j, k), found {array.shape}")
@@ -307,7 +307,7 @@ def _volume(
             raise ValueError(f"volume: expected whole numbers as labels, found {array.dtype}; {advice}")
         raise ValueError(f"volume: expected whole numbers, found {array.dtype}")
     if not of_values and array.size and not -(2**31) <= int(array.min()) <= int(array.max()) < 2**31:
-        raise ValueError(f"volume: expected labels of 32 bits, found {array.min()} to {array.max()}")
+        raise ValueError(f"volume: expected labels that fit into 32 bits, found {array.min()} to {array.max()}")
     if axes == "zyx":
         array, sizes = array.transpose(), None if sizes is None else sizes[::-1]
     if matrix is None:

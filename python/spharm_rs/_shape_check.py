@@ -100,7 +100,7 @@ def check(
     if aligned is not None:
         others = cores(aligned)
         if len(others) != len(members):
-            raise ValueError(f"aligned: expected {len(members)} models, as many as models, found {len(others)}")
+            raise ValueError(f"aligned: expected {len(members)} models, as many as in models; found {len(others)}")
         modes = pca(aligned, threads=threads)
         posed, scores = (others, modes.mean._inner), modes.scores.tolist()
     found, warnings = _core.shape_check(

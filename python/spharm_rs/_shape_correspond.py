@@ -266,7 +266,7 @@ class Group:
         for index, (name, points) in enumerate(zip(self.names, self._landmarks[1])):
             off = self.carried(points, index, index).off_surface
             if far := int((off > self._own_places(index)[1]).sum()):
-                found.append(f"{name}: {far} of {len(points)} landmarks are far from the surface, by up to {off.max():.4g}")
+                found.append(f"{name}: {far} of {len(points)} landmarks are far from the surface, up to {off.max():.4g} away")
         return found
 
     def _misplaced(self) -> list[str]:
@@ -483,7 +483,7 @@ def _signals(given: Any, count: int, refine: bool) -> tuple[list[list[Floats]], 
     for index, pair in enumerate(given):
         what = f"signals[{index}]"
         if not (isinstance(pair, tuple) and len(pair) == 2):
-            raise ValueError(f"{what}: expected a pair of values and weight, found {type(pair).__name__}")
+            raise ValueError(f"{what}: expected a pair (values, weight), found {type(pair).__name__}")
         of_members, weight = pair
         if len(of_members) != count:
             raise ValueError(f"{what}: expected one array for each of {count} surfaces, found {len(of_members)}")

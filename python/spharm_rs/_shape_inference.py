@@ -26,8 +26,8 @@ def check_mask_file(mask: Any, sphere: Any) -> None:
         return
     if sphere is None or isinstance(sphere, (int, np.integer)) or isinstance(sphere, str) and sphere.startswith("icosphere:"):
         raise ValueError(
-            f"mask: {os.fspath(mask)}: expected a mask for the vertices of an icosphere, found a label or annotation of "
-            "FreeSurfer's surfaces, which have other vertices; give the mask's own sphere as sphere="
+            f"mask: {os.fspath(mask)}: expected a mask for the vertices of an icosphere, found a FreeSurfer label or "
+            "annotation, whose surface has other vertices; give the mask's own sphere as sphere="
         )
 
 
@@ -47,7 +47,7 @@ def inference_of(
     if errors not in (None, "exchangeable", "symmetric", "both"):
         raise ValueError(f"errors: expected exchangeable, symmetric or both; found {errors!r}")
     if not relabelled and (blocks is not None or errors is not None or tfce or cluster is not None):
-        raise ValueError("blocks, errors, tfce, cluster: expected permutations of 1 or more, found 0")
+        raise ValueError("blocks, errors, tfce, cluster: can only be given with permutations=1 or more, found 0")
     if whole_blocks and blocks is None:
         raise ValueError("whole_blocks: can only be given with blocks")
     if cluster is not None and not 0 < cluster < 1:
@@ -96,8 +96,8 @@ def check_tested(what: str, values: Floats, kept: Any) -> None:
     row, vertex = (int(at) for at in np.unravel_index(int(bad.argmax()), bad.shape))
     found = f"{'NaN' if np.isnan(values[row, vertex]).any() else 'infinity'} in row {row}, column {vertex}"
     if kept is None:
-        raise ValueError(f"{what}: found {found} (counted from 0); vertices without values can be left out by mask=")
-    raise ValueError(f"{what}: found {found} (counted from 0), which is inside mask; leave out vertices without values")
+        raise ValueError(f"{what}: found {found} (counted from 0); leave out vertices without values with mask=")
+    raise ValueError(f"{what}: found {found} (counted from 0), which is inside the mask; leave out vertices without values")
 
 
 def scattered(found: dict[str, Any], kept: Any) -> dict[str, Any]:

@@ -212,7 +212,7 @@ class TestResult:
             found, label = _minus_log10(found), f"-log10 {label}"
         if level is not None:
             if self.p_fwe is None:
-                raise ValueError("level: expected a result with p_fwe, found a result without relabellings")
+                raise ValueError("level: expected a result with p_fwe, found a result of a test with permutations=0")
             found = np.where(self.p_fwe <= level, found, np.nan)
         return draw(surface, found, limits=limits, label=label, size=size, view=view)
 

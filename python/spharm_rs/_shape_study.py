@@ -359,7 +359,7 @@ def group_test(
 
     >>> ages, group = np.arange(30, 80, 5.0), np.array(["a", "b"] * 5)
     >>> sp.shape.group_test(values, interaction={"group": group, "age": ages}, permutations=0).meaning
-    'slope of age in a - slope in b'
+    'slope of age in a minus slope of age in b'
     >>> stages = ["healthy", "mild", "severe", "mild", "healthy"] * 2
     >>> sp.shape.group_test(values, stages, contrast="mild - healthy", permutations=0).freedom
     (7.0,)
@@ -395,7 +395,7 @@ def group_test(
         raise ValueError("groups: expected a name for each subject, found models; give all subjects in one sequence")
     for what, given in (("subjects", subjects), ("minus", minus)):
         if _are_paths(given):
-            raise ValueError(f"{what}: expected models or values, found text; load files of models by spharm_rs.Model.load")
+            raise ValueError(f"{what}: expected models or values, found text; load files of models with spharm_rs.Model.load")
     if _are_models(subjects):
         sphere = 5 if sphere is None else sphere
         signal = "normal" if signal is None else signal
@@ -413,7 +413,7 @@ def group_test(
                 "measured already; leave out signal, or give the models"
             )
         if minus is not None:
-            others = _arrays.real("minus", stacked("minus", minus), "that of subjects")
+            others = _arrays.real("minus", stacked("minus", minus), "(n, V) or (n, V, 3), as for subjects")
             if others.shape != values.shape:
                 raise ValueError(f"minus: expected shape {values.shape}, found {others.shape}")
             values = values - others

@@ -71,7 +71,7 @@ class Grid:
                 f"values: expected a row for each of {shape[0]} latitudes and a column for each of {shape[1]} longitudes, "
                 f"found shape {array.shape}"
             )
-        warn_if_radians("latitude", 90, north, east, len(north) * len(east), "numpy.degrees converts radians")
+        warn_if_radians("latitude", 90, north, east, len(north) * len(east), "convert radians with numpy.degrees")
         if isinstance(channel, str):
             raise ValueError(f"channel: expected a list of names, found the text {channel!r}")
         names, count = list(channel), array.shape[2] if array.ndim == 3 else 0

@@ -365,7 +365,7 @@ def _edges(bins: Any, degree: int) -> NDArray[np.intp]:
         return np.concatenate([[0], np.arange(1, degree + 1, width), [degree + 1]]).astype(np.intp)
     edges = np.asarray(bins)
     if edges.ndim != 1 or edges.dtype.kind not in "iu" or len(edges) < 2:
-        raise ValueError(f"bins: expected a width, or at least 2 degrees, found {edges.dtype} of shape {edges.shape}")
+        raise ValueError(f"bins: expected a width, or at least 2 degrees l as edges, found {edges.dtype} of shape {edges.shape}")
     edges = edges.astype(np.intp)
     if edges[0] < 0 or edges[-1] > degree + 1 or (np.diff(edges) < 1).any():
         raise ValueError(f"bins: expected increasing degrees from 0 to {degree + 1}, found other values")
@@ -525,7 +525,7 @@ def _shape(shape: ArrayLike | None, degree: int) -> Floats:
         return np.ones(degree + 1)
     expected = finite("shape", np.atleast_1d(_arrays.real("shape", shape, f"({degree + 1},)")))
     if expected.shape != (degree + 1,) or (expected <= 0).any():
-        raise ValueError(f"shape: expected {degree + 1} numbers above 0, found shape {expected.shape} or other numbers")
+        raise ValueError(f"shape: expected {degree + 1} numbers above 0, found shape {expected.shape}, or numbers of 0 or less")
     return expected
 
 
@@ -567,10 +567,10 @@ def _decoupled(
     condition = np.linalg.cond(binned)
     if not condition < _MOST_CONDITION:
         width = _narrowest(coupling, expected)
-        wider = "no width of bins does" if width is None else f"the narrowest width that it determines is bins={width}"
+        wider = "no width of bins suffices" if width is None else f"the narrowest width that suffices is bins={width}"
         raise ValueError(
-            f"bins: expected bins that the mask determines, found a condition number of {condition:.0e}; {wider}. Errors are "
-            "small for bins of about 180 degrees over the mask's width in degrees"
+            f"bins: expected bins wide enough for the mask, found a condition number of {condition:.0e}; {wider}. Errors are "
+            "small if bins are about as wide as 180 divided by the mask's width in degrees"
         )
     # From the pseudo-spectrum to the mean power of each bin.
     solve = (share @ expected)[:, np.newaxis] * np.linalg.solve(binned, average)

@@ -335,7 +335,7 @@ def from_spharm_mat(array: ArrayLike) -> Floats:
 def _three(who: str, coefficients: ArrayLike) -> None:
     shape = np.shape(coefficients)
     if len(shape) != 2 or shape[1] != 3:
-        raise ValueError(f"{who} files hold surfaces, with 3 channels; found shape {shape}")
+        raise ValueError(f"{who} files can only hold surfaces (3 channels); found shape {shape}")
 
 
 def _pdm(degree: int) -> tuple[NDArray[np.intp], Floats]:

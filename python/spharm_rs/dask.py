@@ -178,7 +178,7 @@ def fit_cohort(
     """
     _arrays.threads(threads)
     if "shard" in settings or "progress" in settings:
-        raise ValueError("shard, progress: only `spharm_rs.fit_cohort` takes these settings; give shards=N")
+        raise ValueError("shard, progress: these settings are only for `spharm_rs.fit_cohort`; give shards=N")
     rows = _table(table)
     count = _arrays.whole("shards", -(-_rows(rows) // 8) if shards is None else shards, 1)
     settings = {"on_error": "collect", **settings, "threads": threads}

@@ -405,5 +405,5 @@ def even(
         progress=callback(progress),
     )
     if folded:
-        warn([f"{folded} triangles are turned over; choose a finer sphere for this surface"])
+        warn([f"{folded} triangles are flipped; choose a finer sphere for this surface"])
     return Surface(directions, faces)

@@ -152,7 +152,7 @@ def directions(
         ) from None
     if degrees:
         points = int(np.prod(shape))
-        warn_if_radians(what, most, np.degrees(angle), np.degrees(phi), points, "degrees=False reads radians")
+        warn_if_radians(what, most, np.degrees(angle), np.degrees(phi), points, "give degrees=False for radians")
     z, across, phi = (np.broadcast_to(array, shape).ravel() for array in (z, across, phi))
     return unit_vectors(z, across, phi)
 

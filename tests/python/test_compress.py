@@ -66,7 +66,7 @@ def test_damaged_compressed_models_are_refused(model: sp.Model, tmp_path: Path) 
     with pytest.raises(sp.errors.MeshError, match="m.sphz: truncated file"):
         sp.Model.load(file)
     file.rename(tmp_path / "m.npz").write_bytes(whole)
-    with pytest.raises(sp.errors.MeshError, match="m.npz: the file is a compressed model .*; Model.load reads it"):
+    with pytest.raises(sp.errors.MeshError, match="m.npz: the file is a compressed model .*; Model.load reads the file"):
         sp.Model.load(tmp_path / "m.npz")
     file.write_bytes(b"PK" + whole)
     with pytest.raises(sp.errors.MeshError, match="m.sphz: not a compressed model"):

@@ -337,7 +337,7 @@ def test_settings_that_are_none_are_refused(folder: Path) -> None:
         (few[0], {}, "sequence"),
         (few, {"guide": True}, "guide: expected landmarks"),
         (few, {"guide": True, "landmarks": [np.zeros((1, 3))] * 2, "template": folder / "s05.ply"}, "template: expected the number or name of a member"),
-        (few, {"signals": [[np.ones(3)] * 2]}, "pair of values and weight"),
+        (few, {"signals": [[np.ones(3)] * 2]}, r"a pair \(values, weight\)"),
         (few, {"signals": [([np.ones(3)], 0.1)]}, "each of 2 surfaces"),
         (few, {"signals": [([np.ones((3, 2))] * 2, 0.1)]}, "one value per vertex"),
         (few, {"signals": [([np.ones(3)] * 2, 0.0)]}, "a weight above 0"),

@@ -186,9 +186,9 @@ def test_arguments_that_do_not_fit_are_refused() -> None:
         ({"tfce": True}, "give surface="),
         ({"tfce": True, "surface": sp.icosphere(1)}, "expected 12 vertices"),
         ({"cluster": 0.0, "surface": sp.icosphere(0)}, "above 0 and below 1"),
-        ({"tfce": True, "surface": sp.icosphere(0), "permutations": 0}, "permutations of 1 or more"),
+        ({"tfce": True, "surface": sp.icosphere(0), "permutations": 0}, "permutations=1 or more"),
         ({"blocks": list("abcdabcd"), "errors": "symmetric"}, "single rows"),
-        ({"blocks": list("abcdabcd"), "permutations": 0}, "permutations of 1 or more"),
+        ({"blocks": list("abcdabcd"), "permutations": 0}, "permutations=1 or more"),
     ]
     for arguments, message in refused:
         design: dict[str, Any] = {"groups": groups}

@@ -40,7 +40,7 @@ def test_wrong_groups_are_refused() -> None:
     models = group()
     with pytest.warns(sp.SpharmWarning, match="4 subjects are too few"):
         assert all(one.flags == () for one in sp.shape.check(models[:4]))
-    with pytest.raises(ValueError, match="aligned: expected 8 models, as many as models, found 7"):
+    with pytest.raises(ValueError, match="aligned: expected 8 models, as many as in models; found 7"):
         sp.shape.check(models, aligned=models[:7])
     with pytest.raises(ValueError, match="names: expected 8 names"):
         sp.shape.check(models, names=["a"])

@@ -26,7 +26,7 @@ def test_text_of_numbers_is_numbers() -> None:
         assert found.columns == ["a", "b", "age"] and np.array_equal(found.statistic, expected.statistic)
     assert np.array_equal(found_of(effect=text).statistic, found_of(effect=AGES).statistic)
     slopes = found_of(interaction={"group": GROUPS, "age": text})
-    assert slopes.meaning == "slope of age in a - slope in b"
+    assert slopes.meaning == "slope of age in a minus slope of age in b"
     assert found_of(GROUPS, covariates={"site": ["1", "2", "3", "3"] * 3}).codes == {"site": [1, 2, 3]}
     with pytest.raises(ValueError, match=r"covariates, age: expected a number, as in most rows, found '60y' in row 0 "):
         found_of(GROUPS, covariates={"age": ["60y", *text[1:]]})
@@ -97,7 +97,7 @@ def test_categorical_columns_are_levels() -> None:
     ordered = pandas.Categorical(GROUPS, categories=["c", "b", "a"], ordered=True)
     assert found_of(ordered).meaning == found_of(pandas.Series(ordered)).meaning == "b - a"
     assert found_of(ordered, levels=["a", "b"]).meaning == "a - b"
-    assert found_of(interaction={"group": ordered, "age": AGES}).meaning == "slope of age in b - slope in a"
+    assert found_of(interaction={"group": ordered, "age": AGES}).meaning == "slope of age in b minus slope of age in a"
     for missing in (pandas.Categorical([None, *GROUPS[1:]]), pandas.Series([pandas.NA, *GROUPS[1:]], dtype="string")):
         with pytest.raises(ValueError, match="groups: .* in row 0"):
             found_of(missing)

@@ -96,9 +96,9 @@ def test_a_label_of_freesurfer_needs_its_sphere(tmp_path: Path) -> None:
 def test_values_without_a_mask_have_to_be_finite() -> None:
     values = values_of()
     values[3, 7] = np.nan
-    with pytest.raises(ValueError, match="subjects: found NaN in row 3, column 7 .*vertices without values can be left out by mask="):
+    with pytest.raises(ValueError, match="subjects: found NaN in row 3, column 7 .*leave out vertices without values with mask="):
         sp.shape.group_test(values, GROUPS)
-    with pytest.raises(ValueError, match="found NaN in row 3, column 7 .*, which is inside mask"):
+    with pytest.raises(ValueError, match="found NaN in row 3, column 7 .*, which is inside the mask"):
         sp.shape.group_test(values, GROUPS, mask=np.arange(162) > 5)
     with pytest.raises(ValueError, match="subjects, minus: found infinity in row 0, column 2"):
         sp.shape.group_test(values_of(), minus=np.where(np.arange(162) == 2, np.inf, values_of(1)), mean=True)

@@ -67,7 +67,7 @@ def test_numbers_other_than_0_and_1_are_no_mask(number: float) -> None:
 
 def test_masked_voxels_and_triangles_are_refused() -> None:
     volume: Any = np.ma.array(np.ones((4, 4, 4), int), mask=np.arange(64).reshape(4, 4, 4) == 0)
-    with pytest.raises(ValueError, match=r"volume: expected a value .* found masked ones; volume.filled\(0\)"):
+    with pytest.raises(ValueError, match=r"volume: expected a value .* found masked voxels; volume.filled\(0\)"):
         sp.parametrize_volume(volume)
     faces: Any = np.ma.array([[0, 1, 2]], mask=[[False, False, True]])
     with pytest.raises(ValueError, match="faces: expected vertex numbers, found masked ones"):
@@ -94,11 +94,11 @@ def test_angles_that_look_like_radians_are_doubted() -> None:
     latitude, longitude = np.linspace(-80, 80, 12), np.linspace(0, 350, 12)
     north, east = np.radians(latitude), np.radians(longitude)
     text = "^latitude, longitude: latitudes up to 1.396 and longitudes up to 6.109 look like radians, .* expected; "
-    with pytest.warns(sp.SpharmWarning, match=text + "degrees=False reads radians"):
+    with pytest.warns(sp.SpharmWarning, match=text + "give degrees=False for radians"):
         spectra.directions(north, east)
     with pytest.warns(sp.SpharmWarning, match="^colatitude, longitude: colatitudes up to 2.967 and .* radians"):
         spectra.directions(colatitude=north + np.pi / 2, longitude=east)
-    with pytest.warns(sp.SpharmWarning, match=text + "numpy.degrees converts radians"):
+    with pytest.warns(sp.SpharmWarning, match=text + "convert radians with numpy.degrees"):
         spectra.Grid(north, east, np.zeros((12, 12)))
     with warnings.catch_warnings():
         warnings.simplefilter("error")

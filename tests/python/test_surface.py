@@ -259,7 +259,7 @@ def test_axes_and_spacing_of_images(tmp_path: Path) -> None:
     nibabel.save(nibabel.Nifti1Image(labels, np.eye(4)), tmp_path / "labels.nii.gz")
     with pytest.raises(ValueError, match="affine: expected None, because the volume file has its own affine"):
         sp.parametrize_volume(tmp_path / "labels.nii.gz", affine=np.eye(4))
-    with pytest.warns(sp.SpharmWarning, match="voxel size 0.2 x 0.3 x 0.5 replaces 1 x 1 x 1 of the file"):
+    with pytest.warns(sp.SpharmWarning, match="voxel size 0.2 x 0.3 x 0.5 replaces the file's size 1 x 1 x 1"):
         sp.parametrize_volume(tmp_path / "labels.nii.gz", spacing=(0.2, 0.3, 0.5))
     with pytest.raises(ValueError, match="spacing: expected None with affine"):
         sp.parametrize_volume(labels, affine=np.eye(4), spacing=(1, 1, 1))
@@ -372,7 +372,7 @@ def test_what_memory_doesnt_allow_is_refused(study: Study) -> None:
         lambda memory: sp.compare(*study, surface_distance=True, samples=1000, memory=memory),
     ]
     for work in refused:
-        with pytest.raises(sp.MemoryBudgetError, match="memory is 0.0 MiB") as caught:
+        with pytest.raises(sp.MemoryBudgetError, match="memory= allows only 0.0 MiB") as caught:
             work("10KiB")
         assert caught.value.budget == 10 << 10 and caught.value.needed > caught.value.budget
         with pytest.raises(ValueError, match="512MiB"):

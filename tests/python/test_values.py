@@ -94,7 +94,7 @@ def test_tables_have_degrees_orders_and_channels() -> None:
         (np.eye(3), "expected a DataFrame or a DataArray, found ndarray"),
         (frame.reset_index(), "expected an index of degree and order"),
         (frame.rename(index={1: -1}, level="degree"), "expected an order from -l to l"),
-        (frame.rename(index={0: 2}, level="order"), "expected an order from -l to l of degree l, found degree 0 and order 2"),
+        (frame.rename(index={0: 2}, level="order"), "expected an order from -l to l for degree l, found degree 0 and order 2"),
         (frame.rename(index={-1: 1}, level="order"), "expected each degree and order once"),
         (frame.rename(index={1: 1.5}, level="degree"), "expected whole numbers in degree, found float64"),
         (model(1).to_xarray().rename(harmonic="row"), "expected the dimensions harmonic and channel, found row, channel"),
@@ -202,7 +202,7 @@ def test_values_at_other_vertices_are_refused_with_the_sphere_to_give() -> None:
     for draw in (fitted.picture, fitted.plot):
         with pytest.raises(ValueError, match=r"vertex of at=5; found \(642,\); give at=model.sphere for values"):
             draw(at_fit)
-    with pytest.raises(ValueError, match=r"vertex of at, a Surface; found \(162,\); give the values' sphere as at="):
+    with pytest.raises(ValueError, match=r"vertex of the sphere at, a Surface; found \(162,\); give the values' sphere as at="):
         fitted.picture(fitted.curvature(2), at=sphere)
     assert fitted.picture(at_fit, at=fitted.sphere, size=64).png == fitted.picture(at_fit, at=None, size=64).png
 
@@ -285,7 +285,7 @@ def test_one_surface_and_several_are_told_apart() -> None:
             sp.fit(several, max_degree=4)
     one: Any
     for one in (surface, "a.ply", 3):
-        with pytest.raises(ValueError, match="expected several surfaces or signals, found one .*use fit for it"):
+        with pytest.raises(ValueError, match="expected several surfaces or signals, found one .*call fit instead"):
             sp.fit_many(one, sphere, 4)
         with pytest.raises(ValueError, match="expected several surfaces or signals"):
             sp.fit_each(one, 4)
@@ -329,7 +329,7 @@ def test_values_are_taken_from_images(tmp_path: Path) -> None:
         (mesh, "values: expected a GIfTI image with values on vertices, found a mesh"),
         (gifti(), "found an empty image"),
         (gifti(one, one[1:]), "values: expected a GIfTI image with arrays of equal lengths, found 641, 642"),
-        (gifti(np.arange(642, dtype=np.int32), intent="NIFTI_INTENT_NODE_INDEX"), "found a GIfTI image with values of numbered"),
+        (gifti(np.arange(642, dtype=np.int32), intent="NIFTI_INTENT_NODE_INDEX"), "found a GIfTI image with values for listed"),
         (both, "values: expected one hemisphere, found left and right; give one, such as image.data.parts"),
     ]
     for image, text in refused:
@@ -402,8 +402,8 @@ def test_missing_values_inside_a_mask_are_named(tmp_path: Path) -> None:
     surface, sphere = sp.example_surface(3)
     kept = np.arange(642) >= 9
     values = np.where(np.arange(642) < 12, np.nan, surface.vertices[:, 0])
-    inside = r"NaN at vertex 9 \(counted from 0\), which is inside mask; .* mask=mask & ~np.isnan\(values\)$"
-    without = r"NaN at vertex 0 \(counted from 0\); leave out vertices without values by mask=, such as mask=~np.isnan\(values\)$"
+    inside = r"NaN at vertex 9 \(counted from 0\), which is inside the mask; .* mask=mask & ~np.isnan\(values\)$"
+    without = r"NaN at vertex 0 \(counted from 0\); leave out vertices without values, for example with mask=~np.isnan\(values\)$"
     positions = np.where((np.arange(642) < 12)[:, None], np.inf, surface.vertices)
     path = tmp_path / "values.csv"
     path.write_text("x\n" + "".join(f"{value!r}\n" for value in values.tolist()))
@@ -412,13 +412,13 @@ def test_missing_values_inside_a_mask_are_named(tmp_path: Path) -> None:
         (values, None, f"values: expected finite numbers, found {without}"),
         (path, kept, f"values.csv: expected finite numbers, found {inside}"),
         (path, None, f"values.csv: expected finite numbers, found {without}"),
-        (positions, kept, r"surface: .*infinity at vertex 9 .*inside mask; .*mask=mask & np.isfinite\(values\).all\(axis=-1\)$"),
+        (positions, kept, r"surface: .*infinity at vertex 9 .*inside the mask; .*mask=mask & np.isfinite\(values\).all\(axis=-1\)$"),
         (np.where(np.isinf(positions), np.nan, positions), None, r"~np.isnan\(values\).any\(axis=-1\)$"),
     ]
     for given, mask, text in refused:
         with pytest.raises(sp.MeshError, match=text):
             sp.fit(given, sphere, 4, mask=mask)
-    for mask, text in ((kept, "NaN in row 9 .*inside mask; .* mask=mask & ~np.isnan"), (None, "NaN in row 0 .*mask=~np.isnan")):
+    for mask, text in ((kept, "NaN in row 9 .*inside the mask; .* mask=mask & ~np.isnan"), (None, "NaN in row 0 .*mask=~np.isnan")):
         with pytest.raises(sp.MeshError, match=text):
             sp.solve(sphere.vertices, values, 4, mask=mask)
     # The advice helps.

@@ -69,7 +69,7 @@ pub(crate) struct Cli {
     pub(super) codec: CodecName,
     /// Number of rows in each chunk, a multiple of 8
     ///
-    /// A scheme that exists already keeps its number of rows.
+    /// A scheme that is already in the store keeps its number of rows per chunk.
     #[arg(long, value_name = "ROWS", default_value_t = DEFAULT_CHUNK_ROWS, hide_short_help = true, help_heading = METHOD)]
     pub(super) chunk_rows: usize,
     /// Also compute the factor of the normal equations to degree L

@@ -14,7 +14,8 @@ use spharm_cohort::Shard;
 /// Surfaces are read from derivatives/smriprep, derivatives/fmriprep, derivatives/freesurfer or sourcedata/freesurfer,
 /// or from --freesurfer. Each surface is fitted over its subject's registered sphere, so that coefficients of different
 /// subjects correspond. `participant` writes models, spectra, surfaces, errors and a page for each subject; `group`
-/// gathers the subjects' models of --surfaces and --hemi, by default those of the pial surfaces.
+/// gathers all subjects' models of the surfaces and hemispheres that --surfaces and --hemi select, by default those of
+/// both pial surfaces.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -31,7 +32,7 @@ use spharm_cohort::Shard;
     ],
 ))]
 pub(crate) struct Cli {
-    /// The dataset
+    /// BIDS dataset to read
     #[arg(value_name = "BIDS_DIR")]
     pub(super) dataset: PathBuf,
     /// Folder of the derivative dataset
@@ -55,7 +56,7 @@ pub(crate) struct Cli {
     /// Degree of the models
     #[arg(short = 'L', long, alias = "degree", value_name = "L", default_value_t = 60, help_heading = METHOD)]
     pub(super) max_degree: usize,
-    /// Subdivisions of the icosphere on which models are evaluated
+    /// Subdivisions of the icosphere at whose vertices models are evaluated
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=8), help_heading = METHOD)]
     pub(super) icosphere: u32,
     /// Fit only part I of N parts of the surfaces: I/N, with I counted from 0, or slurm

@@ -45,8 +45,9 @@ pub(super) fn prepare(output: &Path, source: &Path, subjects: &[&str]) -> Result
     text(
         &output.join("README.md"),
         "# spharm\n\nSpherical-harmonic models of cortical surfaces, fitted by `spharm bids`. Each model is a NumPy \
-         archive with a .json file that describes how it was made. Files whose names begin in the same way have the \
-         spectrum of the model, its surface on a common sampling, and its distances from the fitted vertices.\n",
+         archive with a .json file that describes how it was made. Files whose names begin in the same way contain the \
+         spectrum of the model, its surface at the vertices of an icosphere, and its distances from the fitted \
+         vertices.\n",
     )?;
     let mut rows: Vec<String> = subjects.iter().map(|subject| format!("sub-{subject}\n")).collect();
     if let Ok(found) = spharm_files::read_text(output.join("participants.tsv"), MOST_OWN) {

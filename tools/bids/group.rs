@@ -31,7 +31,7 @@ pub(super) fn run(cli: &Cli, spharm: &dyn Fn(&[String]) -> Result<()>) -> Result
         for &surface in &cli.surfaces {
             let group = gather(&cli.output, hemi, surface)?;
             if group.is_empty() {
-                cli.common.console().warn(format!("no model of hemi-{} {}", hemi.label(), surface.name()));
+                cli.common.console().warn(format!("found no model of hemi-{} {}", hemi.label(), surface.name()));
                 continue;
             }
             models += group.len();
@@ -135,14 +135,14 @@ fn other_spaces(models: &[Model], paths: &[PathBuf]) -> Option<String> {
     let usual = spaces.iter().max_by_key(|(_, names)| names.len())?.0.clone();
     spaces.remove(&usual);
     let others = spaces.iter().map(|(space, names)| {
-        let are = if names.len() == 1 { "is" } else { "are" };
-        format!("{} {are} over spheres registered to {space}", first_of(names.iter().map(String::as_str), NAMED))
+        let are = if names.len() == 1 { "uses" } else { "use" };
+        format!("{} {are} a sphere registered to {space}", first_of(names.iter().map(String::as_str), NAMED))
     });
     let others: Vec<String> = others.collect();
     (!others.is_empty()).then(|| {
         format!(
-            "{}, but the other models are over spheres registered to {usual}, so equal directions don't correspond; \
-             give these subjects spheres registered to {usual}, or remove their models",
+            "{}, but the other models use spheres registered to {usual}, so equal directions don't correspond; fit the \
+             named models over spheres registered to {usual}, or remove them",
             others.join("; ")
         )
     })
@@ -222,7 +222,7 @@ mod tests {
         .map(model);
         assert_eq!(other_spaces(&[freesurfer.clone(), average.clone(), average.clone()], &paths), None);
         let warning = other_spaces(&[freesurfer, average, other], &paths).unwrap();
-        assert!(warning.starts_with("sub-3_pial is over spheres registered to fsLR, but the other"), "{warning}");
+        assert!(warning.starts_with("sub-3_pial uses a sphere registered to fsLR, but the other"), "{warning}");
         assert!(warning.contains("registered to fsaverage, so"), "{warning}");
         let elsewhere = model(r"of_space-fsLR_data\lh.sphere.reg");
         assert_eq!(space(&elsewhere).as_deref(), Some("fsaverage"), "a folder of another operating system");

@@ -9,7 +9,7 @@ use spharm_cli::memory::Memory;
 use spharm_cli::threads::Threads;
 use spharm_surface::metrics::SurfaceDistanceParams;
 
-/// Measure the distance of a reconstruction from its surface
+/// Measure the distance of a reconstruction from the original surface
 ///
 /// Prints the mean and the maximal squared distance between corresponding vertices (msd, xsd): both in the input's unit
 /// and after scaling the surfaces so that the original's bounding box has volume 1 (Shen and Chung 2006, section 4.2).

@@ -85,14 +85,17 @@ fn work(cli: &Cli) -> Result<()> {
     }
     if frames::differ_by_centre(&original, &reconstruction) {
         monitor.console().note(format!(
-            "{}: the surfaces differ by the centre of their volume (c_ras): one is in FreeSurfer's surface coordinates \
-             (tkRAS), the other in scanner coordinates; convert one of them first, for example by \
+            "{}: the surfaces are shifted by the centre of their volume (c_ras): one is in FreeSurfer's surface \
+             coordinates (tkRAS), the other in scanner coordinates; convert one of them first, for example by \
              mris_convert --to-scanner",
             pair()
         ));
     }
     if mask.is_some() && apart {
-        bail!("{}: --mask compares equal directions, which don't correspond in models of separate maps", pair());
+        bail!(
+            "{}: --mask compares equal directions, which don't correspond if surfaces were mapped separately",
+            pair()
+        );
     }
     if mask.is_some() && !corresponds {
         bail!("{}: --mask compares the same vertices of both surfaces, so both need the same triangles", pair());

@@ -19,12 +19,12 @@ pub(crate) const FORMATS: &str = "Formats:
   flowshape  FlowShape: .npy (K, c)
   aics       aics-shparam: .json or .csv of a radius, 1 channel; export only
   afni       weighted SPHARM, AFNI: text (L + 1) x (2 L + 1), one file per channel
-  csv, json  plain canonical coefficients";
+  csv, json  coefficients as in the model";
 
 /// Write models in the formats of other packages
 ///
-/// Coefficients are converted to the harmonics of the package and to its order of coefficients; text files have 17
-/// digits. A model that the format can't represent is refused.
+/// Coefficients are converted to the harmonics of the package and to its order of coefficients; numbers in text files
+/// have 17 digits. A model that the format can't represent is refused.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

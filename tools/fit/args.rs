@@ -17,7 +17,7 @@ use crate::rows::CohortArgs;
 /// Fit surfaces, or any signals on the sphere, with spherical harmonics
 ///
 /// Without --store, surfaces are fitted by full least squares with fast transforms. With --store, they are fitted by
-/// iterative residual fitting, in bounded memory, over a basis that basis-build made for the same sphere. All surfaces
+/// iterative residual fitting, in bounded memory, with a basis that basis-build made for the same sphere. All surfaces
 /// of one call are fitted together, in as few sweeps over the basis as the memory allows.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
@@ -53,11 +53,12 @@ pub(crate) struct Cli {
 pub(super) struct Input {
     /// Surfaces, or signals on the sphere's vertices
     ///
-    /// A folder stands for its meshes, without spheres, surfaces written by fits, and subfolders. @LIST reads the paths
-    /// from the file LIST: one per line, relative to LIST; # begins a comment. A file given twice is fitted once.
+    /// A folder stands for the meshes in it, except spheres and surfaces written by fits; subfolders are ignored. @LIST
+    /// reads the paths from the file LIST: one per line, relative to LIST; # begins a comment. A file given twice is
+    /// fitted once.
     #[arg(value_name = "FILE", required_unless_present_any = ["surface", "moments", "manifest"])]
     pub(super) files: Vec<PathBuf>,
-    /// Alternative to FILE
+    /// Another way to give FILE
     #[arg(long, value_name = "FILE", num_args = 1.., hide_short_help = true)]
     pub(super) surface: Vec<PathBuf>,
     /// Table of surfaces and their ids, in place of --surface
@@ -81,7 +82,7 @@ pub(super) struct Input {
     pub(super) moments: Option<PathBuf>,
     /// Sphere of the surfaces [default: one for each surface]
     ///
-    /// A mesh around the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see
+    /// A mesh centred at the origin, or a CSV of theta,phi. If omitted, each surface is first mapped to the sphere (see
     /// parametrize); the sphere is written next to the model.
     #[arg(long, value_name = "SPHERE", conflicts_with_all = ["LabelSurfaceArgs", "VolumeArgs"])]
     pub(super) sphere: Option<PathBuf>,
@@ -95,7 +96,7 @@ pub(super) struct Input {
     ///
     /// Labels: keeps the largest piece, fills cavities and removes handles. Meshes: welds coincident vertices, drops
     /// repeated and degenerate triangles, fins, unused vertices and all pieces but the largest, orients all
-    /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces of
+    /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, large ones by surfaces of
     /// least bending; the repaired mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, group = "mending", conflicts_with = "sphere")]
     pub(super) fix: bool,
@@ -109,7 +110,7 @@ pub(super) struct Input {
     /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
     /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
     /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost; a wrap that leaves out more than 5 % of
-    /// the mesh is refused. 128 voxels suit most meshes; allowed are 16 to 512. The new mesh is written next to the
+    /// the mesh is refused. 128 voxels suit most meshes; 16 to 512 are allowed. The new mesh is written next to the
     /// model, NAME.fixed.surf.gii.
     #[arg(long, value_name = "VOXELS", group = "mending", conflicts_with_all = ["sphere", "fix", "cut_handles"], value_parser = voxels, hide_short_help = true)]
     pub(super) wrap: Option<usize>,
@@ -141,8 +142,8 @@ pub(super) struct Input {
     pub(super) mask: Option<PathBuf>,
     /// Refuse doubtful inputs and fits that don't reach the tolerance
     ///
-    /// Doubtful inputs are surfaces that aren't closed and of genus zero, spheres that are off centre, and spheres and
-    /// masks of the other hemisphere.
+    /// Doubtful inputs are surfaces that have holes or a genus other than zero, spheres that are off centre, and
+    /// spheres and masks of the other hemisphere.
     #[arg(long)]
     pub(super) strict: bool,
 }
@@ -161,13 +162,13 @@ pub(super) struct MethodArgs {
     #[arg(short = 'L', long, alias = "degree", value_name = "L", conflicts_with = "accuracy")]
     #[arg(required_if_eq_any = [("dry_run", "true")])]
     pub(super) max_degree: Option<usize>,
-    /// Use the lowest degree with at most this error [default: 0.2%]
+    /// Use the lowest degree whose error is at most this [default: 0.2%]
     ///
     /// The error is the root mean square distance between model and surface: a length in the unit of the input, or a
     /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have the
-    /// same degree, at most 256: the highest degree that the first, the middle or the last surface needs, or the degree
-    /// of an existing model that isn't replaced. Without --accuracy, the degree for labels of a volume is 4 to 60,
-    /// chosen by their median size in voxels.
+    /// same degree, at most 256: the highest degree that the first, the middle or the last surface needs or, if a model
+    /// exists and isn't replaced, the degree of this model. Without --accuracy, the degree for labels of a volume is 4
+    /// to 60, chosen by their median size in voxels.
     #[arg(long, value_name = "RMS|PERCENT%", conflicts_with_all = ["store", "shard", "moments"])]
     pub(super) accuracy: Option<Accuracy>,
     /// Method of the fit [default: irf with --store, else lsq]
@@ -176,7 +177,7 @@ pub(super) struct MethodArgs {
     /// Objective of the fit (lsq) [default: surface for meshes]
     ///
     /// surface: fit samples on all triangles, as dense as the degree requires, each weighted by its share of the
-    /// sphere. vertices: fit only the vertices, as in the paper; this is the default for signals, and the only choice
+    /// sphere. vertices: fit only the vertices; this is the default for signals, and the only choice
     /// with --store.
     #[arg(long, value_name = "surface|vertices", alias = "target")]
     pub(super) objective: Option<Objective>,
@@ -186,10 +187,10 @@ pub(super) struct MethodArgs {
     /// the model. Use 0 for groups, so that their maps differ no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
-    /// Passes, p (irf, mirf) [default: 1; with --accelerate 16]
+    /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
-    /// Most basis functions per block, g (irf) [default: 100]
+    /// Maximum number of basis functions per block, g (irf) [default: 100]
     #[arg(long, value_name = "G", value_parser = values::at_least_one)]
     pub(super) granularity: Option<usize>,
     /// Use conjugate gradients over pairs of passes (irf, mirf)
@@ -215,9 +216,9 @@ pub(super) struct MethodArgs {
     /// Remove noise, degree by degree (lsq)
     ///
     /// For surfaces and signals whose vertices have independent noise of equal size. The size of the noise and its
-    /// effect on each degree are estimated from the residual and from fits of noise. The fit is then repeated, damping
-    /// the degrees that are mostly noise. Detail above --max-degree is treated as noise, so give a degree that is high
-    /// enough.
+    /// effect on each degree are estimated from the residual and from fits of random noise. The fit is then repeated,
+    /// damping the degrees that are mostly noise. Detail above --max-degree is treated as noise, so give a degree that
+    /// is high enough.
     #[arg(long, conflicts_with = "smoothness")]
     pub(super) denoise: bool,
     /// Don't measure the distance between model and surface
@@ -226,7 +227,7 @@ pub(super) struct MethodArgs {
     /// fit, which takes about a second for each surface.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
-    /// Fraction of the vertices at which only the error is measured
+    /// Fraction of the vertices to hold out of the fit, to measure the error
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,
 }
@@ -236,7 +237,7 @@ pub(super) struct MethodArgs {
 pub(super) struct Solver {
     /// Optimality to reach (lsq)
     ///
-    /// The gradient relative to the gradient at zero coefficients.
+    /// Optimality is the size of the gradient, relative to its size at zero coefficients.
     #[arg(long, value_name = "T", default_value = "1e-10", value_parser = values::fraction)]
     pub(super) tolerance: f64,
     /// Maximum number of iterations (lsq)
@@ -272,7 +273,7 @@ pub(super) struct Output {
     /// above {parent}.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
-    /// Also write the paper's complex coefficients, NAME.spharm.csv
+    /// Also write the complex coefficients of Shen and Chung (2006), NAME.spharm.csv
     #[arg(long)]
     pub(super) coefficients_csv: bool,
     /// Also write standard errors, NAME.spharm.stderr.npy (lsq)
@@ -289,8 +290,8 @@ pub(super) struct Output {
     pub(super) force: bool,
     /// Skip surfaces whose model exists
     ///
-    /// The model must have been made from the same input with the same settings. A mesh's sphere that was written
-    /// without a model is reused if it was made from the same input for the same degree.
+    /// The model must have been made from the same input with the same settings. If an earlier call
+    /// wrote a mesh's sphere but no model, the sphere is reused if it was made from the same input for the same degree.
     #[arg(long, conflicts_with = "force")]
     pub(super) skip_existing: bool,
     /// Like --skip-existing, but refit surfaces that have changed
@@ -308,7 +309,7 @@ pub(super) struct Output {
 pub(super) struct Resources {
     /// Memory to use [default: 256MiB with a store, else half of the free memory]
     ///
-    /// Includes mapped files.
+    /// Memory-mapped files are included.
     #[arg(long, value_name = "SIZE")]
     pub(super) memory: Option<Size>,
     #[command(flatten)]
@@ -319,13 +320,13 @@ pub(super) struct Resources {
 pub(super) enum MethodName {
     /// Full least squares by fast transforms
     Lsq,
-    /// Iterative residual fitting over a store
+    /// Iterative residual fitting with a basis store
     Irf,
-    /// One pass, one degree per block (as in the paper)
+    /// One pass, one degree per block (Shen and Chung 2006)
     Sirf,
-    /// Several passes, one degree per block (as in the paper)
+    /// Several passes, one degree per block (Shen and Chung 2006)
     Mirf,
-    /// Full least squares over a store (as in the paper)
+    /// Full least squares with a basis store (Shen and Chung 2006)
     Nlsf,
     /// Quadrature on a resampled grid
     Quadrature,

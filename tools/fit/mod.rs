@@ -125,7 +125,7 @@ fn of_manifest(cli: &Cli, mut manifest: Manifest) -> Result<Cohort> {
     match cli.input.label[..] {
         [] => {}
         [Labels::One(label)] => manifest.label_volumes(label),
-        _ => return Err(Usage::conflict("with --manifest, --label takes a single number: a row has one model").into()),
+        _ => return Err(Usage::conflict("with --manifest, --label must be one number: a row has one model").into()),
     }
     Ok(Cohort::of_manifest(manifest, cli.output.output.clone(), shard).with_sphere(cli.input.sphere.clone()))
 }
@@ -182,8 +182,8 @@ fn files(input: &Input, console: &Console) -> Result<Vec<PathBuf>> {
         if others > 0 {
             let (found, all) = (meshes.len(), meshes.len() + others);
             console.note(format!(
-                "{}: fits {found} of {all} files; skips the others, which are spheres, outputs of fits, or not named as \
-                 meshes{}",
+                "{}: fitting {found} of {all} files; the others are skipped, because they are spheres or outputs of \
+                 fits, or don't have the name of a mesh{}",
                 path.display(),
                 volumes_hint(&path, volumes)
             ));

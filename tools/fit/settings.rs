@@ -15,14 +15,14 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         None => {
             let input = &cli.input;
             let needs = [
-                (input.store.is_some(), "--store", "expected at most the degree of the basis"),
-                (input.moments.is_some(), "--moments", "expected at most the degree of the moments"),
-                (cli.cohort.shard.is_some(), "--shard", "expected the same degree for all shards"),
+                (input.store.is_some(), "--store", "at most the degree of the basis"),
+                (input.moments.is_some(), "--moments", "at most the degree of the moments"),
+                (cli.cohort.shard.is_some(), "--shard", "the same degree for all shards"),
                 (cli.method.method.is_some_and(|method| method != MethodName::Lsq), "--method", "there is no default"),
                 (cli.method.objective == Some(Objective::Vertices), "--objective vertices", "there is no default"),
             ];
             if let Some((_, flag, which)) = needs.into_iter().find(|(given, ..)| *given) {
-                return Err(Usage::missing(format!("{flag} needs --max-degree L: {which}")).into());
+                return Err(Usage::missing(format!("{flag} needs --max-degree L ({which})")).into());
             }
             0
         }
@@ -94,8 +94,8 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         (by_factor && method != Lsq, "--preconditioner", "; use --method lsq"),
         (tolerance != defaults::TOLERANCE && method != Lsq, "--tolerance", "; use --method lsq"),
         (most != defaults::MAX_ITERATIONS && method != Lsq, "--max-iterations", "; use --method lsq"),
-        (weighted && method == Quadrature, "--weights or --hold-out", ""),
-        (of_basis && !streamed, "--dtype or --verify", ", because this method doesn't read a basis"),
+        (weighted && method == Quadrature, "--weights and --hold-out", ""),
+        (of_basis && !streamed, "--dtype and --verify", ", because this method doesn't use a basis store"),
     ];
     if let Some((_, flag, hint)) = conflicts.into_iter().find(|(conflict, ..)| *conflict) {
         return Err(Usage::conflict(format!("{flag} cannot be used with --method {name}{hint}")));

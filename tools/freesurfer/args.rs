@@ -13,9 +13,10 @@ use crate::rows::CohortArgs;
 
 /// Fit the surfaces of FreeSurfer's subjects, each on its own registered sphere
 ///
-/// Each of a subject's surfaces is fitted over its sphere.reg. A direction on this sphere is the same anatomical place
-/// in every subject, whatever the number of vertices, so coefficients of different subjects correspond. Subjects that
-/// lack a file, or whose sphere doesn't belong to the surface, are listed at the end and don't stop the others.
+/// Each surface is fitted over the sphere.reg of its hemisphere. A direction on this sphere has the same anatomical
+/// position in every subject, whatever the number of vertices, so coefficients of different subjects correspond.
+/// Subjects that lack a file, or whose sphere doesn't match the surface, are listed at the end and don't stop the
+/// others.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -35,7 +36,7 @@ pub(crate) struct Cli {
     /// Surfaces to fit: lh.NAME and rh.NAME in each subject's surf/
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT, required_unless_present = "signal")]
     pub(super) surface: Vec<String>,
-    /// Values on the vertices, such as thickness, curv, sulc: one model for each
+    /// Values on the vertices, such as thickness, curv or sulc, with one model for each
     #[arg(long, value_name = "NAME", num_args = 1.., help_heading = help::INPUT)]
     pub(super) signal: Vec<String>,
     /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; `none` reads all vertices
@@ -68,9 +69,9 @@ pub(crate) struct Cli {
     /// Also write each model's values at the vertices of one sphere
     ///
     /// icosphere:6 has 40,962 vertices. A name such as fsaverage5 selects the spheres of this subject, in SUBJECTS_DIR
-    /// or in FREESURFER_HOME/subjects. Alternatively, give the file of a sphere that has the sphere of the other
-    /// hemisphere beside it. Surfaces are written to files SUBJECT.HEMI.NAME.ico6.surf.gii, and values to files that
-    /// end in .shape.gii. Each vertex is the same anatomical place in every subject.
+    /// or in FREESURFER_HOME/subjects. Alternatively, give the file of a sphere; the sphere of the other hemisphere
+    /// must be in the same folder. Surfaces are written to files SUBJECT.HEMI.NAME.ico6.surf.gii, and values to files
+    /// that end in .shape.gii. Each vertex has the same anatomical position in every subject.
     #[arg(long, value_name = "icosphere:N|NAME|SPHERE", help_heading = help::OUTPUT)]
     pub(super) evaluate_on: Option<On>,
     /// Write a report to a JSON file

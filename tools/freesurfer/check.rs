@@ -90,7 +90,9 @@ fn of_values(path: &Path, sphere: &Sphere) -> Result<Option<Vec<f64>>, RunError>
         }
     }
     match refused {
-        Some(error) => Err(error.of(format_args!("{}: the sphere doesn't belong to its surface", path.display()))),
+        Some(error) => {
+            Err(error.of(format_args!("{}: the sphere doesn't match the surface of these values", path.display())))
+        }
         None => Ok(None),
     }
 }

@@ -95,7 +95,10 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
             ));
         }
         if others > 0 {
-            console.note(format!("skipped {} named fsaverage*; --subject includes them", counted(others, "folder")));
+            console.note(format!(
+                "skipped {} named fsaverage*; to fit one, name it with --subject",
+                counted(others, "folder")
+            ));
         }
     }
     for name in cli.surface.iter().chain(&cli.signal).chain([&cli.sphere]).chain(&cli.mask) {
@@ -111,7 +114,7 @@ fn subjects(cli: &Cli, console: &Console) -> Result<(Vec<String>, Vec<String>)> 
     }
     if found.is_empty() {
         bail!(
-            "{}: expected folders of subjects with a folder `surf` in each, found none; is this SUBJECTS_DIR?",
+            "{}: expected subject folders that each contain a folder `surf`, found none; is this SUBJECTS_DIR?",
             folder.display()
         );
     }

@@ -33,13 +33,13 @@ pub(super) fn meshes(cli: &Cli, folder: &Path) -> Result<()> {
         let options = WriteOptions { overwrite: cli.force, double: cli.double };
         write_mesh(path, &study.mesh(subject), &options)?;
     }
-    study.finish(cli, folder, "meshes, study.csv")
+    study.finish(cli, folder, "meshes, and study.csv")
 }
 
 /// Writes the label volumes of a study, one of them with a wrong header, and its table.
 pub(super) fn volumes(cli: &Cli, folder: &Path) -> Result<()> {
     if !(-HIGHEST..=HIGHEST).contains(&cli.bump) {
-        bail!("--bump is {}; for --volumes, expected a value between -{HIGHEST} and {HIGHEST} mm", cli.bump);
+        bail!("--bump: for --volumes, expected a value from -{HIGHEST} to {HIGHEST} mm, found {}", cli.bump);
     }
     let study = Generated::new(cli, folder, ("--volumes", "nii.gz"), VOXELS)?;
     let spoilt = study.subjects.iter().rposition(|subject| subject.group == "a");
@@ -91,7 +91,7 @@ impl Generated {
     /// Checks the arguments, the memory and the outputs. `more` is the memory in bytes needed in addition to a mesh.
     fn new(cli: &Cli, folder: &Path, (flag, ending): (&'static str, &str), more: u64) -> Result<Self> {
         if !cli.bump.is_finite() {
-            bail!("--bump is {}; expected a finite number", cli.bump);
+            bail!("--bump: expected a finite number, found {}", cli.bump);
         }
         let study = Study { seed: cli.variant, bump: cli.bump, ..Study::default() };
         let half = cli.subjects.div_ceil(2);

@@ -13,8 +13,8 @@ use crate::export::{FORMATS, normalization};
 /// Make a model from coefficients of another package
 ///
 /// The format is detected from the contents. Name the format with --from for arrays of ktch and FlowShape and for
-/// matrices of weighted SPHARM, which look like other formats. The model has its own sphere only with --sphere, or if
-/// it comes from SPHARM-MAT; evaluate other models with `spharm reconstruct --icosphere N`.
+/// matrices of weighted SPHARM, which look like other formats. The model gets its own sphere only from --sphere or from
+/// a SPHARM-MAT file; evaluate a model without a sphere with `spharm reconstruct --icosphere N`.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -26,10 +26,10 @@ use crate::export::{FORMATS, normalization};
     &[FORMATS],
 ))]
 pub(crate) struct Cli {
-    /// File of another package; several if each holds one channel
+    /// File of another package, or several files if each holds one channel
     #[arg(value_name = "FILE", required = true, help_heading = INPUT)]
     pub(super) files: Vec<PathBuf>,
-    /// Format [default: detected from the contents]
+    /// Format of the files [default: detected from the contents]
     #[arg(long, value_name = "FORMAT", help_heading = INPUT)]
     pub(super) from: Option<Format>,
     /// Sphere of the model: a mesh at whose vertices the model is evaluated
@@ -38,7 +38,7 @@ pub(crate) struct Cli {
     /// Normalisation of pyshtools' harmonics: ortho, or 4pi (pyshtools' own default)
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
-    /// Treat three channels as values, not as x, y and z
+    /// Treat three channels as a signal, not as x, y and z of a surface
     #[arg(long, help_heading = METHOD)]
     pub(super) signal: bool,
     /// Model to write

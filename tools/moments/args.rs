@@ -21,9 +21,9 @@ const OVER_A_SPHERE: &str = "With --sphere or --icosphere, files of values at ve
 
 /// Compute the moments of samples for fits, in bounded memory and in parts that can be added
 ///
-/// A fit only needs the moments of its samples; their size depends on the degree, not on the number of samples. This
+/// A fit only needs the moments of its samples. Their size depends on the degree, not on the number of samples. This
 /// verb reads tables of samples once, in chunks. From the moments, `spharm fit --moments` makes models of any degree up
-/// to --max-degree. Parts of the data can be read separately, with --shard, and added by `spharm moments merge`.
+/// to --max-degree. Parts of the data can be read separately, with --shard; `spharm moments merge` adds their moments.
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_long_help = help::examples(
@@ -50,7 +50,7 @@ pub(super) enum Command {
     /// Add the moments of parts
     ///
     /// Parts must have the same degree and the same channels, and no samples in common. All shards of the same tables
-    /// must be present. Parts over different spheres can be added; their sum has no key of a sampling scheme.
+    /// must be present. Parts over different spheres can be added, but their sum doesn't record a sphere.
     Merge(Merge),
 }
 

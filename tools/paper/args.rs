@@ -12,7 +12,7 @@ use spharm_cli::threads::Threads;
 ///
 /// The experiments run on a generated cortex of 40,962 vertices and on the surfaces in --data. The results of each
 /// experiment are written as CSV and as SVG. A summary of all experiments is written to paper.md and printed. The run
-/// takes a few minutes, and needs 3.2 GiB of disk for the largest basis.
+/// takes a few minutes, and needs 3.2 GiB of disk space for the largest basis.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &["spharm paper --quick -o results", "spharm paper --data ../shared/data --memory 2GiB -o results"],
@@ -21,7 +21,7 @@ use spharm_cli::threads::Threads;
 pub(crate) struct Cli {
     /// Folder with the paper's surfaces
     ///
-    /// It may contain cort40962, head27618, the hippocampi hippo_a01_l to a03_l, and reference.json.
+    /// It may contain cort40962, head27618, the hippocampi hippo_a01_l to hippo_a03_l, and reference.json.
     #[arg(long, value_name = "DIR", conflicts_with = "quick", help_heading = INPUT)]
     pub(super) data: Option<PathBuf>,
     /// Folder of the results; created if it doesn't exist

@@ -16,7 +16,7 @@ use spharm_parametrize::Sampling;
 /// Map closed surfaces onto the sphere, one to one, for fits
 ///
 /// The sphere has radius 1, a vertex for each vertex of the surface, and the same triangles. With every method, an
-/// exact test checks that no triangle of the sphere is flipped or degenerate; otherwise the verb fails without writing
+/// exact test checks that no triangle of the sphere is flipped or degenerate. If one is, the verb fails without writing
 /// a file.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
@@ -31,10 +31,11 @@ use spharm_parametrize::Sampling;
 pub(crate) struct Cli {
     /// Surfaces: closed meshes of genus zero, or label volumes
     ///
-    /// In a label volume, the surface around the label is used. @LIST takes the paths from a file, one per line.
+    /// In a label volume, the surface around the label is used. @LIST reads the paths from the file LIST, one per
+    /// line.
     #[arg(value_name = "MESH_OR_VOLUME", required_unless_present = "surface", help_heading = INPUT)]
     pub(super) files: Vec<PathBuf>,
-    /// Alternative to MESH_OR_VOLUME
+    /// Another way to give MESH_OR_VOLUME
     #[arg(long, alias = "input", value_name = "MESH_OR_VOLUME", num_args = 1.., help_heading = INPUT)]
     pub(super) surface: Vec<PathBuf>,
     /// Labels of a volume, or all; only needed if the volume has several labels
@@ -44,7 +45,7 @@ pub(crate) struct Cli {
     ///
     /// Labels: keeps the largest piece, fills cavities and removes handles. Meshes: welds coincident vertices, drops
     /// repeated and degenerate triangles, fins, unused vertices and all pieces except the largest, orients all
-    /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, larger holes by surfaces
+    /// triangles outwards, separates parts that touch, and fills holes of up to 500 edges, large ones by surfaces
     /// of least bending; the repaired mesh is written to --surface-output.
     #[arg(long, group = "mending", help_heading = INPUT)]
     pub(super) fix: bool,
@@ -58,7 +59,7 @@ pub(crate) struct Cli {
     /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
     /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
     /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost; a wrap that leaves out more than 5 % of
-    /// the mesh is refused. 128 voxels suit most meshes; allowed are 16 to 512. The new mesh is written to
+    /// the mesh is refused. 128 voxels suit most meshes; 16 to 512 are allowed. The new mesh is written to
     /// --surface-output.
     #[arg(long, value_name = "VOXELS", group = "mending", conflicts_with_all = ["fix", "cut_handles"], value_parser = voxels, hide_short_help = true, help_heading = INPUT)]
     pub(super) wrap: Option<usize>,

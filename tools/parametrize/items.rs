@@ -83,7 +83,7 @@ fn check(cli: &Cli, input: &Path) -> Result<()> {
             )
         }
         MethodName::Deform if cli.resample_to.is_some() => {
-            bail!("--method deform makes its own sampling; omit --resample-to")
+            bail!("--method deform creates its own sampling; omit --resample-to")
         }
         MethodName::Deform => Ok(()),
         _ if cli.subdivisions.is_some() => {
@@ -98,7 +98,7 @@ fn new_surface(cli: &Cli, input: &Path) -> Option<&'static str> {
     match (cli.method, &cli.resample_to) {
         (MethodName::Deform, _) => Some("deform makes"),
         (_, Some(_)) => Some("--resample-to makes"),
-        _ if is_volume(input) => Some("a volume has"),
+        _ if is_volume(input) => Some("mapping a volume makes"),
         _ if cli.cut_handles => Some("--cut-handles makes"),
         _ if cli.fix => Some("--fix makes"),
         _ if cli.wrap.is_some() => Some("--wrap makes"),
@@ -113,7 +113,7 @@ fn single(cli: &Cli, input: &Path, label: Option<i64>) -> Result<Item> {
         (None, Some(why)) => match beside(&cli.output) {
             Some(path) => Some(path),
             None => bail!(
-                "{why} a new surface, to which the sphere belongs; give a file for this surface with --surface-output"
+                "{why} a new surface, with the same triangles as the sphere; give a file for it with --surface-output"
             ),
         },
     };

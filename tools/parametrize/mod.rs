@@ -123,7 +123,7 @@ fn parametrize(cli: &Cli, input: &Input, budget: Budget, monitor: &ConsoleMonito
     let vertices = Source::from(input).vertices();
     let resampling = cli.resample_to.as_ref().map_or(0, Sampling::bytes);
     let mapping = method.bytes(vertices);
-    let what = format!("mapping its {vertices} vertices");
+    let what = format!("mapping {vertices} vertices");
     let coarser = match cli.resample_to {
         Some(Sampling::Icosphere(subdivisions)) => 0..subdivisions,
         _ => 0..0,

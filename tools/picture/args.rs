@@ -41,8 +41,8 @@ pub(crate) struct Cli {
     pub(super) test: Option<PathBuf>,
     /// Add a panel with the sphere of the first surface
     ///
-    /// The panel follows the first surface. It is coloured by the logarithm of the area that the map to the sphere
-    /// assigns to each part of the surface.
+    /// The panel comes after that of the first surface. It is coloured by the logarithm of the area that the map to the
+    /// sphere assigns to each part of the surface.
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
     /// Add a panel with the last surface coloured by its distance from the first
@@ -54,11 +54,11 @@ pub(crate) struct Cli {
     pub(super) error: bool,
     /// For each map, add a panel with the first surface coloured by values on its vertices
     ///
-    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `test`. If any value is negative,
-    /// colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the end colours,
-    /// as the label of the scale states. Otherwise colours range from the minimum to the maximum. --range overrides
-    /// this. For p values, in files called p, q or p-NAME, -log10 of the value is shown, so significant values have the
-    /// colours at the upper end of the scale.
+    /// Files of one value per vertex, such as the maps of `spharm shape measure` and `spharm shape test`. If any value
+    /// is negative, colours are symmetric about 0, from blue to red; values beyond twice the 99th percentile have the
+    /// colours at the ends of the scale, and the label of the scale says so. Otherwise colours range from the minimum
+    /// to the maximum. --range overrides these ranges. For p values, in files called p, q or p-NAME, -log10 of the
+    /// value is shown, so significant values have the colours at the upper end of the scale.
     #[arg(long, value_name = "MAP", num_args = 1.., help_heading = INPUT)]
     pub(super) map: Vec<PathBuf>,
     /// Map whose contour line at --contour-level is drawn on the first surface and on its maps
@@ -70,16 +70,16 @@ pub(crate) struct Cli {
     /// Values at the lower and the upper end of the colour scale, for maps or for --colour-by
     #[arg(long, value_name = "LOW,HIGH", allow_hyphen_values = true, value_parser = range, help_heading = OUTPUT)]
     pub(super) range: Option<(f64, f64)>,
-    /// Colour each surface by its value in a numeric column of a table, such as the tables of `spharm volumes` and
-    /// `shape measure`
+    /// Colour each surface by its value in a numeric column of a table, such as a table written by `spharm volumes`
+    /// or `spharm shape measure`
     ///
     /// The surfaces' paths or names are in the column `model` or, if there is no such column, in the first column.
     #[arg(long, value_name = "TABLE:COLUMN", value_parser = column, conflicts_with = "map", help_heading = INPUT)]
     pub(super) colour_by: Option<(PathBuf, String)>,
-    /// Move all surfaces to the centre of the first
+    /// Move the centres of all surfaces to the centre of the first surface
     #[arg(long, conflicts_with = "error", help_heading = OUTPUT)]
     pub(super) centre: bool,
-    /// Move all surfaces to the centre of the first, and scale them to its extent
+    /// Move the centres of all surfaces to that of the first surface, and scale all surfaces to its size
     #[arg(long, conflicts_with_all = ["centre", "error"], help_heading = OUTPUT)]
     pub(super) fit_each: bool,
     /// Text beneath each panel, in order [default: the files' names]
@@ -90,7 +90,7 @@ pub(crate) struct Cli {
     /// The sides are axes of the coordinates: left is -x, front +y, top +z, as in RAS.
     #[arg(long, value_enum, num_args = 1.., default_values_t = [Side::Left], help_heading = OUTPUT)]
     pub(super) view: Vec<Side>,
-    /// Number of panels in a row [default: 0 for up to 6 panels, otherwise a square]
+    /// Number of panels in a row [default: 0 for up to 6 panels, otherwise about as many as rows]
     ///
     /// 0 puts all panels in one row. With several sides, the default is 0, which puts the views of each surface in one
     /// row.
@@ -107,7 +107,7 @@ pub(crate) struct Cli {
         help_heading = OUTPUT
     )]
     pub(super) size: u16,
-    /// Resolution in dots per inch, which gives the picture its size on paper
+    /// Resolution in dots per inch, which determines the picture's size on paper
     ///
     /// At 300 dpi, 1063 pixels are 90 mm. The picture's width in pixels is --size times the number of panels in a row.
     /// Text is at least 7 pt high on paper, and is broken into lines if it is wider than its panel; if a text has more

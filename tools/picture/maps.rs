@@ -141,7 +141,7 @@ impl ContourMap {
         let (values, level, stated) = match (level, map.is_probability()) {
             (None, false) => bail!("{path}: --contour-level is required for maps other than p values"),
             (Some(level), true) if !(level > 0.0 && level < 1.0) => {
-                bail!("--contour-level: expected between 0 and 1 for p values ({path}), found {level}")
+                bail!("--contour-level: expected a value between 0 and 1 for p values ({path}), found {level}")
             }
             (Some(level), false) => (values, level, level),
             (level, true) => {

@@ -27,7 +27,7 @@ pub(crate) struct Cli {
     /// Files, folders (all their .npz files), or @LIST with one path per line.
     #[arg(value_name = "MODEL.spharm.npz", required_unless_present = "model", help_heading = INPUT)]
     pub(super) models: Vec<PathBuf>,
-    /// Alternative to MODEL.spharm.npz
+    /// Another way to give MODEL.spharm.npz
     #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., help_heading = INPUT)]
     pub(super) model: Vec<PathBuf>,
     /// Highest degree to use [default: the model's]

@@ -188,7 +188,8 @@ fn warn_of_rounding(output: &Path, mesh: &Mesh, (format, double): (&FormatSpec, 
         return;
     }
     console.warn(format!(
-        "{}: with coordinates up to {}, 32-bit numbers round the surface of size {} to steps of up to {}; {}",
+        "{}: with coordinates up to {}, 32-bit numbers are too coarse for a surface of size {}: they have steps of up \
+         to {}; {}",
         output.display(),
         number(largest),
         number(size),
@@ -209,7 +210,7 @@ fn original(model: &Model, degree: usize, console: &Console) -> Result<Mesh> {
     let seam = model.sphere.as_ref().and_then(|sphere| sphere.seam.as_ref());
     if let Some(Seam { copies, .. }) = seam {
         let share = bounding_box_scale(&mesh.vertices).ok().map(|scale| gap / scale);
-        let of_box = share.map(|share| format!(" ({} of the box)", number(share))).unwrap_or_default();
+        let of_box = share.map(|share| format!(" ({} of the bounding box)", number(share))).unwrap_or_default();
         let text = format!(
             "welded {} vertices on the seams where handles were cut; before welding, copies of a vertex were up to {} \
              apart{of_box}",

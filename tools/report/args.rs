@@ -10,8 +10,8 @@ use spharm_cli::threads::Threads;
 
 /// Make an interactive page of models, modes and tests for the browser
 ///
-/// One self-contained HTML file. It shows surface, model and distance side by side, at any degree; spectra and
-/// provenance; modes of a group with sliders; maps of a test with thresholds; and tables that are sorted by a click.
+/// The page is one self-contained HTML file. It shows surface, model and distance side by side, at any degree; spectra
+/// and provenance; modes of a group with sliders; maps of a test with thresholds; and tables that a click sorts.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[

@@ -21,7 +21,7 @@ const COLUMNS: [(&str, &str, &str, f64); 12] = [
     ("rms", "rms", "rms_z", 1.0),
     ("rms, voxels", "rms_by_voxel", "", 1.0),
     ("rms, % of the size", "rms_by_size", "", 100.0),
-    ("from the mean", "distance", "distance_z", 1.0),
+    ("distance from the mean", "distance", "distance_z", 1.0),
     ("farthest mode", "mode", "mode_z", 1.0),
     ("voxel, mm", "voxel_size", "", 1.0),
     ("repair", "repair", "", 1.0),

@@ -54,10 +54,10 @@ pub(super) struct Correspondence {
 const MEMBERS: [(&str, &str, f64, usize); 7] = [
     ("pose distance", "pose_distance", 1.0, 4),
     ("coverage, rms", "cover_rms", 1.0, 4),
-    ("99 %", "cover_most", 1.0, 4),
-    ("farthest", "cover_farthest", 1.0, 4),
+    ("coverage, 99 %", "cover_most", 1.0, 4),
+    ("coverage, largest", "cover_farthest", 1.0, 4),
     ("not reached, %", "unreached", 100.0, 2),
-    ("places without counterpart", "without_counterpart", 1.0, 0),
+    ("points without a counterpart", "without_counterpart", 1.0, 0),
     ("model, rms", "model_rms", 1.0, 4),
 ];
 
@@ -86,7 +86,7 @@ pub(super) fn correspondence(path: &Path) -> Result<Correspondence> {
         };
         let rows = names.iter().zip(means).enumerate().map(row).collect();
         let mut columns = vec!["landmark", "mean distance of landmarks carried from subject to subject"];
-        columns.extend(left_out.map(|_| "distance from the landmark's place in the group, if not used as a guide"));
+        columns.extend(left_out.map(|_| "distance from the landmark's position in the group, if not used as a guide"));
         let columns = columns.into_iter().map(str::to_owned).collect();
         tables.push(Table { title: "Landmarks".to_owned(), columns, rows, note: None });
     }

@@ -167,7 +167,7 @@ fn test(folder: &Path) -> Result<Maps> {
         if signal.channels != 1 || signal.vertices != mesh.vertices.len() {
             let (found, expected) = (signal.vertices * signal.channels, mesh.vertices.len());
             bail!(
-                "{}: expected a value for each of {expected} vertices of mean.surf.gii, found {found}",
+                "{}: expected a value for each of the {expected} vertices of mean.surf.gii, found {found}",
                 path.display()
             );
         }

@@ -8,10 +8,10 @@ use spharm_cohort::Shard;
 #[derive(Debug, Clone, clap::Args)]
 #[command(next_help_heading = "Cohorts")]
 pub(crate) struct CohortArgs {
-    /// Part of the rows to process, such as 0/10; or slurm
+    /// Part of the rows to process: I/N, such as 0/10, or slurm
     ///
-    /// Part I of N has the rows whose number, counted from 0, is I modulo N. slurm reads I and N from the environment
-    /// of a job array.
+    /// Part I/N consists of the rows whose number, counted from 0, is I modulo N. With slurm, I and N are read from
+    /// the environment of a job array.
     #[arg(long, value_name = "I/N|slurm")]
     pub(crate) shard: Option<Shard>,
     /// Continue if a surface can't be fitted; list the failures at the end

@@ -242,8 +242,8 @@ impl<'a> Rows<'a> {
             false => {
                 let (by, seconds, area) = (&report.method, report.seconds, report.quality.area_rms);
                 format!(
-                    "{input}: no --sphere given; mapped by {by} in {seconds:.1} s to {path}, with log area ratio \
-                     {area:.3} rms"
+                    "{input}: no --sphere given; mapped by {by} in {seconds:.1} s to {path}, with a root mean \
+                     square log area ratio of {area:.3}"
                 )
             }
         });

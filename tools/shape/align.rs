@@ -50,8 +50,8 @@ use super::plan::Plan;
     ],
     &[
         "Methods: joint searches the rotations of space and of the parameters together; fixed searches only the \
-         rotation of space, for vertices that correspond already (cortical spheres); foe rotates both surfaces into \
-         the frames of their first-order ellipsoids, for comparison with other programs.",
+         rotation of space, for surfaces whose vertices already correspond (cortical surfaces); foe rotates each \
+         surface into the frame of its first-order ellipsoid, for comparison with other programs.",
     ],
 ))]
 pub(super) struct Cli {
@@ -64,10 +64,10 @@ pub(super) struct Cli {
     method: How,
     /// Criterion for the surfaces' pose in space, with --method joint
     ///
-    /// surfaces: first the pose is found by nearest points of the surfaces, and then the rotation of the parameters in
-    /// this pose. joint: the rotations of space and of the parameters are found together, by the smallest distance at
-    /// equal directions. For models that were mapped to the sphere separately, the smallest distance may be at a wrong
-    /// pose. [default: joint for models, surfaces for meshes]
+    /// surfaces: first the pose is found by nearest points of the surfaces; then, in this pose, the rotation of the
+    /// parameters is found. joint: the rotations of space and of the parameters are found together, by the smallest
+    /// distance at equal directions. For models that were mapped to the sphere separately, the smallest distance may be
+    /// at a wrong pose. [default: joint for models, surfaces for meshes]
     #[arg(long, value_enum, help_heading = METHOD)]
     pose: Option<PoseBy>,
     /// Scale models to the target's size, or a group's members to a common size
@@ -81,21 +81,21 @@ pub(super) struct Cli {
     /// The transforms include the reflection.
     #[arg(long, value_name = "MODEL", num_args = 1.., help_heading = METHOD)]
     mirrored: Vec<PathBuf>,
-    /// Highest degree to compare [default: the lowest degree of the models]
+    /// Highest degree to compare [default: the smallest of the models' degrees]
     ///
     /// The transforms are applied to all degrees.
     #[arg(short = 'L', long = "max-degree", alias = "degree", value_name = "L", help_heading = METHOD)]
     degree: Option<usize>,
-    /// Number of the search's local optima to refine [default: 6, or 3 for a group]
+    /// Number of local optima of the search to refine [default: 6, or 3 for a group]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     starts: Option<usize>,
-    /// Number of members used as starting points of a group's alignment [default: all if at most 20, otherwise 5]
+    /// Number of members from which the alignment of a group is started [default: all if at most 20, otherwise 5]
     #[arg(long, value_name = "N", requires = "group", help_heading = METHOD)]
     templates: Option<usize>,
-    /// Model to write; for several models a folder
+    /// Model to write; for several models, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Mean of the group to write
+    /// File for the group's mean
     #[arg(long, value_name = "OUT.spharm.npz", requires = "group", help_heading = OUTPUT)]
     mean: Option<PathBuf>,
     /// Transforms to write
@@ -193,7 +193,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         return Err(Usage::conflict("--resume can only be used with --group").into());
     }
     if cli.pose == Some(PoseBy::Surfaces) && cli.method != How::Joint {
-        return Err(Usage::conflict("--pose surfaces needs --method joint, which searches the parameters").into());
+        return Err(Usage::conflict("--pose surfaces can only be used with --method joint").into());
     }
     let paths = cli.models.paths()?;
     if are_meshes(paths.iter().map(PathBuf::as_path).chain(cli.target.to.as_deref()))? {
@@ -210,7 +210,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     check_beside(&paths, models_out.chain(mean_out).chain(json_out), &report_args)?;
     if cli.target.group && paths.len() < 3 {
         bail!(
-            "a group needs at least 3 models, found {}; `align MODEL --to OTHER` aligns one model to another",
+            "a group needs at least 3 models, found {}; to align one model to another, use `align MODEL --to OTHER`",
             paths.len()
         );
     }
@@ -286,7 +286,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         report.extend(summary.clone());
     }
     let names = if cli.target.group {
-        ["model", "distance from the mean, before", "after"]
+        ["model", "distance from the mean before", "after"]
     } else {
         ["model", "rmsd before", "after"]
     };

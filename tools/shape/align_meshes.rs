@@ -52,7 +52,8 @@ pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Resul
     let (models, meshes): (Vec<&Path>, Vec<&Path>) = files.into_iter().partition(|path| is_model(path));
     match (models.first(), meshes.first()) {
         (Some(model), Some(mesh)) => bail!(
-            "expected models or meshes, found both: {} and {}; `spharm reconstruct` makes a mesh of a model",
+            "expected only models or only meshes, found both: {} and {}; make meshes of models with `spharm \
+             reconstruct`",
             model.display(),
             mesh.display()
         ),
@@ -104,7 +105,7 @@ pub(super) fn run(asked: &Asked<'_>, monitor: &ConsoleMonitor) -> Result<()> {
     let names = if asked.target.is_some() {
         ["surface", "distance before", "after"]
     } else {
-        ["surface", "distance from the others, before", "after"]
+        ["surface", "distance from the others before", "after"]
     };
     let mut rows = vec![names.map(str::to_owned).to_vec()];
     for (target, [before, after]) in targets.iter().zip(&found.distances) {
@@ -136,7 +137,8 @@ fn outputs(asked: &Asked<'_>) -> Result<Vec<PathBuf>> {
 
 fn surface(path: &Path) -> Result<PoseSurface> {
     let mesh: Mesh = read_mesh(path)?;
-    PoseSurface::new(&mesh).ok_or_else(|| anyhow!("{}: the surface has no area, so it has no pose", path.display()))
+    PoseSurface::new(&mesh)
+        .ok_or_else(|| anyhow!("{}: the surface has no area, so its pose can't be found", path.display()))
 }
 
 fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Result<Found> {

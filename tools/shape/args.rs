@@ -119,7 +119,7 @@ pub(super) struct Sampling {
     pub(super) sphere: Option<PathBuf>,
     /// Evaluate at the vertices of an icosphere
     ///
-    /// N subdivisions give 10 4^N + 2 vertices.
+    /// N subdivisions give 10 * 4^N + 2 vertices.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=10), help_heading = METHOD)]
     pub(super) icosphere: Option<u32>,
 }

@@ -18,11 +18,11 @@ use super::args::ReportArgs;
 use super::landmarks::on_surface;
 use super::outputs::finish;
 
-/// Carry landmarks from one member of a group to the same places on another member, or on all others
+/// Carry landmarks from one member of a group to the corresponding positions on another member, or on all others
 ///
-/// Each member's landmarks are in the frame of the file from which the member was read. A landmark without a
-/// counterpart on both members gets a guessed position: the landmark is listed by name, and `reached` is false in the
-/// report.
+/// Each member's landmarks are in the frame of the file from which the member was read. If a landmark has no
+/// counterpart on one of the two members, its new position is only a guess: the landmark is then listed by name, and
+/// `reached` is false in the report.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -47,7 +47,7 @@ pub(super) struct Cli {
     /// File of landmarks to write; with --to all, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Format of the files in the folder
+    /// Format of the landmark files, with --to all
     #[arg(long, value_name = "ENDING", default_value = "mrk.json", help_heading = OUTPUT)]
     format: String,
     #[command(flatten)]
@@ -91,7 +91,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let own = first.similarities[0].inverse().apply_mesh(&surface);
     let (landmarks, warnings) = on_surface(&cli.landmarks, &own)?;
     warnings.iter().for_each(|warning| monitor.console().warn(warning));
-    let mut rows = vec![["member", "landmarks", "not reached"].map(str::to_owned).to_vec()];
+    let mut rows = vec![["member", "landmarks", "without a counterpart"].map(str::to_owned).to_vec()];
     let mut carried = Vec::new();
     for (target, path) in targets.iter().zip(&outputs) {
         spharm::Monitor::check(monitor)?;
@@ -105,7 +105,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let unreached: Vec<&str> = unreached.map(|(name, _)| name.as_str()).collect();
         if !unreached.is_empty() {
             let names = first_of(unreached.iter().copied(), 5);
-            monitor.console().warn(format!("{name}: landmarks without a counterpart, at guessed positions: {names}"));
+            let doubt = format!("{name}: these landmarks have no counterpart, so their positions are guesses: {names}");
+            monitor.console().warn(doubt);
         }
         rows.push(vec![name.clone(), found.len().to_string(), unreached.len().to_string()]);
         carried.push(json!({ "member": name, "output": shown(path), "landmarks": described(&landmarks, &found) }));

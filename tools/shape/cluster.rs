@@ -23,9 +23,9 @@ use super::plan::Plan;
 /// Group models by shape, in any pose
 ///
 /// Compares models by the singular values of each degree, which don't depend on pose, and merges the most similar ones
-/// step by step (Ward's linkage). The table has the cluster of each model, largest first, and its silhouette: near 1 if
-/// the model is much nearer to its own cluster than to the next, near 0 if it lies between two clusters, below 0 if it
-/// is nearer to another cluster.
+/// step by step (Ward's linkage). The table has each model's cluster (cluster 1 is the largest) and silhouette: near 1
+/// if the model is much nearer to its own cluster than to the next, near 0 if it lies between two clusters, below 0 if
+/// it is nearer to another cluster.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -42,7 +42,7 @@ pub(super) struct Cli {
     /// Number of clusters [default: chosen from 2 to 10]
     #[arg(long, value_name = "N", help_heading = METHOD)]
     clusters: Option<usize>,
-    /// Highest degree to compare [default: the lowest degree of the models]
+    /// Highest degree to compare [default: the smallest of the models' degrees]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Compare models scaled to size 1
@@ -95,7 +95,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let mut warnings = Vec::new();
     if found.mean < HARDLY {
         warnings.push(format!(
-            "the mean silhouette is {:.2}: the models hardly form clusters, and the clusters found may be due to \
+            "the mean silhouette is {:.2}: the models hardly form clusters, so the clusters found may be due to \
              chance",
             found.mean
         ));

@@ -23,9 +23,9 @@ use super::plan::Plan;
 /// Compress models to a given accuracy or file size
 ///
 /// Coefficients are rounded to multiples of a step and encoded; `spharm shape expand` restores models from the files.
-/// The step is given, or is determined by the size of the file, or by a distance: the root mean square distance between
-/// the model's surface and the compressed model's, measured both ways, with the bounding box scaled to volume 1. For
-/// signals, distance and step are fractions of each channel's standard deviation over the sphere.
+/// Give the step, the maximum size of a file, or the distance to allow: the root mean square distance between the
+/// surfaces of the model and of the compressed model, measured in both directions, with the bounding box scaled to
+/// volume 1. For signals, distance and step are fractions of each channel's standard deviation over the sphere.
 ///
 /// Compression rounds the coefficients, which moves the surface by this distance. Compression also loses the model's
 /// sphere, including the number, the order and the triangles of the vertices. The expanded model can be evaluated on
@@ -49,13 +49,13 @@ pub(super) struct Cli {
     target: TargetArgs,
     /// Degrees after which files may be truncated [default: 1, 3, 7, 15, ...]
     ///
-    /// The default degrees have at least 256 bytes between them.
+    /// The default degrees are at least 256 bytes apart in the file.
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
     levels: Option<Vec<usize>>,
-    /// Omit provenance and scheme key, which take about 500 bytes
+    /// Omit the provenance and the scheme key, which take about 500 bytes
     #[arg(long, help_heading = METHOD)]
     bare: bool,
-    /// File to write; for several models a folder
+    /// File to write; for several models, a folder
     #[arg(short, long, value_name = "OUT.sphz", help_heading = OUTPUT)]
     output: PathBuf,
     #[command(flatten)]
@@ -73,7 +73,7 @@ struct TargetArgs {
     /// Maximum size of each file in bytes
     #[arg(long, value_name = "N", help_heading = METHOD)]
     bytes: Option<usize>,
-    /// Step of the coefficients, with the bounding box scaled to volume 1
+    /// Step to which the coefficients are rounded, with the bounding box scaled to volume 1
     #[arg(long, value_name = "S", help_heading = METHOD)]
     step: Option<f64>,
 }
@@ -126,7 +126,8 @@ fn one(
     let degree = model.coefficients.max_degree();
     if file.max_degree < degree {
         monitor.console().warn(format!(
-            "{}: the degrees above {} are omitted, because they are all zero and don't fit into a file this small",
+            "{}: the degrees above {} are omitted, because all their coefficients are zero and don't fit into a file \
+             this small",
             path.display(),
             file.max_degree
         ));

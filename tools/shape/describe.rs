@@ -34,13 +34,13 @@ use super::plan::Plan;
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest degree of the models]
+    /// Highest degree [default: the smallest of the models' degrees]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Scale models to size 1
     #[arg(long, help_heading = METHOD)]
     unit_size: bool,
-    /// Write only one kind of descriptors
+    /// Write only this kind of descriptor
     #[arg(long, value_enum, value_name = "KIND", help_heading = METHOD)]
     only: Option<Kind>,
     /// Table to write

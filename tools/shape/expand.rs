@@ -25,7 +25,7 @@ const GZIP: &[u8] = b"\x1f\x8b";
 
 /// Restore models from compressed files
 ///
-/// The models have no sphere: evaluate them with `spharm reconstruct --icosphere N`, or on any sphere.
+/// The models have no sphere: evaluate them with `spharm reconstruct --icosphere N`, or on any other sphere.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -41,13 +41,13 @@ pub(super) struct Cli {
     /// Files, folders (all their .sphz files), or @LIST with one path per line.
     #[arg(value_name = "FILE.sphz", required = true, help_heading = INPUT)]
     files: Vec<PathBuf>,
-    /// Highest degree to expand [default: the model's]
+    /// Highest degree to expand [default: the model's degree]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Accept the beginning of a file, which holds a coarser model
     #[arg(long, help_heading = METHOD)]
     prefix: bool,
-    /// Model to write; for several files a folder
+    /// Model to write; for several files, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
     #[command(flatten)]

@@ -55,8 +55,8 @@ pub(super) fn read(path: &Path, sphere: &Sphere, sampling: &str, remedy: &str) -
     }
     if sphere.path.is_none() && is_of_freesurfer(path) {
         bail!(
-            "{}: expected a mask for the {} vertices of {sampling}, found a label or annotation of FreeSurfer's \
-             surfaces, which have other vertices; {remedy}",
+            "{}: expected a mask for the {} vertices of {sampling}, found a FreeSurfer label or annotation, \
+             whose surface has other vertices; {remedy}",
             path.display(),
             directions.len()
         );

@@ -43,7 +43,7 @@ pub(super) struct Cli {
     /// Maximum number of matches shown
     #[arg(long, value_name = "N", default_value_t = 5, help_heading = METHOD)]
     top: usize,
-    /// Highest degree to compare [default: the lowest degree of the models]
+    /// Highest degree to compare [default: the smallest of the models' degrees]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Compare models scaled to size 1
@@ -51,8 +51,8 @@ pub(super) struct Cli {
     unit_size: bool,
     /// Quantity by which models are ordered
     ///
-    /// standardized divides each number by its standard deviation over the searched models, so that high degrees, whose
-    /// numbers are small, weigh as much as low degrees.
+    /// standardized divides each singular value by its standard deviation over the searched models, so that high
+    /// degrees, whose values are small, weigh as much as low degrees.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Maximum number of candidates to align; 0 for none

@@ -23,13 +23,13 @@ use super::plan::Plan;
 /// Average models of surfaces
 ///
 /// Computes the mean of the coefficients. The surfaces have to correspond, as after `spharm shape align --group`, or
-/// with registered spheres, such as the spheres of cortical surfaces. Prints each model's distance from the mean.
+/// because their spheres are registered, as those of cortical surfaces are. Prints each model's distance from the mean.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(&["spharm shape mean aligned -o mean.spharm.npz"], &[]))]
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest degree of the models]
+    /// Highest degree [default: the smallest of the models' degrees]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Model to write
@@ -46,7 +46,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     let paths = cli.models.paths()?;
     if paths.len() < 2 {
-        bail!("a mean needs at least 2 models, found {}", paths.len());
+        bail!("expected at least 2 models to average, found {}", paths.len());
     }
     check_beside(&paths, [OutputFile::with_ending(&cli.output, "--output", &[".npz"])], &cli.report)?;
     let plan = Plan::new("mean", &paths, cli.resources.both())?;

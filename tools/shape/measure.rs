@@ -45,7 +45,7 @@ use crate::surfaces::cut_handles;
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree to use [default: the model's]
+    /// Highest degree to use [default: the model's degree]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Relative change of the area at which the refinement of the grid stops
@@ -53,7 +53,7 @@ pub(super) struct Cli {
     tolerance: f64,
     #[command(flatten)]
     sampling: Sampling,
-    /// Table of the measures to write
+    /// File for the table of measures
     #[arg(short, long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     output: Option<PathBuf>,
     /// Name models in the table by file name, such as a01, instead of by path

@@ -26,7 +26,7 @@ use crate::surfaces::cut_handles;
 
 /// Interpolate shapes between two models
 ///
-/// The first model is aligned to the second one; then shapes are interpolated linearly. With --keep-pose, the path
+/// The first model is aligned to the second; then shapes are interpolated linearly. With --keep-pose, the path
 /// begins at the first model's pose in space and ends at the second's; otherwise all shapes are in the second model's
 /// pose. --force also removes files of an earlier path that aren't replaced, such as step3.ply.
 #[derive(Debug, Args)]
@@ -59,7 +59,7 @@ pub(super) struct Cli {
     /// Output folder
     #[arg(short, long, value_name = "DIR", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Format of the files: a format of meshes, or spharm.npz for models
+    /// Format of the files: a mesh format, or spharm.npz for models
     #[arg(long, value_name = "ENDING", default_value = "ply", help_heading = OUTPUT)]
     format: String,
     /// Animation to write
@@ -94,8 +94,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     stale.retain(|path| !same_place(path, &cli.from) && !same_place(path, &cli.to));
     if let Some(path) = stale.first().filter(|_| !cli.report.force) {
         bail!(
-            "{}: expected no frames of an earlier path besides the new ones; choose another folder, or give --force to \
-             remove these frames",
+            "{}: this frame of an earlier path would remain among the new frames; choose another folder, or give \
+             --force to remove such frames",
             path.display()
         );
     }
@@ -172,7 +172,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         "seconds": seconds,
     });
     let line = format!(
-        "{}: {} shapes; distance between the ends {after:.6}; volume halfway {ratio:.3} times that of the smaller end",
+        "{}: {} shapes; distance between the ends {after:.6}; the volume halfway is {ratio:.3} times that of the \
+         smaller end",
         cli.output.display(),
         files.len()
     );

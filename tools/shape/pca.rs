@@ -42,7 +42,7 @@ use super::plan::Plan;
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest degree of the models]
+    /// Highest degree [default: the smallest of the models' degrees]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Maximum number of modes to write [default: all, one fewer than there are models]
@@ -60,7 +60,7 @@ pub(super) struct Cli {
     /// Shape model to write
     #[arg(short, long, value_name = "OUT.shape-model.npz", help_heading = OUTPUT)]
     output: PathBuf,
-    /// Table of the members' scores to write
+    /// File for the table of the members' scores
     #[arg(long, value_name = "OUT.csv|tsv", help_heading = OUTPUT)]
     scores: Option<PathBuf>,
     #[command(flatten)]

@@ -91,7 +91,7 @@ impl Plan {
         let GroupSizes { models, max_degree, .. } = self.group;
         let (needed, budget) = (needed.div_ceil(1 << 20), self.budget.work() >> 20);
         let models = counted(models, "model");
-        console.note(format!("{models} of degree {max_degree}: {needed} of {budget} MiB planned"));
+        console.note(format!("{models} of degree {max_degree}: {needed} MiB planned of a budget of {budget} MiB"));
     }
 
     /// Checks a plan as [`check`](Self::check) does, with coarser icospheres as alternatives.

@@ -26,7 +26,7 @@ use super::{frames, landmarks, masks};
 
 /// Measure how well a group corresponds: compactness, generalisation, specificity, landmark errors
 ///
-/// The models have to correspond, as after `spharm shape align --group`; their position in space is ignored. Places are
+/// The models have to correspond, as after `spharm shape align --group`; their position in space is ignored. Points are
 /// weighted by the area around them; distances between surfaces are measured between nearest points. The bands are 95 %
 /// intervals of a bootstrap over the members.
 #[derive(Debug, Args)]
@@ -39,15 +39,15 @@ use super::{frames, landmarks, masks};
     &[
         "Generalisation is the mean distance between a member and the nearest shape that the modes of the other \
          members can form. Specificity is the mean distance between a random shape and the nearest member. Both are in \
-         the surfaces' unit, with 1, 2, ... modes; lower is better. Measured at equal directions, both also decrease \
-         if directions drift to places at which members differ little, so only landmarks show whether places \
-         correspond.",
+         the surfaces' unit, with 1, 2, ... modes; lower is better. If measured at equal directions, both also \
+         decrease when directions drift to positions at which members differ little, so only landmarks show whether \
+         positions correspond.",
     ],
 ))]
 pub(super) struct Cli {
     #[command(flatten)]
     models: Models,
-    /// Highest degree [default: the lowest degree of the models]
+    /// Highest degree [default: the smallest of the models' degrees]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
     /// Maximum number of modes to measure
@@ -68,7 +68,7 @@ pub(super) struct Cli {
     /// Skip distances between surfaces, which take most of the time
     #[arg(long, help_heading = METHOD)]
     no_surfaces: bool,
-    /// Landmarks of the models, in their own frames
+    /// Landmarks in the models' own frames
     ///
     /// A folder with one file per model, named like the model; or one file per model, or @LIST, in the models' order.
     /// The files are .mrk.json, .fcsv, .json, .csv or .tsv. Names that occur in all files are compared.
@@ -80,11 +80,11 @@ pub(super) struct Cli {
     /// original surfaces.
     #[arg(long, value_name = "FILE.json", requires = "landmarks", help_heading = METHOD)]
     frames: Option<PathBuf>,
-    /// Mask of the icosphere's directions: a file with nonzero values at directions to compare, or the folder of a
+    /// Mask of the icosphere's directions: a file with nonzero values at the directions to compare, or the folder of a
     /// group
     ///
-    /// In a group made by `spharm shape correspond`, some places have no counterpart on the members, such as lids of
-    /// the template's holes; these places are skipped.
+    /// In a group made by `spharm shape correspond`, some parts of the template have no counterpart on the members,
+    /// such as the lids of holes; these parts are skipped.
     #[arg(long, value_name = "FILE", help_heading = METHOD)]
     mask: Option<PathBuf>,
     /// Seed of the random shapes and of the bootstrap

@@ -33,7 +33,7 @@ use super::outputs::finish;
     &[help::MESHES],
 ))]
 pub(super) struct Cli {
-    /// Meshes, or models to evaluate, or @LIST with one path per line
+    /// Meshes or models, or @LIST with one path per line
     #[arg(value_name = "SURFACE", required = true, help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
     /// Mesh to move

@@ -28,8 +28,8 @@ const STEPS: usize = 16;
 /// Make meshes of models: within a distance, at several degrees, or with evenly spread vertices
 ///
 /// Omitting the degrees above a given degree moves the surface by a root mean square distance that is known exactly.
-/// --tolerance uses the lowest degree within a distance; --levels writes a file for each degree, all with the same
-/// triangles. --even moves the vertices so that they are spread evenly over the surface's area.
+/// --tolerance uses the lowest degree for which this distance is small enough; --levels writes a file for each degree,
+/// all with the same triangles. --even moves the vertices so that they are spread evenly over the surface's area.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -48,7 +48,7 @@ pub(super) struct Cli {
     /// Spread the vertices evenly over the surface's area
     #[arg(long, help_heading = METHOD)]
     even: bool,
-    /// Mesh to write; for several models or levels a folder
+    /// Mesh to write; for several models or levels, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
     /// Format of the files in a folder
@@ -66,13 +66,14 @@ pub(super) struct Cli {
 #[derive(Debug, Args)]
 #[group(multiple = false)]
 struct Degree {
-    /// Highest degree to use [default: the model's]
+    /// Highest degree to use [default: the model's degree]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     max_degree: Option<usize>,
-    /// Use the lowest degree within this root mean square distance of the model, in the model's unit
+    /// Use the lowest degree that keeps the mesh within this root mean square distance of the model, in the model's
+    /// unit
     #[arg(long, value_name = "D", allow_negative_numbers = true, help_heading = METHOD)]
     tolerance: Option<f64>,
-    /// Degrees of the meshes, with a file for each
+    /// Degrees at which to make meshes, with a file for each
     #[arg(long, value_name = "L,L,...", value_delimiter = ',', help_heading = METHOD)]
     levels: Option<Vec<usize>>,
 }

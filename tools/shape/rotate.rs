@@ -21,10 +21,10 @@ use super::plan::Plan;
 
 /// Rotate or mirror models: their parameters, or the surface in space
 ///
-/// --parameters rotates the sphere under the surface, which doesn't move: a vertex at direction u moves to direction R
-/// u, and the model's own sphere rotates with it. --object moves the surface: x becomes scale Q x + translation.
-/// --mirror exchanges left and right of both the sphere and the surface, before any rotation, and in the anatomical
-/// structure.
+/// --parameters rotates the sphere under the surface by a rotation R, and the surface doesn't move: a vertex at
+/// direction u moves to direction R u, and the model's own sphere rotates with it. --object rotates the surface by a
+/// rotation Q: with --scale and --translate, x becomes scale Q x + translation. --mirror exchanges left and right
+/// before any rotation: on the sphere, on the surface and in the name of the anatomical structure.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -55,7 +55,7 @@ pub(super) struct Cli {
     /// Translation of the surface, after rotation and scale
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_delimiter = ',', help_heading = METHOD)]
     translate: Option<Vec<f64>>,
-    /// Model to write; for several models a folder
+    /// Model to write; for several models, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
     #[command(flatten)]
@@ -74,7 +74,7 @@ fn rotation(numbers: Option<&Vec<f64>>, option: &'static str) -> Result<Rotation
         [w, x, y, z] => Rotation::from_quaternion([w, x, y, z]),
         [a, b, c, d, e, f, g, h, i] => Rotation::from_matrix([[a, b, c], [d, e, f], [g, h, i]]),
         _ => {
-            let message = format!("{option} takes 3, 4 or 9 numbers, found {}", numbers.len());
+            let message = format!("{option}: expected 3, 4 or 9 numbers, found {}", numbers.len());
             return Err(Usage::invalid(message).into());
         }
     };
@@ -94,7 +94,7 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let translation = match cli.translate.as_deref() {
         None => [0.0; 3],
         Some(&[x, y, z]) if [x, y, z].iter().all(|value| value.is_finite()) => [x, y, z],
-        Some(_) => return Err(Usage::invalid("--translate takes three finite numbers").into()),
+        Some(_) => return Err(Usage::invalid("--translate: expected three finite numbers").into()),
     };
     if !(cli.scale > 0.0 && cli.scale.is_finite()) {
         return Err(Usage::invalid("--scale must be a number above zero").into());

@@ -22,8 +22,8 @@ use super::outputs::{check, finish};
 
 /// Generate shapes from a shape model: along its modes, or at random
 ///
-/// --mode 1=2 makes the shape two standard deviations along the first mode. --random N, instead of --mode, makes N
-/// shapes whose scores are normally distributed with the modes' variances.
+/// --mode 1=2 makes the shape two standard deviations from the mean along the first mode. --random N, instead of
+/// --mode, makes N shapes whose scores are normally distributed with the modes' variances.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -46,7 +46,7 @@ pub(super) struct Cli {
     /// Seed of random shapes
     #[arg(long, value_name = "SEED", default_value_t = 0, requires = "random", help_heading = METHOD)]
     seed: u64,
-    /// Model to write; with --random a folder
+    /// Model to write; with --random, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
     #[command(flatten)]
@@ -57,7 +57,7 @@ pub(super) struct Cli {
 
 fn mode(text: &str) -> Result<(usize, f64), String> {
     let (mode, deviations) = text.split_once('=').ok_or("expected MODE=SD, such as 1=2")?;
-    let mode = mode.trim().parse().ok().filter(|mode| *mode > 0).ok_or("expected a mode, counted from 1")?;
+    let mode = mode.trim().parse().ok().filter(|mode| *mode > 0).ok_or("expected a mode's number, counted from 1")?;
     let deviations = deviations.trim().parse().ok().filter(|number: &f64| number.is_finite());
     Ok((mode, deviations.ok_or("expected a number of standard deviations")?))
 }

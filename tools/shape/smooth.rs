@@ -40,7 +40,7 @@ pub(super) struct Cli {
     models: Models,
     #[command(flatten)]
     width: Width,
-    /// Model to write; for several models a folder
+    /// Model to write; for several models, a folder
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     output: PathBuf,
     #[command(flatten)]
@@ -55,7 +55,7 @@ struct Width {
     /// Full width at half maximum, from 0 to 180 degrees of arc, not in the surface's unit
     #[arg(long, value_name = "DEG", value_parser = degrees, allow_negative_numbers = true, help_heading = METHOD)]
     fwhm: Option<f64>,
-    /// Time of diffusion, s
+    /// Diffusion time s of the heat kernel, in place of the width
     #[arg(long = "s", value_name = "S", allow_negative_numbers = true, help_heading = METHOD)]
     time: Option<f64>,
 }

@@ -6,8 +6,8 @@ use spharm_cli::{Common, help};
 
 /// Summarise the progress of a cohort over all of its processes
 ///
-/// Reads the tables written with --status by fit and other verbs. A row that occurs in several tables is done if its
-/// model exists.
+/// Reads the tables written with --status by fit and other verbs. A row that occurs in several tables counts as done if
+/// its model exists.
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = help::examples(
     &[

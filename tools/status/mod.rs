@@ -22,8 +22,10 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     check_outputs(cli.failed.iter().map(|path| OutputFile::new(path, "--failed")), cli.force)?;
     let merged = Merged::read(&status_files(&cli.files)?)?;
     if merged.damaged > 0 {
-        console
-            .warn(format!("ignored {} of the status files, truncated or overwritten", counted(merged.damaged, "line")));
+        console.warn(format!(
+            "ignored {} in the status files (truncated or overwritten)",
+            counted(merged.damaged, "line")
+        ));
     }
     let manifest = cli.manifest.as_deref().map(Manifest::read).transpose()?;
     // With a manifest, include only its rows, in its order.

@@ -39,7 +39,7 @@ pub(super) enum Command {
         #[arg(long, help_heading = OUTPUT)]
         json: bool,
     },
-    /// Check every byte against its hash; exit status 1 if a file is damaged
+    /// Check all files against their hashes; the exit status is 1 if a file is damaged
     Verify {
         #[command(flatten)]
         which: Which,
@@ -63,6 +63,6 @@ pub(super) struct Which {
     /// Folder of the store
     #[arg(env = "SPHARM_STORE")]
     pub(super) dir: PathBuf,
-    /// Key of a scheme, or its first digits [default: all]
+    /// Key of a scheme, or its first digits [default: all schemes]
     pub(super) key: Option<String>,
 }

@@ -164,7 +164,10 @@ pub(super) fn missing_degrees(key: SchemeKey, degrees: &[usize]) -> Option<Strin
         _ => ("degrees", "are"),
     };
     let (name, there, missing) = (key.to_string(), ranges(&there), ranges(&missing));
-    Some(format!("{}: degrees {there}; {noun} {missing} {verb} missing; run spharm basis-build again", &name[..12]))
+    Some(format!(
+        "scheme {}: {noun} {missing} {verb} missing (present: {there}); run spharm basis-build again",
+        &name[..12]
+    ))
 }
 
 /// Returns ranges of numbers as text: `0 to 8, 10 and 12 to 20`.
@@ -235,8 +238,8 @@ mod tests {
         assert_eq!(missing(&[]), None);
         assert_eq!(missing(&[0, 1, 2]), None);
         let found = missing(&[0, 1, 2, 4, 5]).unwrap();
-        assert!(found.contains(": degrees 0 to 2 and 4 to 5; degree 3 is missing; run "), "{found}");
+        assert!(found.contains(": degree 3 is missing (present: 0 to 2 and 4 to 5); run "), "{found}");
         let found = missing(&[1, 2, 3, 5, 9]).unwrap();
-        assert!(found.contains(": degrees 1 to 3, 5 and 9; degrees 0, 4 and 6 to 8 are missing; run "), "{found}");
+        assert!(found.contains(": degrees 0, 4 and 6 to 8 are missing (present: 1 to 3, 5 and 9); run "), "{found}");
     }
 }

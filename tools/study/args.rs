@@ -11,8 +11,8 @@ use spharm_cohort::Shard;
 
 /// Run a study: fit surfaces, bring subjects into correspondence, average, test, and write a page
 ///
-/// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes a template with comments. Every
-/// stage is a command of spharm, and this command is printed. A stage runs again only if its inputs or settings have
+/// STUDY.toml sets the subjects, the degree and the tests; `spharm study init` writes a template with comments. Each
+/// stage is a spharm command, which is printed before it runs. A stage runs again only if its inputs or settings have
 /// changed since the last run. Therefore, the same command resumes an interrupted study and, after a change, reruns
 /// only the stages that depend on the change.
 #[derive(Debug, Args)]
@@ -32,13 +32,13 @@ use spharm_cohort::Shard;
 pub(crate) struct Cli {
     #[command(subcommand)]
     pub(super) command: Option<Command>,
-    /// File of the study
+    /// Study file
     #[arg(value_name = "STUDY.toml", required_unless_present = "again")]
     pub(super) study: Option<PathBuf>,
-    /// Run the study of a provenance.json again, and compare the results
+    /// Run the study recorded in a provenance.json again, and compare the results
     ///
-    /// The table and all inputs must have the recorded contents. Unless given, the number of threads and the memory are
-    /// as recorded. The exit status is 1 if a result differs.
+    /// The table and all inputs must still have the recorded contents. The recorded number of threads and memory are
+    /// used, unless you give others. The exit status is 1 if a result differs.
     #[arg(long, value_name = "provenance.json", conflicts_with_all = ["study", "shard"], help_heading = METHOD)]
     pub(super) again: Option<PathBuf>,
     /// Folder for all outputs [default: `output` of the study file; with --again, the recorded `output` with -again
@@ -53,7 +53,7 @@ pub(crate) struct Cli {
     pub(super) dry_run: bool,
     /// Stop before the tests if the quality control flags a subject that isn't accepted
     ///
-    /// Then no page is written, and tests, figures and page of an earlier run are removed.
+    /// Then no page is written, and the tests, the figures and the page of an earlier run are removed.
     #[arg(long, help_heading = METHOD)]
     pub(super) strict: bool,
     /// Print a report as JSON in place of the tables

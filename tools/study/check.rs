@@ -87,8 +87,8 @@ fn correspondence(plan: &Plan) -> Result<()> {
     match without.filter(|_| plan.method != Method::Joint && !plan.has_one_sphere()) {
         None => Ok(()),
         Some(row) => bail!(
-            "{}: method {:?} in [align] needs spheres that correspond, but {} has none for {}; give `sphere`, or method \
-             \"correspond\"",
+            "{}: method {:?} in [align] needs spheres that correspond, but {} has no sphere for {}; give `sphere`, or \
+             method \"correspond\"",
             plan.file.display(),
             plan.method.name(),
             plan.table.display(),
@@ -124,7 +124,9 @@ fn of_group(plan: &Plan) -> Result<()> {
 /// Checks the design of a test, applied to all subjects.
 fn tested(plan: &Plan, test: &Test) -> Result<()> {
     if test.is_of_values() && plan.signal_fits().is_none() {
-        bail!("signal: \"value\" needs `signal` in [subjects], the file of each subject's values; found none");
+        bail!(
+            "signal: \"value\" needs `signal` in [subjects], which names the file of each subject's values; found none"
+        );
     }
     sampling(plan, test)?;
     let rows = Rows::of(plan, test, &|_| true);
@@ -232,7 +234,7 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     for (key, path) in [("mask", &test.mask), ("annotation", &test.annotation)] {
         let is_of_icosphere = key == "mask" && plan.method == Method::Correspond;
         if path.is_some() && test.sphere.is_none() && !is_of_icosphere {
-            bail!("{key}: also give `sphere`, the sphere with the vertices of the {key}");
+            bail!("{key}: also give `sphere`, a sphere with the same vertices as the {key}");
         }
     }
     let sphere = test.sphere.as_ref().map(|sphere| plan.folder.join(sphere));
@@ -245,8 +247,8 @@ fn sampling(plan: &Plan, test: &Test) -> Result<()> {
     if let Some(mask) = &test.mask {
         if plan.method == Method::Correspond && test.sphere.is_none() && masks::is_of_freesurfer(mask) {
             bail!(
-                "mask: {}: with method \"correspond\", expected a value for each vertex of a test's mean.surf.gii, \
-                 found a label of FreeSurfer's surfaces, which have other vertices",
+                "mask: {}: this is a FreeSurfer label file, whose vertices are those of the FreeSurfer surface; with \
+                 method \"correspond\", give a mask with one value for each vertex of a test's mean.surf.gii",
                 plan.folder.join(mask).display()
             );
         }

@@ -349,7 +349,7 @@ mod tests {
             ("name = \"group\"", "name = \"../group\"", "letters, digits"),
             ("# tfce = true", "errors = \"normal\"\n#", "expected exchangeable, symmetric or both, found \"normal\""),
             ("# tfce = true", "cluster = 2.0\n#", "above 0 and below 1, found 2"),
-            ("# tfce = true", "whole_blocks = true\n#", "whole_blocks: expected blocks"),
+            ("# tfce = true", "whole_blocks = true\n#", "whole_blocks: needs `blocks`"),
             ("# tfce = true", "tfce = true\npermutations = 0\n#", "need relabellings"),
         ] {
             assert!(TEMPLATE.contains(from), "{from}");

@@ -48,8 +48,8 @@ pub(super) fn tell(Compared { count, differ }: &Compared) -> Result<()> {
     }
     let names: Vec<String> = differ.iter().map(|path| path.display().to_string()).collect();
     bail!(
-        "{} of {} differ from the recorded results: {}; possible causes are another version, number of threads, memory \
-         or processor",
+        "{} of {} differ from the recorded results: {}; possible causes are a different version, number of threads, \
+         memory or processor",
         differ.len(),
         counted(count, "result"),
         first_of(names.iter().map(String::as_str), NAMED)
@@ -104,7 +104,7 @@ impl Call<'_> {
             self.console.warn(format!("{id}: {}", flags.join("; ")));
         }
         if let Some(more) = self.flagged.len().checked_sub(SHOWN + 1) {
-            self.console.warn(format!("and {} more flagged", counted(more + 1, "subject")));
+            self.console.warn(format!("and {} flagged", counted(more + 1, "more subject")));
         }
     }
 
@@ -132,7 +132,7 @@ impl Call<'_> {
         }
         self.warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));
         if let Some(more) = self.warnings.len().checked_sub(SHOWN + 1) {
-            self.console.warn(format!("and {} more, listed at the top of the page", counted(more + 1, "warning")));
+            self.console.warn(format!("and {}, listed at the top of the page", counted(more + 1, "more warning")));
         }
         for (id, error) in self.failed.iter().take(10) {
             self.console.warn(format!("{id}: {error}"));

@@ -38,19 +38,19 @@ impl From<IdOrReason> for Named {
 pub(super) fn check_list(key: &str, list: &Value) -> Result<()> {
     let expected =
         format!("`{key}` in [subjects]: expected a list, such as [\"s12\", {{ id = \"s07\", reason = \"...\" }}]");
-    let Some(items) = list.as_array() else { bail!("{expected}; found {}", list.type_str()) };
+    let Some(items) = list.as_array() else { bail!("{expected}; found a value of type {}", list.type_str()) };
     for item in items {
         match item {
             Value::String(_) => {}
             Value::Table(table) => {
                 let unknown = table.keys().find(|key| !["id", "reason"].contains(&key.as_str()));
                 match (unknown, table.get("id"), table.get("reason")) {
-                    (Some(unknown), ..) => bail!("{expected}; found a key `{unknown}`"),
+                    (Some(unknown), ..) => bail!("{expected}; found a table with the unknown key `{unknown}`"),
                     (_, Some(Value::String(_)), Some(Value::String(reason))) if !reason.trim().is_empty() => {}
-                    _ => bail!("{expected}; found a table without an id and a reason"),
+                    _ => bail!("{expected}; found a table that lacks the id or the reason"),
                 }
             }
-            other => bail!("{expected}; found {} in the list", other.type_str()),
+            other => bail!("{expected}; found a value of type {} in the list", other.type_str()),
         }
     }
     Ok(())

@@ -33,7 +33,7 @@ pub(super) fn differ(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Option<Str
     }
     Ok((!found.is_empty()).then(|| {
         format!(
-            "{} {} a sphere or mask of the other hemisphere: {}; give files of the hemisphere of the surfaces",
+            "{} {} a sphere or mask of the other hemisphere: {}; give files of the same hemisphere as the surfaces",
             counted(found.len(), "fit"),
             if found.len() == 1 { "has" } else { "have" },
             first_of(found.iter().map(String::as_str), NAMED)

@@ -61,15 +61,15 @@ pub(super) fn filled(folder: &Path, given: &str) -> Result<Filled> {
                 let mut lines = format!("surface = \"{}\"", escaped(&first.pattern));
                 for Pattern { pattern, subjects } in others.iter().take(LISTED) {
                     lines +=
-                        &format!("\n# or, of {}: surface = \"{}\"", counted(*subjects, "subject"), escaped(pattern));
+                        &format!("\n# or, for {}: surface = \"{}\"", counted(*subjects, "subject"), escaped(pattern));
                 }
                 replace("# surface = \"subjects/{id}/surf/lh.pial\"", &lines);
                 let (found, all) = (first.subjects, ids.len());
                 notes.push(format!("surfaces: {} ({found} of {all} subjects have such a file)", first.pattern));
             }
             None => notes.push(format!(
-                "found no surface or label volume with an id such as {:?} in its path below the folder of the study \
-                 file; fill in `surface`",
+                "below the folder of the study file, found no surface or label volume whose path contains an id such \
+                 as {:?}; fill in `surface`",
                 ids[0]
             )),
         }

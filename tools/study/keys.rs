@@ -47,7 +47,9 @@ pub(super) fn check(table: &Table) -> Result<()> {
                 Some(parts) => parts,
                 None => bail!("expected [[test]], a table for each test; found another value"),
             },
-            Some(_) if section == "test" => bail!("expected [[test]], a table in double brackets, found another value"),
+            Some(_) if section == "test" => {
+                bail!("expected [[test]], with double brackets, for each test; found `test` in another form")
+            }
             Some(_) => bail!("expected a section [{section}], found a value"),
         };
         let place = match section {

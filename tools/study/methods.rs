@@ -71,11 +71,11 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
         let _ = write!(text, " (spharm fit {})", arguments.join(" "));
     }
     text += if plan.has_one_sphere() || plan.manifest.rows.iter().all(|row| row.sphere.is_some()) {
-        ", over the given maps to the sphere"
+        ", using the given maps to the sphere"
     } else if plan.area() == Some(0.0) {
-        ", over maps to the sphere that preserve angles"
+        ", using maps to the sphere that preserve angles"
     } else {
-        ", over maps to the sphere that preserve areas (Brechbühler et al. 1995)"
+        ", using maps to the sphere that preserve areas (Brechbühler et al. 1995)"
     };
     text += ". ";
     text += &of_volumes(plan);
@@ -84,8 +84,9 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
         let _ = write!(text, "{count} could not be modelled ({}). ", failed.join(", "));
     }
     if subjects >= outliers::LEAST {
-        text += "Outliers were detected by robust z scores beyond 3.5, from median and median absolute deviation, of \
-                 volume, area, sphericity, residual, distance from the mean and scores on the modes of variation. ";
+        text += "Outliers were detected by robust z scores (from the median and the median absolute deviation) beyond \
+                 3.5 in volume, area, sphericity, residual, distance from the mean or scores on the modes of \
+                 variation. ";
     }
     if !plan.excluded.is_empty() {
         let reasons = with_reasons(plan.excluded.iter().map(|(row, reason)| (row.id.as_str(), reason.as_str())));
@@ -94,11 +95,16 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
     if !study.subjects.accept.is_empty() {
         let accepted = with_reasons(study.subjects.accept.iter().map(|of| (of.id.as_str(), of.reason.as_str())));
         let count = counted(study.subjects.accept.len(), plan.row_noun());
-        let _ = write!(text, "{count} remained in the group even if flagged ({accepted}). ");
+        let _ =
+            write!(text, "{count} remained in the group regardless of flags from the quality control ({accepted}). ");
     }
     if !flagged.is_empty() {
         let count = counted(flagged.len(), plan.row_noun());
-        let _ = write!(text, "{count} remained in the group although flagged ({}). ", flagged.join(", "));
+        let _ = write!(
+            text,
+            "{count} remained in the group although flagged by the quality control ({}). ",
+            flagged.join(", ")
+        );
     }
     let (scale, mirror) = (study.align.scale, study.align.mirror);
     text += match plan.method {
@@ -106,7 +112,7 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
             "Correspondence was established by groupwise registration of one template to all surfaces, without \
              knowledge of groups and covariates"
         }
-        Method::Joint => "The models were aligned by rotations in space and of the parameter spheres",
+        Method::Joint => "The models were aligned by rotations in space and rotations of the parameter spheres",
         Method::Fixed => {
             "The spherical maps were assumed to correspond, and the models were aligned by rotations and translations"
         }
@@ -118,9 +124,11 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
         text += if scale { ", and scaled to a common size" } else { ", without scaling" };
         text += if mirror { "; mirror images were also matched" } else { "" };
         text += match (plan.method, study.align.pose) {
-            (Method::Correspond, Poses::Near) => ". The given poses were improved by rigid motions to nearest points. ",
+            (Method::Correspond, Poses::Near) => {
+                ". The given poses were improved by rigid registration to nearest points. "
+            }
             (Method::Correspond, Poses::Any) => {
-                ". Poses were found by rigid motions to nearest points, from a search over all rotations. "
+                ". Poses were found by a search over all rotations, followed by rigid registration to nearest points. "
             }
             _ => ". ",
         };
@@ -205,10 +213,11 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
     if let Some(groups) = &test.variance_groups {
         let _ = write!(
             text,
-            ", by the v or G statistic with separate variances by {groups} (Welch 1951; Winkler et al. 2014)"
+            ", with the v or G statistic and separate variances for the levels of {groups} (Welch 1951; Winkler et \
+             al. 2014)"
         );
     } else if test.welch {
-        text += ", by Welch's t (Welch 1951)";
+        text += ", with Welch's t (Welch 1951)";
     }
     text += ". ";
     if let Some(mask) = &test.mask {
@@ -221,11 +230,11 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
         let which = if about["exact"] == true { "all" } else { "random" };
         let _ = write!(
             text,
-            "Family-wise p values were computed from the maximum over {} vertices in {count} relabellings ({which}){} \
-             (Winkler et al. 2014), under the assumption of {assumption}",
+            "Family-wise p values were computed from the maximum statistic over {} vertices in {count} relabellings \
+             ({which}){} (Winkler et al. 2014), under the assumption of {assumption}",
             about["vertices"].as_u64().unwrap_or_default(),
             if has_nuisance(test, &about) {
-                ", with nuisance effects by the method of Freedman and Lane 1983"
+                ", with nuisance effects treated by the method of Freedman and Lane 1983"
             } else {
                 ""
             },
@@ -284,8 +293,8 @@ fn of_volumes(plan: &Plan) -> String {
     let body = body + &image;
     let radius = fit.value("--smooth-radius").unwrap_or("0.5");
     format!(
-        "Each surface was the surface of least bending within {radius} voxels of the outer faces of {body}; the \
-         enclosed volume was {volume}. "
+        "Each surface minimised the bending energy while staying within {radius} voxels of the outer faces of {body}; \
+         the enclosed volume was {volume}. "
     )
 }
 

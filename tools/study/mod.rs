@@ -109,7 +109,7 @@ pub(crate) fn run(
             utf8(study)?;
             (Plan::read(study, cli.output.clone(), common(cli))?, None)
         }
-        (None, None) => bail!("give the path of STUDY.toml; spharm study init writes a template"),
+        (None, None) => bail!("give the path of a study file; `spharm study init` writes a template"),
     };
     let study = &plan.file;
     check::check(&plan)?;
@@ -130,7 +130,7 @@ pub(crate) fn run(
         0 => counted(count, plan.row_noun()),
         excluded => format!("{count} of {} ({excluded} excluded)", counted(count + excluded, plan.row_noun())),
     };
-    call.console.note(format!("{}: {subjects} of {table}", plan.study.title));
+    call.console.note(format!("{}: {subjects} in {table}", plan.study.title));
     for fits in plan.fits() {
         let fit = plan.fit(&fits, cli.shard, cli.force);
         parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
@@ -233,7 +233,8 @@ impl Call<'_> {
         let subjects = self.plan.subjects(&outcomes);
         if subjects.len() < LEAST {
             bail!(
-                "{}: expected {LEAST} subjects or more that can be fitted, found {}; `spharm status {}` shows the reasons",
+                "{}: expected {LEAST} subjects or more that can be fitted, found {}; \
+                 `spharm status {}` shows why the others failed",
                 self.plan.table.display(),
                 subjects.len(),
                 self.plan.status_of_failures().display()
@@ -242,13 +243,14 @@ impl Call<'_> {
         let signals = tidy::signals(self.plan)?;
         if signals > 0 {
             let removed = counted(signals, "model");
-            self.console.note(format!("removed {removed} of signals that the study no longer has"));
+            self.console.note(format!("removed {removed} of signals, because the study no longer has a signal"));
         }
         let removed: usize = self.plan.fits().iter().map(tidy::models).sum::<Result<_>>()?;
         if removed > 0 {
             let removed = counted(removed, "model");
-            self.console
-                .note(format!("removed {removed} of subjects that are excluded, failed or no longer in the table"));
+            self.console.note(format!(
+                "removed {removed} of subjects that are excluded, could not be fitted or are no longer in the table"
+            ));
         }
         let (plan, failed, pool) = (self.plan, &self.failed, self.cli.resources.threads.pool()?);
         self.warnings.extend(pool.install(|| hemispheres::differ(plan, &subjects))?);
@@ -309,8 +311,9 @@ impl Call<'_> {
         let ended = self.finish();
         let (flagged, table) = (counted(self.flagged.len(), "subject"), self.plan.checked());
         let text = format!(
-            "{}: {flagged} flagged, so there are no tests and no page; repair their surfaces, list them in `exclude` or \
-             `accept` in [subjects], or run without --strict; pictures: {}",
+            "{}: {flagged} flagged by the quality control, so no tests were run and no page was written; repair the \
+             surfaces of these subjects, list the subjects in `exclude` or `accept` in [subjects], or run without \
+             --strict; for pictures of the subjects, see {}",
             table.display(),
             self.plan.thumbnails().display()
         );
@@ -326,7 +329,7 @@ impl Call<'_> {
         let started = Instant::now();
         let shard = self.cli.shard.unwrap_or_default();
         for id in tidy::damaged(fits, shard.of(&fits.manifest.rows), &fits.merged()?)? {
-            self.console.warn(format!("{id}: the model was damaged; fitting it again"));
+            self.console.warn(format!("{id}: the model was damaged; fitting the subject again"));
         }
         self.console.note(format!("\n{}", stage.command()));
         let muted = (!self.prints(&stage)).then(Muted::begin);

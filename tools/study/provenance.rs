@@ -170,7 +170,8 @@ impl Provenance {
         }
         if let Some(first) = changed.first() {
             bail!(
-                "{}: {} of the recorded {} missing or changed, so the results can't be reproduced; first: {first}",
+                "{}: the results can't be reproduced, because recorded inputs are missing or have changed ({} of {}); \
+                 the first: {first}",
                 path.display(),
                 changed.len(),
                 counted(self.inputs.len() + 1, "input"),

@@ -62,7 +62,7 @@ fn check_names(study: &Study) -> Result<()> {
     if surface.is_none() {
         bail!(
             "`sides` in [subjects] needs a `surface` pattern with {SIDE}, or a `surface` pattern and `labels`; found \
-             none"
+             no `surface`"
         );
     }
     match labels[..] {
@@ -81,13 +81,13 @@ fn check_names(study: &Study) -> Result<()> {
         let of_both = key == SURFACE && !labels.is_empty();
         if !pattern.contains(SIDE) && !of_both {
             let or = if key == SURFACE { ", or a label for each side in `labels`" } else { "" };
-            bail!("{key}: expected a pattern with {SIDE}{or}, as each side has its own file; found {pattern:?}");
+            bail!("{key}: expected a pattern with {SIDE}{or}, to distinguish the two sides; found {pattern:?}");
         }
     }
     if study.fit.sphere().is_some() {
         bail!(
-            "`arguments` in [fit]: --sphere applies to all surfaces, but each side needs its own sphere: give `sphere` \
-             with {SIDE}"
+            "`arguments` in [fit]: --sphere applies to all surfaces, but each side needs its own sphere; give `sphere` \
+             in [subjects], with {SIDE}"
         );
     }
     if study.align.mirror {
@@ -122,8 +122,8 @@ fn check_test(subjects: &Subjects, test: &Test) -> Result<()> {
     };
     match &test.side {
         None if subjects.sides.is_empty() => {}
-        None => bail!("expected `side` ({}), because the study has `sides`", choices()),
-        Some(_) if subjects.sides.is_empty() => bail!("side: needs `sides` in [subjects], found none"),
+        None => bail!("give `side` ({}), because the study defines `sides`", choices()),
+        Some(_) if subjects.sides.is_empty() => bail!("`side` needs `sides` in [subjects], found none"),
         Some(side) if side != ASYMMETRY && !subjects.sides.contains(side) => {
             bail!("side: expected {}, found {side:?}", choices())
         }

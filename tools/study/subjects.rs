@@ -141,7 +141,7 @@ pub(super) fn signals(
             if let Some((_, row)) = without.filter(|_| masks.iter().any(Option::is_some)) {
                 bail!(
                     "{} has no cortex label for its signal, but other subjects have one; give `mask` in [subjects], \
-                     which may be \"none\"",
+                     or mask = \"none\" to use all vertices",
                     row.id
                 );
             }
@@ -184,7 +184,7 @@ fn text(subjects: &Subjects, folder: &Path, table: &Path, surface: &str) -> Resu
     let of_sides: Vec<&str> = COLUMNS.into_iter().chain(subjects.sides.iter().map(String::as_str)).collect();
     let reserved: Vec<&str> = reserved.chain(of_sides.iter().copied().filter(|_| two)).collect();
     if let Some(taken) = header.iter().enumerate().find(|(at, name)| *at != id && reserved.contains(name)) {
-        let with = if of_sides.contains(&taken.1) { "`sides`" } else { "a pattern `surface`" };
+        let with = if of_sides.contains(&taken.1) { "`sides`" } else { "a `surface` pattern" };
         bail!("column {:?} cannot be used with {with} in [subjects]", taken.1);
     }
     let mut writer = csv::WriterBuilder::new().delimiter(b'\t').from_writer(Vec::new());

@@ -102,14 +102,14 @@ impl Test {
             bail!("cluster: expected a number above 0 and below 1, found {p}");
         }
         if self.whole_blocks && self.blocks.is_none() {
-            bail!("whole_blocks: expected blocks, a column of the table; found none");
+            bail!("whole_blocks: needs `blocks`, the name of a column of the table; found none");
         }
         if self.welch && self.variance_groups.is_some() {
             bail!("expected welch or variance_groups, found both");
         }
         let relabelled = self.tfce || self.cluster.is_some() || self.blocks.is_some() || self.errors.is_some();
         if self.permutations == Some(0) && relabelled {
-            bail!("blocks, errors, tfce and cluster need relabellings: expected permutations of 1 or more, found 0");
+            bail!("blocks, errors, tfce and cluster need relabellings; expected permutations = 1 or more, found 0");
         }
         if self.variance_groups.is_some() && self.signal.as_deref() == Some("position") {
             bail!("variance_groups: expected signal = \"normal\", found \"position\"");
@@ -118,8 +118,8 @@ impl Test {
             self.errors.as_deref().map_or(self.welch || self.variance_groups.is_some(), |of| of != "exchangeable");
         if flips && self.blocks.is_some() && !self.whole_blocks {
             bail!(
-                "blocks: the test flips signs, so expected whole_blocks = true, or errors = \"exchangeable\" for a \
-                 test without flips"
+                "blocks: this test flips signs, which needs whole_blocks = true; for a test without sign flips, give \
+                 errors = \"exchangeable\""
             );
         }
         if self.welch && self.errors.as_deref().is_some_and(|errors| errors != "symmetric") {

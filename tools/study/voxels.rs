@@ -51,8 +51,8 @@ pub(super) fn differ(test: &str, rows: &[&Row], levels: &[String], sizes: &Sizes
     let (first, size) = *usual.first()?;
     let (other, found) = *usual.iter().find(|(_, found)| !are_equal(*found, size))?;
     Some(format!(
-        "test {test:?}: the voxels of most subjects in {first} are {}, and in {other} {}; surfaces of coarser voxels are \
-         rounder, so a difference may come from the voxels: resample all volumes to one size",
+        "test {test:?}: the voxels of most subjects in {first} are {}, and those in {other} are {}; surfaces of \
+         coarser voxels are rounder, so a difference may come from the voxels; resample all volumes to one voxel size",
         edges(size),
         edges(found)
     ))
@@ -82,7 +82,7 @@ mod tests {
             ids.into_iter().map(|id| (id, if coarse.contains(&id) { [1.0, 1.0, 1.6] } else { [1.0; 3] })).collect()
         };
         let found = differ("group", &rows, &levels, &of(&["a1", "a2", "a3"])).unwrap();
-        assert!(found.contains("in a are 1 x 1 x 1.6,") && found.contains("in b 1 x 1 x 1;"), "{found}");
+        assert!(found.contains("in a are 1 x 1 x 1.6,") && found.contains("those in b are 1 x 1 x 1;"), "{found}");
         // A single subject, or one in each level, isn't a difference between the levels.
         assert_eq!(differ("group", &rows, &levels, &of(&["a1"])), None);
         assert_eq!(differ("group", &rows, &levels, &of(&["a1", "b2"])), None);

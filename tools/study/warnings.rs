@@ -40,15 +40,15 @@ pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
         subjects.iter().filter(is_in_doubt).filter_map(|subject| subject["id"].as_str()).collect();
     if !in_doubt.is_empty() {
         warnings.push(format!(
-            "two poses fit nearly equally well for {}: {}; some of these subjects may be turned round, so an effect at \
-             one end may also appear at the other end",
+            "two poses fit nearly equally well for {}: {}; some of these subjects may be in a wrong pose, such as \
+             turned end to end, so an effect at one end may also appear at the other end",
             counted(in_doubt.len(), "subject"),
             first_of(in_doubt.iter().copied(), NAMED)
         ));
     }
     if !flagged.is_empty() {
         warnings.push(format!(
-            "{} flagged in the quality control but still included in the mean, the modes and the tests; exclude or \
+            "{} flagged by the quality control but still included in the mean, the modes and the tests; exclude or \
              accept them in [subjects]",
             counted(flagged.len(), "subject")
         ));

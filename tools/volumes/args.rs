@@ -13,9 +13,9 @@ use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
 
 /// Make a model of every label in label volumes, and one table of all labels
 ///
-/// Each label's surface is mapped to its own sphere and fitted. Model, surface and sphere are written to the folder,
-/// and a row to the table: voxels, volume, area, residual, rotation-invariant descriptors. A label that fails doesn't
-/// affect the others: its row states the reason, and the exit status is 1.
+/// Each label's surface is mapped to its own sphere and fitted. The model, the surface and the sphere are written to
+/// --output. The table gets a row for each label, with voxels, volume, area, residual and rotation-invariant
+/// descriptors. A label that fails doesn't affect the others: its row states the reason, and the exit status is 1.
 #[derive(Debug, Args)]
 #[command(mut_arg("voxel_size", |size| size.hide_short_help(false)))]
 #[command(after_long_help = help::examples(
@@ -54,16 +54,16 @@ pub(crate) struct Cli {
     /// Skip labels with fewer than N voxels
     #[arg(long, value_name = "N", default_value_t = 1, hide_default_value = true, help_heading = INPUT)]
     pub(super) min_voxels: usize,
-    /// Skip labels that touch the border of their volume, which may be cut off
+    /// Skip labels that touch the border of their volume and may therefore be cut off
     ///
-    /// With --fix, only the piece that the repair keeps counts.
+    /// With --fix, only the piece that the repair keeps is considered.
     #[arg(long, help_heading = INPUT)]
     pub(super) skip_border: bool,
     /// Highest degree, inclusive [default: chosen by the labels' size in voxels]
     ///
-    /// The default lies between 4 and 60. It suits the label of median size in the first volume that has any of the
-    /// labels: the model of this label resolves one and a half voxels. With --skip-existing, the default is the degree
-    /// of the existing table.
+    /// The default lies between 4 and 60. It is chosen so that the model of the label of median size, in the first
+    /// volume that has any of the labels, resolves one and a half voxels. With --skip-existing, the default is the
+    /// degree of the existing table.
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Folder of the models
@@ -84,8 +84,8 @@ pub(crate) struct Cli {
     pub(super) name_template: NameTemplate,
     /// Keep existing models that were made from the same file and label with the same settings
     ///
-    /// Files are compared by their contents: if one label of a file was edited, the models of all its labels are
-    /// refused. --force replaces them.
+    /// Files are compared by their contents: if one label of a file was edited, the models of all labels in this
+    /// file are refused. --force replaces them.
     #[arg(long, conflicts_with = "force", help_heading = OUTPUT)]
     pub(super) skip_existing: bool,
     /// Replace existing outputs

@@ -103,12 +103,14 @@ fn of_missing(path: &Path, cause: &io::Error) -> Option<String> {
 fn of_store(error: &StoreError) -> Option<String> {
     let text = match error {
         StoreError::Io { source, .. } => return of_io(source).map(str::to_owned),
-        StoreError::FactorDiffers { .. } => "compute the required factor with spharm basis-build --factor".to_owned(),
+        StoreError::FactorDiffers { .. } => {
+            "compute the required Cholesky factor with spharm basis-build --factor".to_owned()
+        }
         StoreError::FactorMissing { .. } => {
-            "compute the factor with spharm basis-build --factor on the same sphere".to_owned()
+            "compute the Cholesky factor for the same sphere with spharm basis-build --factor".to_owned()
         }
         StoreError::NoSuchScheme { .. } => {
-            "build the basis with spharm basis-build --sphere on the same sphere".to_owned()
+            "build the basis for the same sphere with spharm basis-build --sphere".to_owned()
         }
         StoreError::OtherScalar { wanted, found, .. } => {
             let (wanted, found) = (wanted.name(), found.name());
@@ -170,7 +172,7 @@ fn of_solver(error: &SolverError) -> Option<String> {
     match error {
         SolverError::Store(error) => of_store(error),
         SolverError::Budget { granularity: Some(granularity), .. } => {
-            Some(format!("--method irf --granularity {granularity} fits the budget"))
+            Some(format!("--method irf --granularity {granularity} fits into the budget"))
         }
         SolverError::Budget { granularity: None, .. } => Some("give a larger budget with --memory".to_owned()),
         SolverError::Singular { needed, .. } => {
@@ -178,11 +180,11 @@ fn of_solver(error: &SolverError) -> Option<String> {
             Some(format!("give --memory {memory}MiB, or use --method irf with a smaller --granularity"))
         }
         SolverError::Underdetermined { .. } => {
-            Some("--max-degree L sets a lower degree, --smoothness LAMBDA a penalty".to_owned())
+            Some("set a lower degree with --max-degree L, or a penalty with --smoothness LAMBDA".to_owned())
         }
         // Only factors for a store end with this error; a fit uses a shifted factor instead.
         SolverError::NotPositiveDefinite { .. } => {
-            Some("--factor L sets a lower degree, --smoothness LAMBDA a penalty".to_owned())
+            Some("set a lower degree with --factor L, or a penalty with --smoothness LAMBDA".to_owned())
         }
         SolverError::Interrupted(_) => {
             Some("finished models are kept, and --skip-existing skips them next time".to_owned())
@@ -228,7 +230,7 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::NotProbability { .. } => Some("use --threshold LEVEL for values of any range".to_owned()),
         ParametrizeError::NoLabel { .. } => Some("choose a label with --label N".to_owned()),
         ParametrizeError::SinglePrecision { .. } => {
-            Some("write .surf.gii or .ply, which store 64-bit numbers".to_owned())
+            Some("files ending in .surf.gii or .ply store 64-bit numbers".to_owned())
         }
         ParametrizeError::Surface(error) => of_surface(error),
         ParametrizeError::Solver(error) => of_solver(error),
@@ -289,7 +291,7 @@ fn of_shape(error: &ShapeError) -> Option<String> {
             Some("`spharm reconstruct` shows the model; fit the surface again with degree 1 or more".to_owned())
         }
         ShapeError::NotTwoGroups => Some(
-            "for other designs, give --variance-groups COLUMN, or variance_groups in a study; not for positions"
+            "for other designs, except tests of positions, give --variance-groups COLUMN, or variance_groups in a study"
                 .to_owned(),
         ),
         ShapeError::Range { .. } => Some("`spharm shape rotate --scale FACTOR` scales a model".to_owned()),

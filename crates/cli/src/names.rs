@@ -63,7 +63,7 @@ impl FromStr for NameTemplate {
             return Err("a name can't contain folders; give the folder with --output".to_owned());
         }
         if parts.iter().all(|part| matches!(part, Part::Text(_))) {
-            return Err("expected a placeholder, such as {stem}; otherwise all inputs have the same name".to_owned());
+            return Err("expected a placeholder, such as {stem}; otherwise all outputs have the same name".to_owned());
         }
         Ok(Self(parts))
     }
@@ -135,7 +135,10 @@ impl NameTemplate {
                 Some(template) => format!("give --name-template '{template}'"),
                 None => "rename one of the inputs, or process the inputs in separate calls".to_owned(),
             };
-            bail!("{first} and {second} would both be written to {}; {remedy}", outputs[pair[0]].display());
+            bail!(
+                "the results of {first} and {second} would both be written to {}; {remedy}",
+                outputs[pair[0]].display()
+            );
         }
         Ok(outputs)
     }

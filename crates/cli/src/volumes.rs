@@ -99,7 +99,7 @@ fn axes(text: &str) -> Result<AxisOrder, String> {
 
 /// Parses a whole number of at least 1.
 fn number(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|number| *number > 0).ok_or_else(|| "expected a number from 1".to_owned())
+    text.parse().ok().filter(|number| *number > 0).ok_or_else(|| "expected a whole number of at least 1".to_owned())
 }
 
 fn finite(text: &str) -> Result<f64, String> {

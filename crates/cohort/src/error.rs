@@ -190,6 +190,6 @@ pub fn volumes_hint(folder: &Path, volumes: usize) -> String {
     let noun = if volumes == 1 { "volume" } else { "volumes" };
     match volumes {
         0 => String::new(),
-        _ => format!("; `spharm volumes {}` fits its {volumes} {noun}", folder.display()),
+        _ => format!("; `spharm volumes {}` fits the {volumes} {noun} in it", folder.display()),
     }
 }

@@ -230,7 +230,7 @@ mod tests {
             std::fs::write(folder.path().join(name), "").unwrap();
         }
         let error = meshes_of_folder(folder.path(), &[]).unwrap_err().to_string();
-        let expected = format!("; `spharm volumes {}` fits its 2 volumes", folder.path().display());
+        let expected = format!("; `spharm volumes {}` fits the 2 volumes in it", folder.path().display());
         assert!(error.ends_with(&expected), "{error}");
         let missing = folder.path().join("missing");
         assert!(matches!(rows_of_folder(&missing), Err(CohortError::Io { path, .. }) if path == missing));

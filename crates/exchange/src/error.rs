@@ -42,7 +42,7 @@ pub enum ExchangeError {
     },
     /// The format can't represent the model.
     #[error(
-        "{format} files hold {holds}; the model has {channels} channel{}{hint}",
+        "{format} files can only hold {holds}, but the model has {channels} channel{}{hint}",
         if *.channels == 1 { "" } else { "s" }
     )]
     CannotHold {

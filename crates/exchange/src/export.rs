@@ -86,15 +86,15 @@ pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
     let cannot = |format, holds, hint| Err(ExchangeError::CannotHold { format, holds, channels, hint });
     match format {
         Format::Pdm if channels != 3 => {
-            cannot("SPHARM-PDM", "surfaces, with 3 channels", "; csv and json files hold any number of channels")
+            cannot("SPHARM-PDM", "surfaces (3 channels)", "; csv and json files can hold any number of channels")
         }
         Format::Mat if channels != 3 => {
-            cannot("SPHARM-MAT", "surfaces, with 3 channels", "; csv and json files hold any number of channels")
+            cannot("SPHARM-MAT", "surfaces (3 channels)", "; csv and json files can hold any number of channels")
         }
         Format::Aics if channels != 1 => cannot(
             "aics-shparam",
-            "the radius of a star-shaped body, with 1 channel",
-            "; x, y and z are not a radius: fit the distance from a center as a signal",
+            "the radius of a star-shaped body (1 channel)",
+            "; fit the distance from a center as a signal, instead of x, y and z",
         ),
         _ => Ok(()),
     }

@@ -157,7 +157,7 @@ impl<R: Read + Seek> Archive<'_, &mut ZipArchive<R>> {
         if let Some(faces) = self.array("faces", Array::matrix)? {
             let count = sphere.directions.len() as f64;
             if faces.iter().any(|&v| !(0.0..count).contains(&v) || v.fract() != 0.0) {
-                return Err(invalid(path, "faces refers to a vertex that does not exist"));
+                return Err(invalid(path, "faces refer to a vertex that doesn't exist"));
             }
             let faces = triples(&faces).ok_or_else(|| invalid(path, "faces: expected three columns"))?;
             sphere.faces = faces.into_iter().map(|face| face.map(|v| v as u32)).collect();

@@ -102,8 +102,8 @@ pub enum Warning {
     },
     /// Two parts have equal sums, so they are probably of the same samples.
     #[error(
-        "{first} and {second} have equal sums: if they are of the same samples, these count twice, and standard errors \
-         become too small"
+        "{first} and {second} have equal sums: if both are of the same samples, the samples count twice, and standard \
+         errors become too small"
     )]
     EqualSums {
         /// Name of a part.

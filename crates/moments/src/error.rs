@@ -113,7 +113,7 @@ pub enum MomentsError {
     },
     /// The sum of a channel's squared values, or of the weights, is outside the range of f64.
     #[error(
-        "column {channel}: expected values whose weighted squares sum to 1e-307 to 1e308; scale the values or the weights"
+        "column {channel}: expected a sum of weighted squares from 1e-307 to 1e308; scale the values or the weights"
     )]
     Range {
         /// Name of the channel.
@@ -158,7 +158,10 @@ pub enum MomentsError {
     },
     /// A shard of standard input was requested. Standard input can only be read as a whole, because it can't be
     /// repositioned.
-    #[error("standard input can't be divided into shards; write the data to a file, or give each shard its own part")]
+    #[error(
+        "standard input can't be divided into shards; write the data to a file, or give each process only its own part \
+         of the data"
+    )]
     ShardOfStream,
     /// The memory budget is too small.
     #[error("moments to degree {max_degree} need {} MiB of memory, but the budget is {} MiB", .needed.div_ceil(1 << 20), .budget >> 20)]
@@ -227,8 +230,8 @@ pub enum MomentsError {
     },
     /// Shards of different tables, or of versions of a table, make up one whole.
     #[error(
-        "{first} and {second}: the shards make up one whole, but they are of different tables or columns, or the file \
-         changed between the shards; compute all shards again from one file"
+        "{first} and {second}: the numbers of these shards fit together, but the shards were computed from different \
+         tables or columns, or the file changed in between; compute all shards again from one file"
     )]
     Versions {
         /// Name of a part with a shard of one table.

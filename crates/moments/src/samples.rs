@@ -126,7 +126,7 @@ impl Columns {
         let positions = match &self.positions {
             Some(positions) => positions.clone(),
             None => Positions::guess(there).ok_or_else(|| {
-                unclear("name the columns of the positions, unless they are x, y, z, or lon, lat, or theta, phi")
+                unclear("the columns of the positions must be given, as they aren't x, y, z or lon, lat or theta, phi")
             })?,
         };
         if self.values.is_empty() {

@@ -96,7 +96,7 @@ impl Bench<'_> {
     fn warn_of_rank(&self, surface: &Surface, report: &IrfReport) {
         for block in report.blocks.iter().filter(|block| block.rank < block.columns) {
             self.warn(format!(
-                "{}: degrees {} to {} have rank {} of {} columns; the solution of minimum norm was used",
+                "{}: the basis of degrees {} to {} has rank {}, but {} columns; the solution of minimum norm was used",
                 surface.name, block.first_degree, block.last_degree, block.rank, block.columns
             ));
         }

@@ -194,7 +194,7 @@ pub(crate) fn basis(bench: &Bench<'_>, extent: &Extent, store: &Path) -> Result<
     let one = |(along, subdivisions, max_degree): (&'static str, u32, usize)| -> Result<Basis> {
         let directions = Directions::from_vertices(&icosphere(subdivisions).vertices)?;
         let vertices = directions.len();
-        bench.note(format!("figure 3, the basis of {vertices} vertices to degree {max_degree}"));
+        bench.note(format!("figure 3: computing the basis at {vertices} vertices up to degree {max_degree}"));
         let scratch = tempfile::Builder::new()
             .prefix(".figure3.")
             .tempdir_in(store)

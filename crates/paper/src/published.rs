@@ -70,8 +70,8 @@ impl Reference {
         if !path.exists() {
             return Ok(Self::default());
         }
-        let text =
-            spharm_files::read_text(&path, LARGEST).with_context(|| format!("{}: cannot read", path.display()))?;
+        let text = spharm_files::read_text(&path, LARGEST)
+            .with_context(|| format!("{}: cannot read the file", path.display()))?;
         serde_json::from_str(&text).with_context(|| {
             format!("{}: not a reference file in the format that the README describes", path.display())
         })

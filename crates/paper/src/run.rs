@@ -82,7 +82,10 @@ impl Experiments {
         let mut results = Results::default();
         for (index, surface) in self.surfaces.iter().enumerate() {
             let n = surface.directions.len();
-            bench.note(format_args!("{}: the basis of {n} vertices to degree {}", surface.name, extent.max_degree));
+            bench.note(format_args!(
+                "{}: computing the basis at {n} vertices up to degree {}",
+                surface.name, extent.max_degree
+            ));
             let (built, _) = bench.build(&store.folder, &surface.directions, extent.max_degree)?;
             let operator = DiskOperator::new(Scheme::open(&store.folder, built.key, n, extent.max_degree)?);
             results.sirf.extend(experiments::sirf(bench, extent, &operator, surface, reference)?);

@@ -29,7 +29,7 @@ impl Store {
     /// space needed on disk and in the system's file cache.
     pub(crate) fn done_with(&self, basis: &Path) -> Result<()> {
         if self.temporary.is_some() {
-            std::fs::remove_dir_all(basis).with_context(|| format!("{}: cannot remove", basis.display()))?;
+            std::fs::remove_dir_all(basis).with_context(|| format!("{}: cannot remove the folder", basis.display()))?;
         }
         Ok(())
     }

@@ -187,7 +187,7 @@ fn figures6_7(results: &Results, extent: &Extent) -> String {
     format!(
         "## Figures 6 and 7: IRF to degree {} over passes p and granularity g\n\n\
          Each row is one fit of {} passes, measured after every pass: the state after p passes is the result of a fit \
-         with p passes. The first pass computes the factors of the blocks, and later passes reuse them.{worst}\n\n{}",
+         with p passes. The first pass factorises the blocks, and later passes reuse the factorisations.{worst}\n\n{}",
         extent.max_degree,
         extent.passes,
         markdown(&rows)
@@ -196,7 +196,7 @@ fn figures6_7(results: &Results, extent: &Extent) -> String {
 
 fn between(results: &Results) -> String {
     let mut rows =
-        vec![strings(["surface", "L", "p", "g", "mean", "rms", "95 %", "Hausdorff", "in its unit", "bound"])];
+        vec![strings(["surface", "L", "p", "g", "mean", "rms", "95 %", "Hausdorff", "Hausdorff, own unit", "bound"])];
     rows.extend(results.between.iter().map(|row| {
         let d = &row.distance;
         let counts = [row.max_degree, row.pass, row.granularity].map(|count| count.to_string());
@@ -232,8 +232,8 @@ fn families(results: &Results) -> String {
         ]
     }));
     format!(
-        "## Least squares and quadrature\n\nThe paper leaves this comparison as future work. The least squares are \
-         exact at the vertices and matrix-free. For the quadrature, the surface is resampled over the sphere's \
+        "## Least squares and quadrature\n\nThe paper leaves this comparison as future work. The least-squares fits \
+         are exact at the vertices and matrix-free. For the quadrature, the surface is resampled over the sphere's \
          triangles to a Gauss-Legendre grid of L + 1 rings, on which the quadrature is exact. msd and xsd are measured \
          at the vertices; (*) marks a least-squares fit that didn't reach the tolerance with this sampling.\n\n{}",
         markdown(&rows)

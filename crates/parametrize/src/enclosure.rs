@@ -189,6 +189,6 @@ mod tests {
         assert!(matches!(error, ParametrizeError::BadSurface { mending: None, .. }), "{error}");
         let error = Input::Mesh(strip).mended(&Silent).unwrap_err();
         assert!(matches!(error, ParametrizeError::BadSurface { mending: None, .. }), "{error}");
-        assert!(error.to_string().contains("after its repair (2 vertices welded to others"), "{error}");
+        assert!(error.to_string().contains("after the repair (2 vertices welded to others"), "{error}");
     }
 }

@@ -64,8 +64,8 @@ pub enum ParametrizeError {
 
     /// A vertex can't be placed on the sphere: the triangles around it are smaller than f64 resolves.
     #[error(
-        "vertex {vertex} (counted from 0) can't be placed on the sphere: the triangles around it are smaller than \
-         64-bit numbers resolve; repair the thin triangles there, or remesh the surface"
+        "vertex {vertex} (counted from 0) can't be placed on the sphere: the triangles around it are too small for \
+         64-bit numbers; repair the thin triangles there, or remesh the surface"
     )]
     NoPlace {
         /// Index of the vertex.
@@ -155,7 +155,7 @@ pub enum ParametrizeError {
     },
 
     /// The order of axes z, y, x was given for a file whose format has a fixed order.
-    #[error("{}: expected the order of axes xyz, which {format} always has, found zyx", path.display())]
+    #[error("{}: expected axes in the order xyz, which {format} always has, found zyx", path.display())]
     FixedAxes {
         /// Path of the file.
         path: PathBuf,
@@ -216,7 +216,7 @@ pub enum ParametrizeError {
 
     /// The sphere would have folds after rounding to 32-bit numbers.
     #[error(
-        "rounding to 32-bit numbers would flip {flipped} of the sphere's triangles; write a format with 64-bit numbers"
+        "rounding to 32-bit numbers would flip {flipped} of the sphere's triangles; use a format with 64-bit numbers"
     )]
     SinglePrecision {
         /// Number of triangles that would be flipped or without area.
@@ -243,8 +243,8 @@ pub enum ParametrizeError {
 
     /// The mesh encloses no voxel of the grid that is laid around it for a wrap.
     #[error(
-        "the mesh encloses no voxel of a grid with {voxels} voxels along its longest side; a wrap needs a mesh that \
-         encloses a body, even if it has holes; use more voxels for thinner bodies"
+        "the mesh encloses no voxel of a grid with {voxels} voxels along the longest side; a wrap needs a mesh that \
+         encloses a body, perhaps with holes in the mesh; use more voxels for a thin body"
     )]
     NothingToWrap {
         /// Number of voxels along the longest side.
@@ -253,8 +253,8 @@ pub enum ParametrizeError {
 
     /// A mesh to be wrapped has a vertex so far from the rest that the rest has too few voxels.
     #[error(
-        "vertex {vertex} (counted from 0) at ({}) lies far from the rest of the mesh: the rest has {} of {voxels} \
-         voxels along the longest side, expected at least 8; remove this vertex with its triangles{}",
+        "vertex {vertex} (counted from 0) at ({}) lies far from the rest of the mesh: the rest spans {} of the \
+         {voxels} voxels along the longest side, expected at least 8; remove this vertex and its triangles{}",
         position.map(number).join(", "), number(*rest),
         enough.map(|enough| format!(", or use at least {enough} voxels")).unwrap_or_default()
     )]
@@ -287,7 +287,8 @@ pub enum ParametrizeError {
     /// The mesh is an open sheet: closing it gives a surface without volume.
     #[error(
         "not a closed surface: the mesh is an open sheet with a rim as large as the sheet; a filling of the rim would \
-         have {:.0} % of the area and enclose no volume; use a surface that encloses a body",
+         make up {:.0} % of the area, and the filled surface would enclose no volume; use a surface that encloses a \
+         body",
         100.0 * *filled
     )]
     OpenSheet {
@@ -328,7 +329,7 @@ pub enum ParametrizeError {
 
 fn remedy_for_losses(wrap: &Wrap, most: f64) -> &'static str {
     if wrap.left_out > most {
-        "; the wrap keeps one body; fit the others from files of their own"
+        "; the wrap keeps only one body; put the other bodies into separate files and fit them separately"
     } else if wrap.voxels < *VOXELS.end() {
         "; use more voxels to keep thin parts"
     } else {

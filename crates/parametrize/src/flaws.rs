@@ -41,8 +41,8 @@ impl Flaws {
         }
         if let Some((vertex, times)) = too_far(mesh) {
             let problem = format!(
-                "vertex {vertex} (counted from 0) lies {} times as far from the middle of the mesh as half of the \
-                 vertices, expected at most {FARTHEST:e} times",
+                "vertex {vertex} (counted from 0) lies {} times the median distance of the vertices from the middle of \
+                 the mesh, expected at most {FARTHEST:e} times",
                 number(times)
             );
             return bad(problem, "correct the coordinates of this vertex, or remove it with its triangles");

@@ -167,7 +167,7 @@ impl Input {
 fn joined_with_a_twist(repair: &MeshRepair) -> ParametrizeError {
     let changes = repair.changes();
     ParametrizeError::BadSurface {
-        problems: format!("after its repair ({changes}), the surface has one side only, like a Möbius strip"),
+        problems: format!("after the repair ({changes}), the surface has one side only, like a Möbius strip"),
         handles: 0,
         remedy: "separate the parts of the surface that touch each other",
         mending: None,

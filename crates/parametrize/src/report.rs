@@ -171,7 +171,7 @@ impl std::fmt::Display for Note {
         match self {
             Self::AreasAdapted { degree, factor } => write!(
                 f,
-                "areas are adapted to the residual of a model of degree {degree}, by factors up to {factor:.2}"
+                "target areas were adapted to the residual of a model of degree {degree}, by factors up to {factor:.2}"
             ),
             Self::QuadAreas { deviation } => {
                 write!(f, "the areas of the quadrangles are within {:.3} % of their targets", 100.0 * deviation)
@@ -234,8 +234,12 @@ impl std::fmt::Display for Warning {
                 "the final centring (a Moebius transformation) stopped early, because a larger step would have \
                  flipped triangles",
             ),
-            Self::Smoothed { vertices: 1 } => f.write_str("1 vertex was smoothed where triangles intersected"),
-            Self::Smoothed { vertices } => write!(f, "{vertices} vertices were smoothed where triangles intersected"),
+            Self::Smoothed { vertices: 1 } => {
+                f.write_str("the surface was smoothed at 1 vertex, where triangles intersected")
+            }
+            Self::Smoothed { vertices } => {
+                write!(f, "the surface was smoothed at {vertices} vertices, where triangles intersected")
+            }
             Self::SelfIntersections { pairs } => {
                 let pairs = if *pairs == 1 {
                     "1 pair of triangles still intersects"

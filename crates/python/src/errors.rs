@@ -85,7 +85,7 @@ pub(crate) fn exception(py: Python<'_>, failure: Failure) -> PyErr {
             let size = |bytes: u64| format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20));
             let (needs, has) = (size(needed), size(budget));
             let text = if given {
-                format!("{what} needs {needs} of memory, but memory is {has}; give a larger memory")
+                format!("{what} needs {needs} of memory, but memory= allows only {has}; give a larger memory=")
             } else {
                 format!("{what} needs {needs} of memory, but only {has} are free")
             };
@@ -125,10 +125,10 @@ fn with_advice(error: &Error) -> String {
             | ParametrizeError::OneSided { closed: true },
         ) => Some(around()),
         Error::Shape(ShapeError::NotTwoGroups) => {
-            Some("for other designs, give variance_groups= instead of welch=True; not for positions".to_owned())
+            Some("for other designs, except tests of positions, give variance_groups= instead of welch=True".to_owned())
         }
         Error::Model(ModelError::Compressed { .. }) => {
-            Some("Model.load reads it under a name that ends in .sphz; `spharm shape expand` restores it".to_owned())
+            Some("Model.load reads the file if its name ends in .sphz; `spharm shape expand` restores it".to_owned())
         }
         Error::Model(ModelError::NoSphere) => {
             Some("give a sphere, directions, or the subdivisions of an icosphere, such as 5".to_owned())
@@ -137,7 +137,7 @@ fn with_advice(error: &Error) -> String {
             Some("give spacing= to parametrize_volume or fit_labels, or voxel_size= to fit_cohort".to_owned())
         }
         Error::Parametrize(ParametrizeError::FixedAxes { .. }) => {
-            Some("omit axes=; among files, only NumPy files take it".to_owned())
+            Some("omit axes=; it is for arrays and NumPy files".to_owned())
         }
         _ => None,
     };

@@ -165,7 +165,8 @@ pub(crate) fn shape_procrustes(
 ) -> PyResult<(Vec<Model>, Model, String)> {
     let default = ProcrustesParams::default();
     if settings.method == "foe" {
-        return Err(exception(py, Failure::Argument("method: a group needs joint or fixed, found foe".to_owned())));
+        let text = "method: expected joint or fixed for a group, found foe";
+        return Err(exception(py, Failure::Argument(text.to_owned())));
     }
     let params =
         ProcrustesParams { align: settings.params(default.align.starts)?, templates: settings.templates, ..default };

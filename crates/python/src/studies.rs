@@ -133,7 +133,7 @@ impl Asked<'_> {
             _ => {
                 let names: Vec<&str> = columns().map(|(name, _)| name.as_str()).collect();
                 Err(Failure::Argument(format!(
-                    "interactions: expected two columns such as \"age:sex\", of {}; found {name:?}",
+                    "interactions: expected two columns from {}, joined as in \"age:sex\"; found {name:?}",
                     if names.is_empty() { "the covariates".to_owned() } else { names.join(", ") }
                 )))
             }

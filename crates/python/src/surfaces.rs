@@ -296,7 +296,7 @@ fn resample<'py>(
 ) -> PyResult<Mapped<'py>> {
     let surface = mesh("surface", &vertices, &faces)?;
     let sphere = Mesh::new(crate::arrays::rows("sphere", sphere.as_array())?, surface.faces.clone());
-    let shared = mesh("sphere to resample to", &shared, &shared_faces)?;
+    let shared = mesh("resampling sphere", &shared, &shared_faces)?;
     let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
         corresponding(&surface, &sphere)?;
         check_resampling(&shared, memory)?;
@@ -322,7 +322,7 @@ fn corresponding(surface: &Mesh, sphere: &Mesh) -> Result<(), Failure> {
     if expected == found {
         return Ok(());
     }
-    Err(Failure::Argument(format!("sphere: expected the surface's {expected} vertices, found {found}")))
+    Err(Failure::Argument(format!("sphere: expected {expected} vertices, as many as the surface has; found {found}")))
 }
 
 /// Compares two meshes whose vertices correspond. Returns msd, xsd and related figures, the vertex with the largest

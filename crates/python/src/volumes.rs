@@ -142,8 +142,7 @@ fn parametrize_volume<'py>(
         let volume = read(monitor)?;
         let surface = volume.surface(&params, monitor)?;
         let (path, label) = (volume.path().display().to_string(), surface.label);
-        let border =
-            format!("{path}: label {label} touches the border of the volume, which may have cut off a part of it");
+        let border = format!("{path}: label {label} touches the border of the volume and may be cut off");
         let border = surface.at_border.then_some(border);
         let doubts: Vec<String> = volume.warnings().into_iter().chain(border).collect();
         drop(volume);

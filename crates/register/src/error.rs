@@ -13,7 +13,9 @@ pub enum RegisterError {
         what: &'static str,
     },
     /// A triangle of the template has a vertex that doesn't exist, or the same vertex twice.
-    #[error("triangle {face} of the template is {found:?}: expected three different vertices below {vertices}")]
+    #[error(
+        "triangle {face} of the template has the vertices {found:?}: expected three different indices below {vertices}"
+    )]
     Triangle {
         /// Index of the triangle, from 0.
         face: usize,
@@ -32,7 +34,7 @@ pub enum RegisterError {
     },
     /// A landmark has coordinates that aren't finite, or a vertex that the template doesn't have.
     #[error(
-        "landmark {index} of a registration: expected finite coordinates and a place on the template, which has {vertices} vertices"
+        "landmark {index}: expected finite coordinates and a position on the template, which has {vertices} vertices"
     )]
     Guide {
         /// Index of the landmark, from 0.
@@ -41,7 +43,7 @@ pub enum RegisterError {
         vertices: usize,
     },
     /// Every triangle of the template has a masked vertex.
-    #[error("every triangle of the template is masked: unmask the triangles with a counterpart on the subjects")]
+    #[error("every triangle of the template is masked: unmask the triangles that have a counterpart on the subjects")]
     AllMasked,
     /// The equations of the registration have no finite solution.
     #[error("the registration's equations have no finite solution: coordinates may be too large or too small")]

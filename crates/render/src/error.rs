@@ -10,7 +10,7 @@ pub enum RenderError {
     #[error("a picture needs at least one panel, found none")]
     NoPanels,
     /// A picture that is too small or too large.
-    #[error("the picture is {width} x {height} pixels, expected 16 to 16384 on a side")]
+    #[error("the picture is {width} x {height} pixels, expected 16 to 16384 on each side")]
     Size {
         /// Width, in pixels.
         width: usize,
@@ -19,8 +19,8 @@ pub enum RenderError {
     },
     /// The number of values or colours of a mesh differs from its number of vertices.
     #[error(
-        "expected one value or colour per vertex ({expected}), found {found}: they and the mesh must come from the \
-         same surface"
+        "expected one value or colour per vertex ({expected}), found {found}; the values or colours must belong to the \
+         vertices of this mesh"
     )]
     ValueCount {
         /// Number of vertices of the mesh.

@@ -231,9 +231,9 @@ fn summary(contents: &Contents) -> String {
     let parts = [
         counted(contents.tests.len(), "test", "tests"),
         counted(contents.models.len(), "model", "models"),
-        counted(contents.modes.len(), "group's modes", "groups' modes"),
-        counted(contents.quality.len(), "alignment's quality", "alignments' quality"),
-        counted(rows, "row of a table", "rows of tables"),
+        counted(contents.modes.len(), "set of modes", "sets of modes"),
+        counted(contents.quality.len(), "compared alignment", "compared alignments"),
+        counted(rows, "table row", "table rows"),
     ];
     parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
 }

@@ -100,8 +100,8 @@ fn table(measured: &[Quality]) -> Table {
         }
     }
     if landmarks {
-        add("landmarks apart, mean".to_owned(), &|of| of.landmarks.map(|[mean, _]| mean));
-        add("landmarks apart, median".to_owned(), &|of| of.landmarks.map(|[_, median]| median));
+        add("landmark error, mean".to_owned(), &|of| of.landmarks.map(|[mean, _]| mean));
+        add("landmark error, median".to_owned(), &|of| of.landmarks.map(|[_, median]| median));
     }
     Table { title: "Quality with few modes".to_owned(), columns, rows, note: None }
 }

@@ -22,8 +22,8 @@ pub enum ShapeError {
     },
     /// The number of subjects is too small or differs from the expected number.
     #[error(
-        "{what}: expected {expected} subjects{}; found {found}",
-        if *.what == "the design" || *.what == "a group" { " or more" } else { ", one per row" }
+        "{what}: expected {expected} {}; found {found}",
+        if *.what == "the design" || *.what == "a group" { "subjects or more" } else { "rows, one per subject" }
     )]
     Subjects {
         /// Name of the array or table.
@@ -41,8 +41,8 @@ pub enum ShapeError {
     },
     /// A variance group in which the design leaves no errors, so that its variance can't be estimated.
     #[error(
-        "variance group {group}, in order of occurrence, has {subjects} rows, and the design leaves no errors in these \
-         rows to estimate a variance; join this group with another group, or leave out columns of the design"
+        "variance group {group} (in order of occurrence) has {subjects} rows, but the design leaves no errors in these \
+         rows to estimate a variance from; join this group with another group, or leave out columns of the design"
     )]
     VarianceGroup {
         /// Number of the group, from 1.
@@ -52,7 +52,7 @@ pub enum ShapeError {
     },
     /// Sign flips of single rows were requested, but the rows of a block depend on each other.
     #[error(
-        "the rows of a block depend on each other, so that {} of single rows aren't valid: exchange whole blocks \
+        "the rows of a block depend on each other, so {} of single rows aren't valid: exchange whole blocks \
          (--whole-blocks, whole_blocks), or assume exchangeable errors (--errors exchangeable)",
         .resampling.name()
     )]
@@ -90,7 +90,8 @@ pub enum ShapeError {
     #[error(
         "column {column:?}: expected {}",
         match found.len() {
-            2.. if !order.is_empty() => format!("an order of all levels, which are {}; found {}", found.join(", "), order.join(", ")),
+            2.. if !order.is_empty() =>
+                format!("an order of all levels ({}), found {}", found.join(", "), order.join(", ")),
             _ => format!("two levels or more, found {}", found.join(", ")),
         }
     )]
@@ -139,8 +140,8 @@ pub enum ShapeError {
     },
     /// A contrast tests a mean, but the values are relative to the mean of all subjects.
     #[error(
-        "contrast {tested:?} tests a mean, but surfaces are compared with the mean of all subjects; test a difference, \
-         whose weights add up to zero, or the differences from other models"
+        "contrast {tested:?} tests a mean, but the values are differences from the mean of all subjects; test a \
+         difference, whose weights add up to zero, or test differences from other models"
     )]
     MeanOfDisplacements {
         /// Name of the contrast.
@@ -158,10 +159,10 @@ pub enum ShapeError {
         levels: [String; 2],
     },
     /// Welch's test was requested for something other than the difference between two groups.
-    #[error("Welch's test needs two groups without covariates")]
+    #[error("Welch's test needs exactly two groups and no covariates")]
     NotTwoGroups,
     /// The number of columns isn't a multiple of the number of components per vertex.
-    #[error("{columns} columns: expected a multiple of {components}, the components of a vertex")]
+    #[error("{columns} columns: expected a multiple of {components}, the number of components per vertex")]
     Components {
         /// Number of columns.
         columns: usize,
@@ -218,7 +219,8 @@ pub enum ShapeError {
     },
     /// The model is degenerate: it is a point or lies on a line.
     #[error(
-        "the model is {found}, not a surface: its coefficients of degrees 1 and above have rank {rank}, expected at least 2"
+        "the model is {found}, not a surface: its coefficients of degrees 1 and above have rank {rank}, but a surface \
+         needs rank 2 or 3"
     )]
     NoExtent {
         /// `a point` or `a line`.
@@ -257,8 +259,8 @@ pub enum ShapeError {
     },
     /// The coefficients are so large or small that their products overflow or underflow.
     #[error(
-        "the coefficients reach {largest:.1e}: areas, volumes and variances computed from these coefficients overflow \
-         or underflow; scale the surface to another unit"
+        "the coefficients have magnitudes up to {largest:.1e}: areas, volumes and variances computed from these \
+         coefficients overflow or underflow; scale the surface to another unit"
     )]
     Range {
         /// Largest absolute value of the coefficients without row 0, or their norm.

@@ -86,7 +86,7 @@ pub fn procrustes_with(
     if params.align.method == Method::FirstOrderEllipsoid {
         return Err(ShapeError::Setting {
             name: "the method",
-            found: "the method of first-order ellipsoids".to_owned(),
+            found: "first-order ellipsoids".to_owned(),
             expected: "use the joint search or fixed parameters for a group",
         });
     }

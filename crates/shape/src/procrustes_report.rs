@@ -128,8 +128,8 @@ impl ProcrustesWarning {
         match self {
             Self::Mirrored { rmsd, mirrored, .. } => {
                 format!(
-                    "the distance from the other members is {rmsd:.4}, but {mirrored:.4} for the mirror image: the \
-                     member may be from the other side, such as left instead of right"
+                    "the member's distance from the other members is {rmsd:.4}, but that of its mirror image is \
+                     {mirrored:.4}: the member may be from the other side, such as left instead of right"
                 )
             }
             Self::Member { warning, .. } => warning.to_string(),

@@ -59,12 +59,12 @@ impl Rotation {
         let worst = (0..9).map(|n| off(n / 3, n % 3)).fold(0.0, f64::max);
         if worst > ORTHOGONALITY_TOLERANCE {
             return refuse(format!(
-                "its columns aren't orthonormal: R^T R differs from the identity by {worst:.2e}, but at most \
+                "the columns aren't orthonormal: R^T R differs from the identity by {worst:.2e}, but at most \
                  {ORTHOGONALITY_TOLERANCE:e} is allowed"
             ));
         }
         if determinant(&matrix) < 0.0 {
-            return refuse("it has determinant -1: it is a reflection".to_owned());
+            return refuse("the determinant is -1, so the matrix is a reflection".to_owned());
         }
         Ok(Self { matrix: kabsch(&matrix, false) })
     }

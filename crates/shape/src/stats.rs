@@ -154,7 +154,7 @@ pub enum Remedy {
 #[non_exhaustive]
 pub enum TestWarning {
     /// At some vertices all subjects have equal values, or the components of the values are linearly dependent.
-    #[error("{vertices} of {of} vertices have no variance: at these vertices the statistic is 0 and p is 1")]
+    #[error("the values have no variance at {vertices} of {of} vertices: there, the statistic is set to 0 and p to 1")]
     NoVariance {
         /// Number of vertices without variance.
         vertices: usize,
@@ -194,8 +194,8 @@ pub enum TestWarning {
     },
     /// Two levels of a column differ only in case or in surrounding spaces.
     #[error(
-        "{column}: the levels {:?} and {:?} differ only in case or in surrounding spaces, and are taken for different levels; \
-         write levels that are the same in the same way",
+        "{column}: the levels {:?} and {:?} differ only in case or in surrounding spaces, and are treated as different \
+         levels; if they mean the same, write both in the same way",
         .levels[0], .levels[1]
     )]
     SimilarLevels {
@@ -206,7 +206,7 @@ pub enum TestWarning {
     },
     /// Rows of a block depend on each other, and the design doesn't account for it.
     #[error(
-        "p, q and margins assume independent rows, but the rows of a block depend on each other: use the p values of \
+        "p, q and margins assume independent rows, but the rows of a block depend on each other: use the p values from \
          relabellings"
     )]
     DependentRows,

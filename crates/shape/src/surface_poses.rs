@@ -102,9 +102,9 @@ impl fmt::Display for SurfacePoseWarning {
             Self::Turned { member, .. } => write!(f, "member {member}: {}", self.of_member()),
             Self::PlacesDiffer { rmsd, distance, from } => write!(
                 f,
-                "the distance of members from {from} is {rmsd:.4} at equal directions, but {distance:.4} between \
-                 surfaces: equal directions don't correspond, so modes and tests reflect differences between the maps \
-                 to the sphere"
+                "the distance between members and {from} is {rmsd:.4} at equal directions, but {distance:.4} between \
+                 their surfaces: equal directions don't correspond, so modes and tests reflect differences between the \
+                 maps to the sphere"
             ),
         }
     }

@@ -49,8 +49,8 @@ impl OtherUnit {
     pub fn of_member(&self) -> String {
         let Self { radius, median, factor, .. } = self;
         format!(
-            "root mean square radius {} (median {}): the lengths may be in another unit: about {factor} the lengths of \
-             the others; use the same unit for all models",
+            "the root mean square radius is {}, but the median is {}: the lengths may be in another unit, because they \
+             are about {factor} the lengths of the others; use the same unit for all models",
             number(*radius),
             number(*median)
         )

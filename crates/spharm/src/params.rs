@@ -338,7 +338,7 @@ impl FitParams {
             return refuse("tolerance", "a number between 0 and 1", self.tolerance.to_string());
         }
         if self.threads == Some(0) {
-            return refuse("threads", "at least 1", "0".to_owned());
+            return refuse("threads", "a value of at least 1", "0".to_owned());
         }
         if self.method.blocks().is_some() && self.store.is_none() {
             return Err(Error::NeedsStore { method: self.method.name() });
@@ -357,7 +357,7 @@ impl FitParams {
             return refuse(what, "the method lsq", name.to_owned());
         }
         if self.objective == Objective::Surface && self.store.is_some() {
-            return refuse("store", "a fit of the vertices", "objective surface".to_owned());
+            return refuse("store", "objective vertices", "objective surface".to_owned());
         }
         let for_least_squares = [(self.weights != Weights::Uniform, "weights"), (self.hold_out.is_some(), "hold_out")];
         let given = for_least_squares.iter().find(|(given, _)| *given);

@@ -170,14 +170,15 @@ impl fmt::Display for FitWarning {
             ),
             Self::LostResidual { channels } => write!(
                 f,
-                "rms and explained of {} {} are unknown: the mean is so large that rounding errors of the moments hide \
-                 the residual; subtract a constant, such as the mean, from the values and compute the moments again",
+                "rms and explained of {} {} are unknown, because the mean of the values is so large that rounding \
+                 errors of the moments hide the residual; subtract a constant, such as the mean, from the values \
+                 and compute the moments again",
                 if channels.len() == 1 { "channel" } else { "channels" },
                 channels.join(", ")
             ),
             Self::MissingShards { missing } => write!(
                 f,
-                "the moments cover only a part of the samples, missing: {}; merge the moments of all shards",
+                "the moments cover only a part of the samples (missing: {}); merge the moments of all shards",
                 missing.join(", ")
             ),
             Self::AreaErrors => f.write_str(

@@ -46,7 +46,7 @@ pub enum StoreError {
         found: String,
     },
     /// The bytes of a chunk don't match its checksum.
-    #[error("{}: chunk {chunk} is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
+    #[error("{}: chunk {chunk} is damaged ({what} is wrong); delete the file and build it again", .path.display())]
     ChunkDamaged {
         /// Path of the file.
         path: PathBuf,
@@ -56,7 +56,10 @@ pub enum StoreError {
         what: &'static str,
     },
     /// The bytes of a factor's tile don't match its checksum.
-    #[error("{}: tile ({row}, {column}) is damaged ({what} differs from the table); delete the file and build it again", .path.display())]
+    #[error(
+        "{}: tile ({row}, {column}) is damaged ({what} is wrong); delete the file and build it again",
+        .path.display()
+    )]
     TileDamaged {
         /// Path of the file.
         path: PathBuf,
@@ -80,7 +83,7 @@ pub enum StoreError {
         found: String,
     },
     /// The store has no factor with the requested degree, weights and smoothness.
-    #[error("{}: no factor of {wanted} for scheme {key}; {}", .store.display(), factors_there(.available))]
+    #[error("{}: scheme {key} has no Cholesky factor for {wanted}; {}", .store.display(), factors_there(.available))]
     FactorMissing {
         /// Path of the store.
         store: PathBuf,
@@ -93,8 +96,8 @@ pub enum StoreError {
     },
     /// A factor exceeds the limits of the format.
     #[error(
-        "a factor of {size} columns can't be divided into tiles of {tile} x {tile}: the tile size must be a multiple \
-         of 8 from 8 to {MAX_TILE}, and there may be at most {MAX_TILES} tiles; choose a lower degree"
+        "a Cholesky factor of {size} columns can't be divided into tiles of {tile} x {tile}: the tile size must be a \
+         multiple of 8 from 8 to {MAX_TILE}, and there may be at most {MAX_TILES} tiles; choose a lower degree"
     )]
     FactorLayout {
         /// Number of columns, K.
@@ -282,7 +285,7 @@ fn keys_begin(found: usize) -> String {
 
 fn why_refused(needed: u64, free: u64) -> String {
     if needed > free {
-        format!(", but the disk has {free} free ({:.1} GB)", free as f64 / 1e9)
+        format!(", but the disk has {free} bytes free ({:.1} GB)", free as f64 / 1e9)
     } else {
         "; files larger than 64 GiB need explicit permission".to_owned()
     }
@@ -331,7 +334,7 @@ mod tests {
         let budget = StoreError::Budget { budget: 70 << 20, needed: (80 << 20) + 1 };
         assert_eq!(budget.to_string(), "a memory budget of 70 MiB is too small; at least 81 MiB are needed");
         let space = StoreError::Space { path: store(), what: "basis", needed: 2_500_000_000, free: 1_000_000_000 };
-        let expected = "the basis needs 2500000000 bytes (2.5 GB), but the disk has 1000000000 free (1.0 GB)";
+        let expected = "the basis needs 2500000000 bytes (2.5 GB), but the disk has 1000000000 bytes free (1.0 GB)";
         assert!(space.to_string().ends_with(expected), "{space}");
         let space = StoreError::Space { path: store(), what: "basis", needed: 70_000_000_000, free: 100_000_000_000 };
         let expected = "needs 70000000000 bytes (70.0 GB); files larger than 64 GiB need explicit permission";

@@ -37,11 +37,11 @@ impl Window {
         // handled as described at the head of the module: bytes are only read as plain numbers, and `check` rejects the
         // values read.
         let map = unsafe { MmapOptions::new().offset(offset).len(len).map(source.file()) }
-            .map_err(StoreError::io(source.path(), "cannot map"))?;
+            .map_err(StoreError::io(source.path(), "cannot map the file into memory"))?;
         let start = map.as_ptr() as usize;
         let guard = FaultGuard::new(start, start + len).ok_or_else(|| {
             let reason = "too many file ranges are mapped at the same time";
-            StoreError::io(source.path(), "cannot map")(io::Error::other(reason))
+            StoreError::io(source.path(), "cannot map the file into memory")(io::Error::other(reason))
         })?;
         Ok(Self { guard, map })
     }

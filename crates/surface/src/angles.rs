@@ -57,10 +57,12 @@ impl Column {
     /// Returns the range of the angles in the column's unit, and its description. An azimuth has no limits.
     fn range(&self) -> ([f64; 2], &'static str) {
         match (self.angle, self.degrees) {
-            (Angle::Colatitude, false) => ([0.0, PI], "from 0 to pi radians (from the pole)"),
-            (Angle::Colatitude, true) => ([0.0, 180.0], "from 0 to 180 degrees (from the pole)"),
-            (Angle::Latitude, false) => ([-FRAC_PI_2, FRAC_PI_2], "from -pi/2 to pi/2 radians (from the equator)"),
-            (Angle::Latitude, true) => ([-90.0, 90.0], "from -90 to 90 degrees (from the equator)"),
+            (Angle::Colatitude, false) => ([0.0, PI], "from 0 to pi radians (measured from the pole)"),
+            (Angle::Colatitude, true) => ([0.0, 180.0], "from 0 to 180 degrees (measured from the pole)"),
+            (Angle::Latitude, false) => {
+                ([-FRAC_PI_2, FRAC_PI_2], "from -pi/2 to pi/2 radians (measured from the equator)")
+            }
+            (Angle::Latitude, true) => ([-90.0, 90.0], "from -90 to 90 degrees (measured from the equator)"),
             (Angle::Azimuth, _) => ([f64::NEG_INFINITY, f64::INFINITY], "finite"),
         }
     }
@@ -86,8 +88,8 @@ fn columns(path: &Path, names: &[String]) -> Result<[Column; 2], SurfaceError> {
             path: path.to_owned(),
             format: "a table of angles",
             found: format!("columns {}", names.join(", ")),
-            remedy: "name the columns theta and phi, in radians, or lat and lon, in degrees; for other units, append \
-                     _deg or _rad to both names",
+            remedy: "name the columns theta and phi (in radians) or lat and lon (in degrees); for the other unit, \
+                     append _deg or _rad to both names",
         }),
     }
 }
@@ -108,8 +110,8 @@ fn check_unit(path: &Path, columns: [&Column; 2], rows: &[[f64; 2]]) -> Result<(
         path: path.to_owned(),
         format: "a table of angles",
         found: format!(
-            "columns {polar_name} (up to {polar:.3}) and {azimuth_name} (up to {azimuth:.3}), which imply degrees but \
-             look like radians,"
+            "columns {polar_name} (up to {polar:.3}) and {azimuth_name} (up to {azimuth:.3}), whose names imply \
+             degrees but whose values look like radians,"
         ),
         remedy: "name the columns lat_rad and lon_rad, or lat_deg and lon_deg",
     })

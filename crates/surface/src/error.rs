@@ -112,8 +112,8 @@ pub enum SurfaceError {
 
     /// The file holds values on vertices where a surface is expected.
     #[error(
-        "{}: expected a surface, found a signal ({vertices} vertices, {channels} values each): \
-         give the surface's file (such as .surf.gii, .obj, lh.pial)",
+        "{}: expected a surface, found values on {vertices} vertices ({channels} per vertex): \
+         give a surface file, such as .surf.gii, .obj or lh.pial",
         path.display()
     )]
     NotAMesh {
@@ -128,7 +128,7 @@ pub enum SurfaceError {
     /// The file holds a surface where values on vertices are expected.
     #[error(
         "{}: expected values on vertices, found a surface ({vertices} vertices, {faces} triangles): \
-         give the signal's file (such as .func.gii, .shape.gii, .csv, lh.curv)",
+         give a file of values, such as .func.gii, .shape.gii, .csv or lh.curv",
         path.display()
     )]
     NotASignal {
@@ -151,8 +151,8 @@ pub enum SurfaceError {
 
     /// A coordinate or value is NaN or infinite.
     #[error(
-        "{}: expected finite numbers, found {value} at vertex {vertex} (counted from 0); correct the value, or leave the \
-         vertex out with a mask",
+        "{}: expected finite numbers, found {value} at vertex {vertex} (counted from 0); correct the value, or leave \
+         the vertex out with a mask",
         path.display()
     )]
     NonFinite {
@@ -166,8 +166,8 @@ pub enum SurfaceError {
 
     /// A triangle refers to a vertex that doesn't exist.
     #[error(
-        "{}: triangle {face} refers to vertex {index} (both counted from 0), expected an index below {vertices}; the \
-         file is damaged or its parts belong to different surfaces",
+        "{}: triangle {face} refers to vertex {index} (both counted from 0), but there are only {vertices} vertices; \
+         the file is damaged, or its vertices and triangles belong to different surfaces",
         path.display()
     )]
     IndexOutOfRange {
@@ -218,7 +218,7 @@ pub enum SurfaceError {
     },
 
     /// Two arrays that belong together have different lengths.
-    #[error("{what}: expected {expected}, found {found}; the data must belong to the same surface")]
+    #[error("number of {what}: expected {expected}, found {found}; all data must belong to the same surface")]
     LengthMismatch {
         /// Description of the counted elements.
         what: &'static str,
@@ -317,7 +317,7 @@ pub enum SurfaceError {
     },
 
     /// A sphere's mesh winds around the origin more than once.
-    #[error("{}: not a sphere: the mesh winds around the origin {turns} times, expected once", path.display())]
+    #[error("{}: not a sphere: the mesh winds around the origin {turns} times instead of once", path.display())]
     SeveralTurns {
         /// Path of the sphere's file.
         path: PathBuf,
@@ -363,7 +363,7 @@ pub enum SurfaceError {
     },
 
     /// The seam recorded in a sphere's file is inconsistent with the sphere.
-    #[error("{}: the record of the seams doesn't match the sphere: {found}; map the surface again", path.display())]
+    #[error("{}: the recorded seams don't match the sphere: {found}; map the surface again", path.display())]
     Seam {
         /// Path of the sphere's file.
         path: PathBuf,

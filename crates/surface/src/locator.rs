@@ -94,7 +94,7 @@ impl SphereLocator {
         }
         if let Some(face) = sphere.faces.iter().position(|f| f.iter().any(|&v| v as usize >= vertices)) {
             return Err(wrong(format!(
-                "triangle {face} with vertices {:?} (counted from 0), but only {vertices} vertices",
+                "triangle {face} with vertices {:?} (counted from 0), but the sphere has only {vertices} vertices",
                 sphere.faces[face]
             )));
         }

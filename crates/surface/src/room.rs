@@ -55,7 +55,7 @@ pub struct NoRoom {
 
 impl fmt::Display for NoRoom {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of memory, of which {} are free", Bytes(self.needed), Bytes(self.free))
+        write!(f, "{} of memory, but only {} are free", Bytes(self.needed), Bytes(self.free))
     }
 }
 
@@ -90,7 +90,7 @@ mod tests {
             assert_eq!(Bytes(bytes).to_string(), text);
         }
         let room = NoRoom { needed: 5 << 29, free: 3 << 19 };
-        assert_eq!(room.to_string(), "2.5 GiB of memory, of which 1.5 MiB are free");
+        assert_eq!(room.to_string(), "2.5 GiB of memory, but only 1.5 MiB are free");
     }
 
     /// If no function for free memory is set, every amount of memory is accepted, but the size of decompressed data is

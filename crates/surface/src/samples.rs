@@ -82,14 +82,14 @@ impl SphereSampling {
     pub fn new(directions: &Directions, faces: &[[u32; 3]], spacing: f64) -> Result<Self, SurfaceError> {
         let unit = directions.as_slice();
         let wrong = |found| {
-            let (what, expected) = ("triangles to sample", "at least one triangle, with vertices of the sphere");
+            let (what, expected) = ("triangles to sample", "at least one triangle, and only vertices of the sphere");
             Err(SurfaceError::Argument { what, expected, found })
         };
         if faces.is_empty() {
             return wrong("none".to_owned());
         }
         if let Some(vertex) = faces.iter().flatten().find(|&&v| v as usize >= unit.len()) {
-            return wrong(format!("vertex {vertex} (counted from 0), but only {} vertices", unit.len()));
+            return wrong(format!("vertex {vertex} (counted from 0), but the sphere has only {} vertices", unit.len()));
         }
         let cuts: Vec<Cut> = faces.par_iter().map(|&face| Cut::new(unit, face, spacing)).collect();
         let mut end = 0;

@@ -77,7 +77,8 @@ impl fmt::Display for SphereWarning {
             }
             Self::NotClosed(topology) => write!(f, "not a closed sphere: {}", topology.problems().join("; ")),
             Self::Inwards => f.write_str(
-                "the triangles wind inwards: seen from outside they are clockwise, as in a mesh that is inside out",
+                "the triangles wind inwards: seen from outside, their corners run clockwise, as in a mesh turned \
+                 inside out",
             ),
             Self::RepeatedDirections { count: 1 } => f.write_str("1 direction is equal to an earlier direction"),
             Self::RepeatedDirections { count } => write!(f, "{count} directions are equal to earlier directions"),

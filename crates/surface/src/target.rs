@@ -89,13 +89,13 @@ impl fmt::Display for TargetWarning {
                 )
             }
             Self::IndexColumn { name } => {
-                write!(f, "left out the column {name:?}, whose numbers count the rows")
+                write!(f, "the column {name:?} was left out, since it only numbers the rows")
             }
             Self::DecimalCommas { row } => {
                 write!(
                     f,
-                    "read two channels from rows such as {row}; if these are numbers with decimal commas, write them \
-                     with points, as {}; if they are two channels, add a line of column names",
+                    "rows such as {row} were read as two channels; if they are single numbers with decimal commas, \
+                     write them with decimal points, as {}; if they are two channels, add a first line of column names",
                     row.replacen(',', ".", 1)
                 )
             }

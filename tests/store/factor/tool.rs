@@ -71,7 +71,7 @@ fn what_cannot_be_is_said_before_any_work() {
     // A factor of more functions than directions is refused.
     let line = fail(&mut builder(&store, &sphere, 25));
     assert!(line.contains("not numerically positive definite") && line.contains("(degree 2"), "{line}");
-    assert!(line.contains("--smoothness") && line.contains("--factor L sets a lower degree"), "{line}");
+    assert!(line.contains("--smoothness") && line.contains("a lower degree with --factor L"), "{line}");
     assert!(!line.contains("--max-degree") && !line.contains("minimum"), "{line}");
     assert_eq!((sound_factors(&store).len(), leftovers(&store)), (0, Vec::<String>::new()));
     succeed(builder(&store, &sphere, 25).args(["--smoothness", "1e-4"]));

@@ -10,9 +10,9 @@ use super::super::args::{Models, ReportArgs, Resources};
 /// Check the subjects of a group for outliers, duplicates and cut labels, and draw a picture of each
 ///
 /// Compares volume, area, sphericity, the residual of the fit, the distance from the mean and the scores along the
-/// modes by robust z, and flags values above 3.5. Also flags subjects with equal inputs, models or surfaces, labels at
-/// the border of their volume, voxels of a different size, large repairs, and subjects that account for most of a mode.
-/// A flag isn't a verdict: look at the subject's picture.
+/// modes by robust z, and flags values above 3.5. Also flags subjects that have the same input, model or surface as
+/// another subject, a label at the border of the volume, voxels of a different size, or large repairs, and subjects
+/// that account for most of a mode. A flag isn't a verdict: look at the subject's picture.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -29,7 +29,7 @@ use super::super::args::{Models, ReportArgs, Resources};
 pub(crate) struct Cli {
     #[command(flatten)]
     pub(super) models: Models,
-    /// The same models in a common pose, with the same names
+    /// The given models after alignment to a common pose, under the same names
     ///
     /// As written by `spharm shape align --group` or `spharm shape correspond`.
     #[arg(long, value_name = "MODEL.spharm.npz", num_args = 1.., requires = "mean", help_heading = INPUT)]
@@ -42,10 +42,11 @@ pub(crate) struct Cli {
     pub(super) scores: Option<PathBuf>,
     /// Transforms from the surfaces' frames to the aligned models' frames
     ///
-    /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`, for the pictures.
+    /// As written by `spharm shape align --transforms` and `spharm shape correspond --report`. Used for the pictures.
     #[arg(long, value_name = "FILE.json", requires = "aligned", help_heading = INPUT)]
     pub(super) frames: Option<PathBuf>,
-    /// Warnings of other commands, as JSON lists of strings; a string `NAME: ...` becomes a flag of the subject NAME
+    /// Files of warnings of other commands, each a JSON list of strings; a string `NAME: ...` becomes a flag of the
+    /// subject NAME
     #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = INPUT)]
     pub(super) warnings: Vec<PathBuf>,
     /// Table with the columns id, state and error, for the subjects without a model

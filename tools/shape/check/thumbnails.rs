@@ -127,8 +127,8 @@ fn without_surface(names: &[String], missing: &[Option<String>]) -> Option<Strin
     let first = reasons.first()?;
     let (count, names) = (counted(names.len(), "subject"), first_of(names, NAMED));
     Some(format!(
-        "the pictures of {count} show the model, because the surface is missing ({names}); reason for the first: \
-         {first}"
+        "the pictures of {count} ({names}) show the model, because the surface is missing; the reason for the first \
+         subject is: {first}"
     ))
 }
 

@@ -25,7 +25,8 @@ const COMPARED: usize = 8;
 pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &ConsoleMonitor) -> Result<()> {
     let started = Instant::now();
     if same_place(&cli.output_dir.join("group.json"), &group.join("group.json")) {
-        return Err(Usage::conflict("--output-dir must differ from --to: the existing group isn't changed").into());
+        let text = "--output-dir must differ from --to, because an existing group is never changed";
+        return Err(Usage::conflict(text).into());
     }
     let files = GroupFiles::open(group)?;
     let template = files.template()?;
@@ -77,7 +78,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
         monitor.console().note(format!("{}: the group already has a member of this name", surface.name));
     }
     if there > 0 {
-        monitor.console().note(format!("{} already present", counted(there, "member")));
+        monitor.console().note(format!("kept {} of an earlier run", counted(there, "member")));
     }
     Ok(())
 }

@@ -48,10 +48,10 @@ impl Errors {
         let of_guide = self.guide.as_ref().map_or_else(String::new, |guide| {
             let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
             let (guided, left_out) = (mean(&guide.guided), mean(&guide.left_out));
-            format!("; mean error of the guiding landmarks: {guided:.3}, or {left_out:.3} if they don't guide")
+            format!("; mean error at the guiding landmarks: {guided:.3}, or {left_out:.3} when they are left out")
         });
         format!(
-            "landmark error: mean {mean:.3}, median {median:.3} over {carried} carried landmarks, {unreached} without a \
+            "landmark error: mean {mean:.3}, median {median:.3} over {carried} carried landmarks; {unreached} had no \
              counterpart{of_guide}"
         )
     }

@@ -35,12 +35,12 @@ use super::args::{ReportArgs, Resources};
 use super::mirrored::among;
 use super::outputs::finish;
 
-/// Make surfaces correspond: fit models of all surfaces over one sphere, from bare meshes
+/// Make surfaces correspond: fit models of all surfaces over one sphere
 ///
-/// One template is mapped to the sphere, and registered in space to every surface. Surfaces may have any topology, with
-/// handles, holes and stray pieces, and need no common pose. All surfaces are fitted over the template's sphere, in one
-/// frame, and the group's own statistics refine the correspondence. With --to, surfaces are added to an existing group:
-/// the new members are written to the output folder, and the folder of the group isn't changed.
+/// One template is mapped to the sphere, and registered in space to every surface. Surfaces may have any topology,
+/// including handles, holes and stray pieces, and don't need a common pose. All surfaces are fitted over the template's
+/// sphere, in one frame, and the group's own statistics refine the correspondence. With --to, surfaces are added to an
+/// existing group: the new members are written to the output folder, and the folder of the group isn't changed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -60,7 +60,7 @@ use super::outputs::finish;
     ],
 ))]
 pub(super) struct Cli {
-    /// Meshes, label volumes, or models to evaluate, or @LIST with one path per line
+    /// Meshes, label volumes or models, or @LIST with one path per line
     #[arg(value_name = "SURFACE", required_unless_present = "table", help_heading = INPUT)]
     surfaces: Vec<PathBuf>,
     /// Table of the surfaces, with columns id and surface, and optionally label, landmarks, mirrored and signals
@@ -69,7 +69,9 @@ pub(super) struct Cli {
     /// column `mirrored` (yes or no) replaces --mirrored.
     #[arg(long, value_name = "TABLE", conflicts_with_all = ["surfaces", "name_template", "landmarks", "mirrored"], help_heading = INPUT)]
     table: Option<PathBuf>,
-    /// Label of the volumes; only needed if a volume has several labels. Rows of a table may have their own
+    /// Label to use in the volumes; needed only if a volume has several labels
+    ///
+    /// With --table, each row may have its own label.
     ///
     /// A label's surface is smoothed within half a voxel, because otherwise the template would follow the steps between
     /// voxels.
@@ -83,18 +85,18 @@ pub(super) struct Cli {
     max_degree: Option<u16>,
     /// Surface to use as the first template [default: the most typical surface]
     ///
-    /// The template's holes are filled and its handles are cut. Quality measures and tests skip the places that exist
-    /// only because of these repairs.
+    /// The template's holes are filled and its handles are cut. Quality measures and tests skip the parts of the
+    /// template that exist only because of these repairs.
     #[arg(long, value_name = "FILE", conflicts_with = "to", help_heading = INPUT)]
     template: Option<PathBuf>,
     /// Existing group to which the surfaces are added; the group's own folder isn't changed
     #[arg(long, value_name = "GROUP", conflicts_with_all = ["max_degree", "rounds", "no_refinement", "subdivisions"], help_heading = INPUT)]
     to: Option<PathBuf>,
-    /// With --to, process only a part of the surfaces: I/N for every N-th surface from number I, counted from 0; or
-    /// slurm, in an array of Slurm jobs
+    /// With --to, process only part I of N parts of the surfaces (every N-th surface): I/N, with I counted from 0, or
+    /// slurm in an array of Slurm jobs
     #[arg(long, value_name = "I/N", help_heading = INPUT)]
     shard: Option<Shard>,
-    /// Landmarks of the surfaces, in their own frames, to check the correspondence
+    /// Landmarks in the surfaces' own frames, to check the correspondence
     ///
     /// A folder with one file per surface, named like the surface; or one file per surface, in the surfaces' order. The
     /// files are .mrk.json, .fcsv, .json, .csv or .tsv.
@@ -103,7 +105,7 @@ pub(super) struct Cli {
     /// Also let the landmarks guide the registration
     ///
     /// The template's landmarks are pulled to each surface's landmarks, and held there in the refinement. Five more
-    /// registrations, each without a fifth of the landmarks, measure the error at landmarks that don't guide. A
+    /// registrations, each without a fifth of the landmarks, measure the error at the landmarks left out. A
     /// template given by --template must be one of the surfaces.
     #[arg(long, conflicts_with = "to", help_heading = METHOD)]
     guide: bool,
@@ -125,8 +127,8 @@ pub(super) struct Cli {
     no_refinement: bool,
     /// Poses to consider
     ///
-    /// With `any`, every rotation of a surface is tried. A surface that looks nearly the same after a half turn may
-    /// then be turned over. With `near`, only the surface's own pose is improved; use it for surfaces in one
+    /// With `any`, every rotation of a surface is tried, so a surface that looks nearly the same after a half turn may
+    /// end up turned over. With `near`, only the surface's own pose is improved; use it for surfaces in one
     /// coordinate system, such as scans in template space.
     #[arg(long, value_name = "POSE", value_enum, default_value_t = Poses::Any, help_heading = METHOD)]
     pose: Poses,
@@ -212,7 +214,10 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     };
     // clap doesn't require --to if an argument that conflicts with --to is given.
     if cli.shard.is_some() {
-        return Err(Usage::missing("--shard needs --to, because a new group is made in one run").into());
+        return Err(Usage::missing(
+            "--shard can only be used with --to (an existing group); a new group can't be split into shards",
+        )
+        .into());
     }
     let of_member = |surface: &Surface| GroupFiles::of_member(&cli.output_dir, &surface.name);
     let mut files: Vec<PathBuf> = surfaces.iter().flat_map(of_member).collect();

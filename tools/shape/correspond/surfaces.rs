@@ -210,7 +210,7 @@ pub(in crate::shape) fn of_table(table: &Path) -> Result<(Vec<Surface>, Vec<Path
 
 fn check(path: &Path) -> Result<()> {
     if path.is_dir() {
-        bail!("{}: is a folder; give the files in the folder, or a list of paths as @LIST", path.display());
+        bail!("{}: this path is a folder; give the files in the folder, or a list of paths as @LIST", path.display());
     }
     if !path.exists() {
         bail!("{}: no such file", path.display());

@@ -14,10 +14,10 @@ pub(crate) const SUBDIVISIONS: u32 = 5;
 /// Test groups, covariates and means at every vertex
 ///
 /// Compares two groups of models, --a and --b, or tests an --effect or the --mean of a table of subjects, with
-/// --covariates. Surfaces have to correspond (`spharm shape align --group`, or spheres that share their parameters),
-/// and rows have to be independent subjects: if each subject has two models, --paired and --minus test the differences
-/// (if they are left and right, first mirror the models of one side: `spharm shape rotate --mirror`); for rows that
-/// depend on each other in other ways, give --blocks.
+/// --covariates. The surfaces have to correspond (`spharm shape align --group`, or spheres that share their
+/// parameters), and the rows have to be independent subjects. If each subject has two models, --paired and --minus test
+/// the differences; if these models are left and right, first mirror those of one side (`spharm shape rotate
+/// --mirror`). If rows depend on each other in other ways, give --blocks.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -80,7 +80,7 @@ pub(crate) struct Cli {
     /// Order of the effect's levels, which may be numbers: the difference is the first level minus the second [default:
     /// sorted]
     ///
-    /// Each level occurs once. For an interaction, the order of the first column of levels.
+    /// Each level occurs once. For an interaction, give the order of its first column that has levels.
     #[arg(long, value_name = "LEVELS", value_delimiter = ',', requires = "effect", help_heading = METHOD)]
     pub(super) levels: Vec<String>,
     /// Contrast to test instead of the effect's own contrast: a combination of the design's columns, such as "mild -
@@ -99,18 +99,18 @@ pub(crate) struct Cli {
     /// Columns of --effect and --covariates whose numbers are levels, such as codes of sites
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', requires = "table", help_heading = METHOD)]
     pub(super) categorical: Vec<String>,
-    /// File that selects the vertices to test: the vertices with nonzero values, or of a FreeSurfer label; if given
-    /// several times, the vertices within all masks are tested
+    /// File that selects the vertices to test: vertices with nonzero values, or the vertices of a FreeSurfer label; if
+    /// given several times, the vertices within all masks are tested
     ///
     /// The other vertices enter neither the family-wise maximum nor the false-discovery rate; in the maps their
     /// statistic is 0 and their p values are 1. With --sphere fsaverage/surf/lh.sphere.reg,
     /// fsaverage/label/lh.cortex.label excludes the medial wall; FreeSurfer's labels and annotations need their own
-    /// --sphere. The folder of a group made by `spharm shape correspond`, or its group.json, excludes the places that
-    /// exist only on the template, such as lids of its holes.
+    /// --sphere. The folder of a group made by `spharm shape correspond`, or its group.json, excludes the parts that
+    /// exist only on the template, such as the lids of its holes.
     #[arg(long, value_name = "FILE", help_heading = INPUT)]
     pub(super) mask: Vec<PathBuf>,
-    /// File of regions whose names describe the peaks of clusters: FreeSurfer's .annot, or GIfTI labels of the sphere's
-    /// vertices
+    /// File of named regions, to name the region of each cluster's peak: FreeSurfer's .annot, or GIfTI labels of the
+    /// sphere's vertices
     #[arg(long, value_name = "FILE", requires = "sphere", help_heading = INPUT)]
     pub(super) annotation: Option<PathBuf>,
     /// Tables of further measures to test in the same way, as `spharm shape measure -o` and `shape pca --scores` write
@@ -142,7 +142,7 @@ pub(crate) struct Cli {
     pub(super) blocks: Option<String>,
     /// Exchange whole blocks of the same size rather than observations within blocks
     ///
-    /// Observations of two blocks correspond by the columns of the design that vary within blocks, such as the visit,
+    /// Observations of two blocks are matched by the columns of the design that vary within blocks, such as the visit,
     /// or else by their order in the table.
     #[arg(long, requires = "blocks", help_heading = METHOD)]
     pub(super) whole_blocks: bool,
@@ -171,7 +171,7 @@ pub(crate) struct Cli {
     /// Significance level, for the summary and warnings
     #[arg(long, value_name = "ALPHA", default_value_t = 0.05, help_heading = METHOD)]
     pub(super) level: f64,
-    /// Highest degree to use [default: the lowest degree of the models]
+    /// Highest degree to use [default: the smallest of the models' degrees]
     #[arg(short = 'L', long, alias = "degree", value_name = "L", help_heading = METHOD)]
     pub(super) max_degree: Option<usize>,
     /// Test at the vertices of a sphere mesh

@@ -20,7 +20,7 @@ pub(super) fn warnings(
     let (model, of_model) = match [Hemisphere::Left, Hemisphere::Right].map(first) {
         [Some((left, _)), Some((right, _))] => {
             return vec![format!(
-                "{} belongs to the left hemisphere, but {} belongs to the right hemisphere, so their places don't \
+                "{} belongs to the left hemisphere, but {} belongs to the right hemisphere, so they don't \
                  correspond; mirror the models of one hemisphere with `spharm shape rotate --mirror`, or make a study \
                  with `sides`",
                 left.display(),

@@ -127,7 +127,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         ..TestParams::default()
     };
     if spatial && sphere.faces.is_empty() {
-        return Err(Usage::conflict("--tfce and --cluster need a sphere with triangles: give a sphere mesh").into());
+        let text = "--tfce and --cluster need a sphere with triangles: give a sphere mesh with --sphere";
+        return Err(Usage::conflict(text).into());
     }
     let (group, mut mean, found, measured) = cli.resources.threads.pool()?.install(|| -> Result<_> {
         let group = read_group(&study.paths, kind, cli.max_degree, monitor, console)?;

@@ -72,8 +72,9 @@ impl Cli {
     fn study_of_table(&self, path: &Path) -> Result<Study> {
         if self.mean && self.minus.is_none() && self.signal != What::Value {
             return Err(Usage::missing(
-                "--mean of surfaces needs --minus, each subject's other model, because the mean displacement from the \
-                 group's mean is always zero; to test the values of a signal, give --signal value",
+                "--mean of surfaces needs --minus, which gives each subject's other model, because the mean \
+                 displacement from the group's mean is always zero; to test the values of a signal, give --signal \
+                 value",
             )
             .into());
         }

@@ -73,7 +73,7 @@ pub(super) fn lines(found: &FamilyWise, level: f64, count: impl Fn(&[f64]) -> St
     if let Some(clusters) = &found.clusters {
         let significant = significant(clusters, level);
         let text = format!(
-            "{}, formed above a statistic of {:.3}; {significant} have a family-wise p of at most {level}",
+            "{}, of vertices with a statistic above {:.3}; {significant} have a family-wise p of at most {level}",
             clusters.clusters.len(),
             clusters.threshold
         );

@@ -228,7 +228,7 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     };
     let count = |values: &[f64]| {
         let share = below(values, cli.level);
-        format!("{}; {share} of {} vertices have at most {}", number(least(values)), values.len(), cli.level)
+        format!("{}; at most {} at {share} of {} vertices", number(least(values)), cli.level, values.len())
     };
     let mut lines = vec![
         pair("tested", question.meaning.clone()),

@@ -39,7 +39,7 @@ pub(super) fn unprepared(
     };
     if !same {
         let name = |size: Option<[f64; 3]>| {
-            size.map_or("the file's".to_owned(), |size| size.map(|size| size.to_string()).join(","))
+            size.map_or("from the file".to_owned(), |size| size.map(|size| size.to_string()).join(","))
         };
         let (found, wanted) = (name(recorded.voxel_size), name(size));
         differences.push(Difference { setting: "voxel_size", found, wanted });
@@ -59,7 +59,7 @@ pub(super) fn unprepared(
         differences.extend(differ.map(|(setting, found, wanted)| Difference { setting, found, wanted }));
     }
     if recorded.wrap != wanted.wrap {
-        let named = |wrap: Option<usize>| wrap.map_or("none".to_owned(), |voxels| format!("of {voxels} voxels"));
+        let named = |wrap: Option<usize>| wrap.map_or("none".to_owned(), |voxels| format!("{voxels} voxels"));
         let (found, wanted) = (named(recorded.wrap), named(wanted.wrap));
         differences.push(Difference { setting: "wrap", found, wanted });
         return differences;

@@ -93,7 +93,7 @@ impl Order {
 pub(super) fn matrices<const N: usize>(bytes: &[u8], names: [&str; N]) -> Result<[Option<Matrix>; N], Flaw> {
     let head = bytes.get(..128).ok_or_else(|| Flaw::new("a header of 128 bytes", format!("{} bytes", bytes.len())))?;
     if head.starts_with(b"MATLAB 7.3") {
-        return Err(Flaw::new("a MAT file of level 5, as written by MATLAB's save -v7", "level 7.3"));
+        return Err(Flaw::new("a MAT file of level 5, as written by MATLAB's save -v7", "version 7.3"));
     }
     let order = match head.get(126..) {
         Some(b"IM") => Order { big: false },
@@ -159,13 +159,13 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
     // Classes 6 to 15 are full matrices of numbers; sparse matrices, cells, structures and text have lower class
     // numbers.
     if !(6..=15).contains(&(flags & 0xff)) {
-        return Err(Flaw::new(format!("{name}: a full matrix of numbers"), format!("class {}", flags & 0xff)));
+        return Err(Flaw::new(format!("{name} as a full matrix of numbers"), format!("class {}", flags & 0xff)));
     }
     let (_, dimensions) = order.element(&mut matrix)?;
     let dimensions: Vec<usize> =
         dimensions.chunks_exact(4).filter_map(|bytes| order.number(bytes)).map(|n| n as usize).collect();
     let [rows, columns] = dimensions[..] else {
-        return Err(Flaw::new(format!("{name}: two dimensions"), format!("{dimensions:?}")));
+        return Err(Flaw::new(format!("{name} with two dimensions"), format!("{dimensions:?}")));
     };
     order.element(&mut matrix)?;
     let mut part = || -> Result<Vec<f64>, Flaw> {
@@ -173,12 +173,12 @@ fn parse(order: Order, mut matrix: &[u8], name: &str) -> Result<Matrix, Flaw> {
         // A value may take only one byte in the file, but takes 8 bytes in memory.
         check_room(8 * bytes.len() as u64).map_err(|room| Flaw::new("a matrix that fits in memory", room))?;
         let values = numbers(order, kind, bytes)
-            .ok_or_else(|| Flaw::new(format!("{name}: numbers"), format!("data of type {kind}")))?;
+            .ok_or_else(|| Flaw::new(format!("numbers in {name}"), format!("data of type {kind}")))?;
         if rows.checked_mul(columns) != Some(values.len()) {
-            return Err(Flaw::new(format!("{name}: {rows} x {columns} numbers"), values.len()));
+            return Err(Flaw::new(format!("{rows} x {columns} numbers in {name}"), values.len()));
         }
         match values.iter().find(|x| !x.is_finite()) {
-            Some(x) => Err(Flaw::new(format!("{name}: finite numbers"), x)),
+            Some(x) => Err(Flaw::new(format!("finite numbers in {name}"), x)),
             None => Ok(values),
         }
     };

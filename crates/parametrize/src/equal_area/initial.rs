@@ -179,13 +179,13 @@ fn even_zones(theta: &[f64]) -> impl Fn(f64) -> f64 {
 fn solve(matrix: &[([usize; 2], f64)], mut right: Vec<f64>) -> Result<Vec<f64>, ParametrizeError> {
     // These systems are always solvable, so an error here is a defect of this program.
     let failed = |found: &str| ParametrizeError::Argument {
-        what: "surface",
-        expected: "one connected mesh",
+        what: "linear system of the method equal-area",
+        expected: "a positive definite matrix that fits into memory",
         found: found.to_owned(),
     };
     let n = right.len();
     let (places, values): (Vec<[usize; 2]>, Vec<f64>) = matrix.iter().copied().unzip();
-    let pattern = SparseSum::new(n, &places).ok_or_else(|| failed("too little memory for the matrix"))?;
+    let pattern = SparseSum::new(n, &places).ok_or_else(|| failed("a matrix too large for the memory"))?;
     let factor = pattern.factor(&values).ok_or_else(|| failed("a matrix that isn't positive definite"))?;
     factor.solve(MatMut::from_column_major_slice_mut(&mut right, n, 1));
     Ok(right)

@@ -344,8 +344,8 @@ impl<'a> System<'a> {
         }
         entries.extend((0..2 * vertices).map(|i| [i, i]));
         let pattern = SparseSum::new(2 * vertices, &entries).ok_or_else(|| ParametrizeError::Argument {
-            what: "linear system of equal-area",
-            expected: "enough memory for its Cholesky factor",
+            what: "linear system of the method equal-area",
+            expected: "enough memory for its Cholesky factorisation",
             found: format!("too little memory for {vertices} vertices"),
         })?;
         Ok(Self { quads, pattern })

@@ -62,7 +62,7 @@ impl VolumeDoubt {
             Self::Replaced { given, file } => {
                 let [given, file] = [*given, *file].map(sides);
                 let replaced =
-                    if several { format!("other sizes, such as {file}") } else { format!("{file} of the file") };
+                    if several { format!("other sizes, such as {file}") } else { format!("the file's size {file}") };
                 format!("the given voxel size {given} replaces {replaced}")
             }
             Self::Uneven { size } => {

@@ -29,7 +29,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     if !matches!(&header[344..348], b"n+1\0") {
         let pair = header[344..348] == *b"ni1\0";
         return Err(not_nifti(if pair {
-            "a header without its .img file; merge both files"
+            "a header with its values in an .img file; merge both files"
         } else {
             "another format"
         }));
@@ -99,8 +99,8 @@ pub(super) fn millimetres(source: &Source<'_>, xyzt_units: i32) -> Result<f64, P
         1 => Ok(1e3),
         3 => Ok(1e-3),
         code => Err(source.wrong(
-            "xyzt_units with unit of length 0 (unknown, read as mm), 1 (m), 2 (mm) or 3 (micron)",
-            format!("xyzt_units {xyzt_units}, with unit of length {code}; correct the header"),
+            "xyzt_units with the length unit 0 (unknown, read as mm), 1 (m), 2 (mm) or 3 (micron)",
+            format!("xyzt_units {xyzt_units}, with the length unit {code}; correct the header"),
         )),
     }
 }

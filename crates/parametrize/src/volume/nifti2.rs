@@ -61,7 +61,7 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
     let header = Fields { bytes, little: bytes[0] != 0 };
     if header.bytes[4..8] != *b"n+2\0" {
         let pair = header.bytes[4..8] == *b"ni2\0";
-        let found = if pair { "a header without its .img file; merge both files" } else { "another format" };
+        let found = if pair { "a header with its values in an .img file; merge both files" } else { "another format" };
         return Err(not_nifti(found.to_owned()));
     }
     let dimensions: [i64; 8] = std::array::from_fn(|k| header.long(16 + 8 * k));

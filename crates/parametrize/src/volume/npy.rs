@@ -24,7 +24,10 @@ pub(super) fn parse(source: &Source<'_>, mut stream: impl Read, most: u64) -> Re
         ('i', 8) => Scalar::I64,
         ('f', 4) => Scalar::F32,
         ('f', 8) => Scalar::F64,
-        (kind, size) => return Err(source.wrong("numbers", format!("values of type {kind}{size}"))),
+        (kind, size) => {
+            let expected = "booleans, integers, or floats of 32 or 64 bits";
+            return Err(source.wrong(expected, format!("values of type {kind}{size}")));
+        }
     };
     let [first, middle, last] = header.shape[..] else {
         return Err(source.wrong("three dimensions", format!("shape {:?}; extract one volume", header.shape)));

@@ -69,13 +69,13 @@ impl fmt::Display for VoxelSteps {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { max_degree, resolved, voxel, suitable_degree } = self;
         let advice = match *suitable_degree {
-            ..LOWEST => format!("the label is too small for a shape: {LEAVE_OUT}"),
+            ..LOWEST => format!("the label is too small for a shape model: {LEAVE_OUT}"),
             degree => format!("use degrees up to {degree}"),
         };
         write!(
             f,
-            "a model of degree {max_degree} follows the voxels' steps: it resolves lengths of {resolved:.3}, less than \
-             {VOXELS} voxels of size {voxel:.3}, which biases area and sphericity; {advice}"
+            "a model of degree {max_degree} follows the voxels' steps: it resolves lengths down to {resolved:.3}, \
+             less than {VOXELS} voxels of size {voxel:.3}, which biases area and sphericity; {advice}"
         )
     }
 }
@@ -95,10 +95,10 @@ pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     let advice = match (lowest, small) {
         (Some(lowest), 0) => format!("use degrees up to {lowest}"),
         (Some(lowest), _) => {
-            let few = format!("{small} of the labels are too small for a shape: {LEAVE_OUT}");
+            let few = format!("{small} of the labels are too small for a shape model: {LEAVE_OUT}");
             format!("{few}; for the others, use degrees up to {lowest}")
         }
-        (None, _) => format!("the labels are too small for a shape: {LEAVE_OUT}"),
+        (None, _) => format!("the labels are too small for a shape model: {LEAVE_OUT}"),
     };
     Some(format!(
         "models of degree {} follow the voxels' steps of {} labels ({}{more}): they resolve lengths of less than \
@@ -164,7 +164,7 @@ mod tests {
     fn labels_too_small_for_a_shape_get_no_degree() {
         let small = ellipsoid([1.2; 3], [1.0; 3]).steps(8).unwrap();
         assert!(small.suitable_degree < LOWEST, "{small:?}");
-        assert!(small.to_string().ends_with(&format!("the label is too small for a shape: {LEAVE_OUT}")), "{small}");
+        assert!(small.to_string().ends_with(&format!("label is too small for a shape model: {LEAVE_OUT}")), "{small}");
         let large = ellipsoid([4.0; 3], [1.0; 3]).steps(12).unwrap();
         let text = |found: &[VoxelSteps]| {
             let named: Vec<(String, VoxelSteps)> = found.iter().map(|steps| ("s".to_owned(), *steps)).collect();

@@ -24,15 +24,15 @@ const LARGEST_PAGE: u64 = 1 << 30;
 
 /// Descriptions of files whose OME-XML lacks the size of the voxels along x, y or z.
 const OME_WITHOUT_SIZE: [&str; 3] = [
-    "a TIFF file with OME-XML without PhysicalSizeX",
-    "a TIFF file with OME-XML without PhysicalSizeY",
-    "a TIFF file with OME-XML without PhysicalSizeZ",
+    "a TIFF file whose OME-XML lacks PhysicalSizeX",
+    "a TIFF file whose OME-XML lacks PhysicalSizeY",
+    "a TIFF file whose OME-XML lacks PhysicalSizeZ",
 ];
 /// Descriptions of files whose OME-XML has the size of the voxels along x, y or z in an unknown unit.
 const OME_WITHOUT_UNIT: [&str; 3] = [
-    "a TIFF file with OME-XML with an unknown PhysicalSizeXUnit",
-    "a TIFF file with OME-XML with an unknown PhysicalSizeYUnit",
-    "a TIFF file with OME-XML with an unknown PhysicalSizeZUnit",
+    "a TIFF file whose OME-XML has an unknown PhysicalSizeXUnit",
+    "a TIFF file whose OME-XML has an unknown PhysicalSizeYUnit",
+    "a TIFF file whose OME-XML has an unknown PhysicalSizeZUnit",
 ];
 
 /// Returns whether a file begins like a TIFF or BigTIFF file.
@@ -174,7 +174,7 @@ fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) 
         DecodingResult::I64(page) => all(&mut page.iter().map(|&x| x as f64)),
         DecodingResult::F32(page) => all(&mut page.iter().map(|&x| x.into())),
         DecodingResult::F64(page) => all(&mut page.iter().copied()),
-        _ => Err(source.wrong("numbers", "values of 16-bit floats".to_owned())),
+        _ => Err(source.wrong("integers, or floats of 32 or 64 bits", "floats of 16 bits".to_owned())),
     }
 }
 
@@ -326,8 +326,8 @@ mod tests {
         lacks(of_imagej("ImageJ=1\nunit=um", [Some(1.0); 2]), "without spacing");
         lacks(of_imagej("ImageJ=1\nunit=um\nspacing=1", [None; 2]), "without resolution");
         let ome = |sizes: &str| of_ome(&format!("<OME><Image><Pixels {sizes}/></Image></OME>")).unwrap();
-        lacks(ome("PhysicalSizeX='1' PhysicalSizeY='1'"), "with OME-XML without PhysicalSizeZ");
-        lacks(ome("PhysicalSizeX='1' PhysicalSizeXUnit='pixel'"), "with OME-XML with an unknown PhysicalSizeXUnit");
+        lacks(ome("PhysicalSizeX='1' PhysicalSizeY='1'"), "whose OME-XML lacks PhysicalSizeZ");
+        lacks(ome("PhysicalSizeX='1' PhysicalSizeXUnit='pixel'"), "whose OME-XML has an unknown PhysicalSizeXUnit");
         lacks(Description::ONE, "without OME-XML or ImageJ's spacing");
     }
 }

@@ -191,13 +191,13 @@ fn tiff_stacks() {
     };
     assert!(warnings("c.tif", SIZE).is_empty() && warnings("b.tif", [0.2, 0.301, 0.6]).is_empty());
     let replaced = warnings("b.tif", [0.2, 0.2, 0.5]);
-    assert!(replaced.len() == 1 && replaced[0].ends_with("size 0.2 x 0.2 x 0.5 replaces 0.2 x 0.3 x 0.6 of the file"));
+    assert!(replaced.len() == 1 && replaced[0].ends_with("0.2 x 0.2 x 0.5 replaces the file's size 0.2 x 0.3 x 0.6"));
     let uneven = warnings("c.tif", [2e-5, 2e-5, 0.5]);
     assert!(
         uneven.len() == 1
             && uneven[0].contains("c.tif: the sides of the voxels differ by a factor of 25000 (0.00002 x")
     );
-    folder.refused("g.tif", &tiff(&ome.replace("PhysicalSizeZ", "Other"), 2), "without PhysicalSizeZ doesn't record");
+    folder.refused("g.tif", &tiff(&ome.replace("PhysicalSizeZ", "Other"), 2), "lacks PhysicalSizeZ doesn't record");
     folder.refused("d.tif", &tiff(ome, 3), "one page per slice");
     folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time point");
     let whole = tiff(imagej, 2);

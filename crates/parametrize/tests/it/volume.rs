@@ -172,7 +172,7 @@ fn nifti_files_in_metres_and_microns_are_read_in_mm() {
         let error = LabelVolume::read(&path, &Silent).unwrap_err();
         assert!(matches!(error, ParametrizeError::NotAVolume { .. }), "{error}");
         let said = error.to_string();
-        let expected = format!("found xyzt_units {}, with unit of length {unit}", unit | 8);
+        let expected = format!("found xyzt_units {}, with the length unit {unit}", unit | 8);
         assert!(said.contains("unit.nii") && said.contains(&expected), "{said}");
     }
 }

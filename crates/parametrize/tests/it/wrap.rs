@@ -146,7 +146,7 @@ fn handles_cavities_and_pieces_are_counted() {
     assert_eq!((found.pieces, found.handles), (1, 0));
     let text = report.to_string();
     assert!(text.contains("wrapped with 64 voxels along the longest side, 31.0 % of the mesh's area"), "{text}");
-    assert!(text.contains("of the mesh's area is outside of the wrap, farther than 2 voxels from it"), "{text}");
+    assert!(text.contains("of the mesh's area lies more than 2 voxels outside the wrap"), "{text}");
     assert!(text.contains("1 smaller piece left out (2.") && text.ends_with(" % of the body's voxels)"), "{text}");
     // The small ball has 0.09 of an area of 1.45; the inner wall isn't lost.
     assert!((found.lost_area - 0.09 / 1.45).abs() < 0.02 && found.hidden_area > 0.3, "{found:?}");
@@ -211,12 +211,12 @@ fn the_remedy_depends_on_the_loss() {
     let bodies = report.wrap.unwrap();
     let said = |wrap| ParametrizeError::LossyWrap { wrap: Box::new(wrap), most: 0.05 }.to_string();
     let text = said(bodies);
-    assert!(text.ends_with("the wrap keeps one body; fit the others from files of their own"), "{text}");
+    assert!(text.ends_with("put the other bodies into separate files and fit them separately"), "{text}");
     let mut thin = bodies;
     (thin.pieces, thin.left_out) = (0, 0.0);
     assert!(said(thin).ends_with("use more voxels to keep thin parts"), "{}", said(thin));
     thin.voxels = 512;
-    assert!(said(thin).ends_with("farther than 2 voxels from it"), "{}", said(thin));
+    assert!(said(thin).ends_with("more than 2 voxels outside the wrap"), "{}", said(thin));
 }
 
 /// The wrap moves and scales with the mesh, also at the ends of the range of numbers.

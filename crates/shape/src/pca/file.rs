@@ -94,7 +94,7 @@ impl ShapeModel {
         let all = [("coefficients", &mean), ("modes", &modes), ("variances", &variances), ("scores", &scores)];
         for (name, values) in all.into_iter().chain([("total_variance", &total)]) {
             if !values.iter().all(|value| value.is_finite()) {
-                return Err(invalid(path, format!("{name}: NaN or infinity")));
+                return Err(invalid(path, format!("{name} contains NaN or infinity")));
             }
         }
         if variances.iter().chain(&total).any(|variance| *variance < 0.0) {

@@ -130,7 +130,7 @@ pub(crate) fn check_design(
     }
     if rows > 1 && components > 1 {
         return Err(ShapeError::Contrast {
-            expected: "one row, for values of several components",
+            expected: "one row, because the values have several components",
             found: format!("{rows} rows"),
         });
     }
@@ -159,7 +159,7 @@ fn check_relabellings(n: usize, components: usize, params: &TestParams) -> Resul
     match (&params.variance_groups, components) {
         (Some(_), _) if params.welch => Err(unlike("use only one of the two", "given together with Welch's test")),
         (Some(of), _) if of.len() != n => Err(differ("variance_groups", of.len())),
-        (Some(_), 2..) => Err(unlike("values of one component are needed", "given for positions")),
+        (Some(_), 2..) => Err(unlike("only values of one component are possible", "given for positions")),
         _ => match params.errors {
             Some(errors) if params.welch && errors != Resampling::SignFlips => Err(ShapeError::Setting {
                 name: "errors",

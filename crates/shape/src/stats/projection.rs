@@ -35,7 +35,7 @@ impl Projection {
         let scale = w.iter().map(|value| value * value).sum::<f64>().sqrt();
         let (effect, dependent) = orthonormalise(w.view());
         if let Some(row) = dependent {
-            let found = format!("row {} is zero or a combination of earlier rows", row + 1);
+            let found = format!("row {}, which is zero or a combination of earlier rows", row + 1);
             return Err(ShapeError::Contrast { expected: "independent rows", found });
         }
         let both = concatenate![ndarray::Axis(1), effect, q];

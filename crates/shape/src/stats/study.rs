@@ -232,7 +232,7 @@ fn of_slopes((of, levels): (&[String], &[String]), (name, numbers): (&str, &[f64
         slopes: levels.iter().map(slope).collect(),
         weights: successive(levels.len(), levels.len()),
         meaning: match levels {
-            [first, second] => format!("slope of {name} in {first} - slope in {second}"),
+            [first, second] => format!("slope of {name} in {first} minus slope of {name} in {second}"),
             _ => format!("any difference between the slopes of {name} in {}", levels.join(", ")),
         },
         ..of_levels(of, levels)

@@ -120,7 +120,7 @@ impl Plan {
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::MakeMoments => f.write_str("moments of the samples"),
+            Self::MakeMoments => f.write_str("computation of the moments of the samples"),
             Self::Cg { by_moments, precondition, at_most, leave_for_factor } => {
                 f.write_str(if *by_moments { "iterations by moments" } else { "iterations by samples" })?;
                 if *precondition == Precondition::Density {
@@ -130,17 +130,17 @@ impl fmt::Display for Step {
                 let Some(Leave { after, most, .. }) = leave_for_factor else { return Ok(()) };
                 write!(
                     f,
-                    "; after {after} iterations, switches to a factor if more than {most:.0} further iterations are \
-                     predicted"
+                    "; after {after} iterations, switches to a factorisation if more than {most:.0} further \
+                     iterations are predicted"
                 )
             }
             Self::Factor { from: Factor::Stored { reciprocal }, .. } => {
-                write!(f, "the stored factor (reciprocal condition number {reciprocal:.1e})")
+                write!(f, "the stored Cholesky factor (reciprocal condition number {reciprocal:.1e})")
             }
-            Self::Factor { from: Factor::Made, .. } => f.write_str("the factor of an earlier batch"),
-            Self::Factor { required: true, .. } => f.write_str("a factor"),
-            Self::Factor { .. } => f.write_str("a factor, if it fits in memory"),
-            Self::Refine => f.write_str("refinement with the factor (last step)"),
+            Self::Factor { from: Factor::Made, .. } => f.write_str("the Cholesky factor of an earlier batch"),
+            Self::Factor { required: true, .. } => f.write_str("a Cholesky factorisation"),
+            Self::Factor { .. } => f.write_str("a Cholesky factorisation, if it fits in memory"),
+            Self::Refine => f.write_str("refinement with the Cholesky factor (last step)"),
         }
     }
 }

@@ -120,7 +120,7 @@ pub struct LsqSeconds {
 #[non_exhaustive]
 pub enum LsqWarning {
     /// No factor was computed, because there is no memory for one, or because the solution isn't unique.
-    #[error("no factor was computed: {reason}")]
+    #[error("no Cholesky factor was computed: {reason}")]
     NoFactor {
         /// Reason why no factor was computed.
         reason: String,
@@ -134,7 +134,7 @@ pub enum LsqWarning {
     /// Moments weren't accurate enough for the requested optimality.
     #[error(
         "rounding errors in the moments limit the accuracy: iterations with moments ended at an optimality of \
-         {optimality:.1e}; continued with the samples"
+         {optimality:.1e}, so the fit continued with the samples"
     )]
     MomentsLoseDigits {
         /// Optimality at which iterations by moments ended.

@@ -94,7 +94,9 @@ impl LsqSolver<'_> {
                         (Stop::Converged, _) => None,
                         (Stop::Stalled, _) => Some("the optimality stopped improving"),
                         (Stop::IterationLimit, true) => Some("the maximum number of iterations was reached"),
-                        (Stop::IterationLimit, false) if leave_for_factor.is_some() => Some("a factor seems faster"),
+                        (Stop::IterationLimit, false) if leave_for_factor.is_some() => {
+                            Some("a factorisation seems faster")
+                        }
                         (Stop::IterationLimit, false) => Some("moments are faster from here on"),
                     };
                     let name = self.preconditioner(precondition).name();

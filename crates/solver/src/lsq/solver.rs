@@ -254,8 +254,8 @@ impl<'a> LsqSolver<'a> {
         }
         let (sizes, request) = (self.sizes(columns), self.request());
         if request.strategy == Strategy::Cholesky && is_undetermined(&sizes, &request) {
-            let reason = "with fewer vertices than coefficients, iterations give the solution of minimum norm more \
-                          accurately; a smoothness penalty allows a factor";
+            let reason = "there are fewer vertices than coefficients, and iterations then give the solution of minimum \
+                          norm more accurately; with a smoothness penalty, the factor can be computed";
             self.warnings.push(LsqWarning::NoFactor { reason: reason.to_owned() });
         }
         choose(&sizes, &available, &request)

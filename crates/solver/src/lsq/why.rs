@@ -37,9 +37,11 @@ impl fmt::Display for Why {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Requested => f.write_str("requested"),
-            Self::FactorMade => f.write_str("a factor was computed for an earlier batch"),
-            Self::FactorStored => f.write_str("a factor is stored, and iterations aren't expected to be faster"),
-            Self::AfterFactor => f.write_str("refines the factor's solution to the tolerance"),
+            Self::FactorMade => f.write_str("a Cholesky factor was computed for an earlier batch"),
+            Self::FactorStored => {
+                f.write_str("a Cholesky factor is stored, and iterations aren't expected to be faster")
+            }
+            Self::AfterFactor => f.write_str("refines the solution to the tolerance"),
             Self::MomentsPay { after, expected } => {
                 write!(
                     f,
@@ -47,7 +49,7 @@ impl fmt::Display for Why {
                     number(*expected)
                 )
             }
-            Self::DensityRequested => f.write_str("the requested density is computed from moments"),
+            Self::DensityRequested => f.write_str("the requested preconditioner, density, needs the moments"),
             Self::UntilMomentsPay { after } => write!(f, "moments save time only from {after:.0} iterations on"),
             Self::MomentsPaidOff => f.write_str("moments would have saved time by now"),
             Self::MomentsExist => f.write_str("with moments, an iteration costs the same for any number of samples"),
@@ -57,7 +59,7 @@ impl fmt::Display for Why {
             Self::MomentsPayLate { .. } => f.write_str("iterations by moments wouldn't be faster"),
             Self::NoMoments => f.write_str("moments aren't available, or don't fit in memory"),
             Self::SlowIterations => f.write_str("the previous iterations converged too slowly"),
-            Self::NoFactor => f.write_str("replaces a factor that couldn't be computed"),
+            Self::NoFactor => f.write_str("no Cholesky factor could be computed"),
         }
     }
 }

@@ -162,13 +162,17 @@ fn plans_are_noted_and_the_report_has_the_steps_that_were_taken_and_why() {
     let of =
         |steps: &[(&'static str, &str)]| steps.iter().map(|(name, why)| (*name, (*why).to_owned())).collect::<Vec<_>>();
     let (steps, notes) = taken(params(Strategy::Auto));
-    let expected =
-        [("moments", ""), ("iterations by moments", "a factor seems faster"), ("factor", ""), ("refinement", "")];
+    let expected = [
+        ("moments", ""),
+        ("iterations by moments", "a factorisation seems faster"),
+        ("factor", ""),
+        ("refinement", ""),
+    ];
     assert_eq!(steps, of(&expected));
     assert_eq!(notes.len(), 5, "{notes:?}");
-    assert!(notes[0].starts_with("step 1: moments of the samples (moments save time from "), "{notes:?}");
+    assert!(notes[0].starts_with("step 1: computation of the moments of the samples ("), "{notes:?}");
     let (steps, _) = taken(LsqParams { memory: 1 << 20, max_iterations: 100, ..params(Strategy::Auto) });
-    assert!(steps[2].0 == "factor" && steps[2].1.starts_with("no factor was computed"), "{steps:?}");
+    assert!(steps[2].0 == "factor" && steps[2].1.starts_with("no Cholesky factor was computed"), "{steps:?}");
     assert_eq!(
         steps[3..],
         of(&[("iterations by moments", "the maximum number of iterations was reached"), ("confirmation", "")])

@@ -55,7 +55,7 @@ impl GuideLandmarks {
         }
         match (&self.template, template) {
             (None, true) => refused("landmarks for the template", "none".to_owned()),
-            (Some(_), false) => refused("a template to which the template's landmarks belong", "none".to_owned()),
+            (Some(_), false) => refused("a template, because landmarks for a template are given", "none".to_owned()),
             _ => Ok(()),
         }
     }

@@ -54,10 +54,10 @@ impl MisplacedLandmarks {
             if self.far.len() > LISTED {
                 names.push(format!("{} more", self.far.len() - LISTED));
             }
-            found.push(format!("landmarks aren't at their places on the other members: {}", names.join(", ")));
+            found.push(format!("landmarks far from their positions on the other members: {}", names.join(", ")));
         }
         format!(
-            "{}; the largest distance is {}, usually {}: check the names and positions of the landmarks",
+            "{}; the largest distance is {} (median over members: {}); check the names and positions of the landmarks",
             found.join("; "),
             number(self.distance),
             number(self.usual)
@@ -233,7 +233,7 @@ mod tests {
         let text = first.of_member(|landmark| format!("L{landmark}"));
         assert!(text.starts_with("the landmarks L0 and L3 seem to be swapped; the largest distance is 10.0"), "{text}");
         let text = second.of_member(|landmark| format!("L{landmark}"));
-        assert!(text.starts_with("landmarks aren't at their places on the other members: L2; "), "{text}");
+        assert!(text.starts_with("landmarks far from their positions on the other members: L2; "), "{text}");
     }
 
     #[test]

@@ -96,10 +96,10 @@ impl CorrespondParams {
             return refused("a correspondence", "at least 2 surfaces", count);
         }
         if self.rounds == 0 {
-            return refused("the number of rounds", "at least 1", 0);
+            return refused("the number of rounds", "a value of at least 1", 0);
         }
         if self.max_degree == 0 {
-            return refused("the degree", "at least 1", 0);
+            return refused("the degree", "a value of at least 1", 0);
         }
         if !self.mirrored.is_empty() && self.mirrored.len() != count {
             return refused("the list of mirrored surfaces", "one value per surface", self.mirrored.len());
@@ -111,14 +111,14 @@ impl CorrespondParams {
             if self.refinement.is_none() {
                 return Err(Error::Setting {
                     what: "the list of signals",
-                    expected: "a refinement, because signals have no effect without refinement",
+                    expected: "a refinement (signals have no effect without one)",
                     found: "none".to_owned(),
                 });
             }
             signals.check()?;
         }
         if let Some(found) = self.subdivisions.filter(|found| !(2..=8).contains(found)) {
-            return refused("the number of subdivisions", "2 to 8", found as usize);
+            return refused("the number of subdivisions", "a value from 2 to 8", found as usize);
         }
         Ok(())
     }

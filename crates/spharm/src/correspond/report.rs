@@ -140,7 +140,7 @@ impl CorrespondWarning {
     pub fn of_member(&self, name: impl Fn(usize) -> String) -> String {
         match self {
             Self::Pose(warning @ GroupPoseWarning::Doubtful { .. }) => format!(
-                "{}; let landmarks guide the registration or, if the given poses are right, search near them",
+                "{}; guide the registration by landmarks or, if the given poses are right, search only near them",
                 warning.of_member()
             ),
             Self::Pose(warning) => warning.of_member(),
@@ -150,8 +150,8 @@ impl CorrespondWarning {
                 100.0 * share
             ),
             Self::Lacks { share, .. } => format!(
-                "{:.1} % of the template has no counterpart on this surface: positions there are guesses, and marked \
-                 as such",
+                "{:.1} % of the template has no counterpart on this surface; positions there are guesses and are \
+                 marked as such",
                 100.0 * share
             ),
             Self::Same { as_member, .. } => format!("{IDENTICAL_TO}{}", name(*as_member)),

@@ -38,9 +38,8 @@ impl MappedTemplate {
     pub fn new(surface: &Mesh, subdivisions: u32, max_degree: usize, monitor: &dyn Monitor) -> Result<Self, Error> {
         let input = Input::Mesh(surface.clone()).mended(monitor)?;
         if let Some(repair) = input.mesh_repair().filter(|repair| repair.filled_area > crate::FILLED) {
-            let expected = "a surface that is closed or has only small holes; fill the holes, or choose another \
-                            template";
-            let found = repair.drops_and_fills();
+            let expected = "a surface that is closed or has only small holes";
+            let found = format!("{}; fill the holes, or choose another template", repair.drops_and_fills());
             return Err(ParametrizeError::Argument { what: "template", expected, found }.into());
         }
         let input = input.without_handles(monitor)?;

@@ -130,7 +130,7 @@ impl FitParams {
         }
         if self.smoothness != Smoothness::Default {
             let found = format!("smoothness {}", self.smoothness.name());
-            return refuse("a fit without a smoothness penalty, because denoising has its own penalty", found);
+            return refuse("a fit without a smoothness penalty (denoising has its own penalty)", found);
         }
         Ok(())
     }

@@ -234,10 +234,10 @@ fn refused(error: SolverError, what: &'static str, moments: &Moments) -> Error {
     let channel = moments.channels.get(column).map_or("", String::as_str);
     Error::Setting {
         what,
-        expected: "moments that determine the residual",
+        expected: "moments precise enough for the residual",
         found: format!(
-            "channel {channel:?}, whose mean is so large that rounding errors hide the residual; subtract a constant, \
-             such as the mean, from the values and compute the moments again, or leave out this channel"
+            "a mean of channel {channel:?} so large that rounding errors hide the residual; subtract a constant, such \
+             as the mean, from the values and compute the moments again, or leave out this channel"
         ),
     }
 }

@@ -331,7 +331,7 @@ fn stored_factor(
         }
         match open_factor(store, &spec, None) {
             Ok(file) => {
-                monitor.note(Level::Info, format_args!("factor {}", file.path().display()));
+                monitor.note(Level::Info, format_args!("using the Cholesky factor {}", file.path().display()));
                 return Ok(Some(StoredFactor::new(file, memory, job.threads)));
             }
             Err(error) => refused = Some(error),
@@ -341,7 +341,7 @@ fn stored_factor(
         Some(error) => warnings.push(FitWarning::FactorUnusable { reason: error.to_string() }),
         None => {
             let store = store.display();
-            monitor.note(Level::Info, format_args!("{store}: no factor for this sphere; solving without a factor"));
+            monitor.note(Level::Info, format_args!("{store}: no Cholesky factor for this sphere; fitting without one"));
         }
     }
     Ok(None)

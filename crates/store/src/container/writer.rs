@@ -94,7 +94,7 @@ impl ContainerWriter {
                 Container::<C>::open(&path)?;
                 Ok(None)
             }
-            Err(error) => Err(failed("cannot give the file its name")(error)),
+            Err(error) => Err(failed("cannot move the finished file to this path")(error)),
         }
     }
 }

@@ -96,7 +96,7 @@ fn parse(bytes: &[u8]) -> Result<Annotation, Flaw> {
         let (vertex, colour) = (cursor.i32(Endian::Big)?, cursor.i32(Endian::Big)?);
         match usize::try_from(vertex).ok().and_then(|vertex| colours.get_mut(vertex)) {
             Some(place) => *place = Some(i64::from(colour)),
-            None => return Err(Flaw::new(format!("vertices below {count}"), vertex.to_string())),
+            None => return Err(Flaw::new(format!("vertex numbers below {count}"), vertex.to_string())),
         }
     }
     if cursor.remaining() == 0 || cursor.i32(Endian::Big)? == 0 {
@@ -207,7 +207,7 @@ mod tests {
         }
         std::fs::write(&path, [1_i32, 7, 0].map(i32::to_be_bytes).as_flattened()).unwrap();
         let error = read_annotation(&path, 1).unwrap_err().to_string();
-        assert!(error.contains("vertices below 1, found 7"), "{error}");
+        assert!(error.contains("vertex numbers below 1, found 7"), "{error}");
     }
 
     #[test]

@@ -80,7 +80,7 @@ pub fn write_new(
             _ => io("write")(e.error),
         })?;
     }
-    sync_directory(&directory).map_err(io("synchronise the directory of"))
+    sync_directory(&directory).map_err(io("synchronise the file's folder"))
 }
 
 /// Synchronises a directory, so that a new name in it survives a crash. Does nothing if this isn't supported: some

@@ -141,8 +141,8 @@ pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, 
         endings.dedup();
         SurfaceError::UnknownFormat {
             path: path.to_owned(),
-            expected: format!("one of {}, or a FreeSurfer surface or curv file", endings.join(", ")),
-            found: format!("it starts with {}", shown(bytes)),
+            expected: format!("a name that ends in {}, or a FreeSurfer surface or curv file", endings.join(", ")),
+            found: format!("the file starts with {}", shown(bytes)),
         }
     })
 }

@@ -81,8 +81,8 @@ pub(super) fn bounded(count: u64, least: usize, remaining: usize, what: &str) ->
             Ok(n)
         }
         _ => Err(Flaw::new(
-            format!("{count} {what} (at least {least} bytes each), as stated in the header"),
-            format!("{remaining} bytes"),
+            format!("data for {count} {what} (at least {least} bytes each), as stated in the header"),
+            format!("only {remaining} bytes"),
         )),
     }
 }

@@ -70,8 +70,8 @@ pub(super) fn read_curv(bytes: &[u8]) -> Result<Signal, Flaw> {
         return Err(Flaw::new(
             format!("exactly {vertices} x {channels} values of 4 bytes each after the header"),
             format!(
-                "{} bytes (or an old FreeSurfer quadrangle surface, which begins with these bytes and isn't \
-                 supported)",
+                "{} bytes (the file may be an old FreeSurfer quadrangle surface, which begins with the same bytes \
+                 and isn't supported)",
                 cursor.remaining()
             ),
         ));

@@ -32,7 +32,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         let count = |what: &str| number(value).ok_or_else(|| Flaw::new(format!("{what} on line {at}"), shown(value)));
         match key {
             b"ObjectType" if !matches!(value, b"Scene" | b"Mesh") => {
-                return Err(Flaw::unsupported(format!("an object {}", shown(value)), "save the surface as a mesh"));
+                return Err(Flaw::unsupported(
+                    format!("an object of type {}", shown(value)),
+                    "save the surface as a mesh",
+                ));
             }
             // A second mesh begins here; only the first is read.
             b"ObjectType" if !faces.is_empty() => break,
@@ -41,7 +44,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             }
             b"TransformMatrix" | b"Offset" | b"ElementSpacing" if !is_identity(key, value) => {
                 return Err(Flaw::unsupported(
-                    format!("{} {}", shown(key), shown(value)),
+                    format!("{} = {}", shown(key), shown(value)),
                     "apply the transform to the points, as SPHARM-PDM does",
                 ));
             }

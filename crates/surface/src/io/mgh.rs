@@ -51,7 +51,7 @@ fn header(bytes: &[u8]) -> Result<Header, Flaw> {
     let mut count = |what: &str| -> Result<u64, Flaw> {
         let n = cursor.i32(Endian::Big)?;
         let n = u64::try_from(n).ok().filter(|&n| n > 0);
-        n.ok_or_else(|| Flaw::new(format!("a {what} above 0"), "less".to_owned()))
+        n.ok_or_else(|| Flaw::new(format!("a {what} above 0"), "0 or less".to_owned()))
     };
     let size = [count("width")?, count("height")?, count("depth")?];
     let frames = count("number of frames")?;

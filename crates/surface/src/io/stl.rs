@@ -66,7 +66,8 @@ fn read_text(bytes: &[u8]) -> Result<Mesh, Flaw> {
             _ => {
                 return Err(Flaw::new(
                     format!(
-                        "the next keyword of solid, facet, outer loop, vertex (3 times), endloop, ... on line {at}"
+                        "the next keyword on line {at} (in the order solid, facet, outer loop, vertex three times, \
+                         endloop, ...)"
                     ),
                     shown(word),
                 ));

@@ -76,8 +76,8 @@ fn all_columns(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
 fn hint(line: &[u8], separator: u8, surplus: usize, is_first: bool) -> &'static str {
     let has_points = line.contains(&b'.');
     match surplus {
-        1 if has_points && is_first => " (row names without a column name?)",
-        1.. if !has_points && separator == b',' => " (decimal commas?)",
+        1 if has_points && is_first => " (do the row names lack a column name?)",
+        1.. if !has_points && separator == b',' => " (are there decimal commas?)",
         _ => "",
     }
 }
@@ -121,8 +121,8 @@ fn counts_rows(signal: &Signal, column: usize, name: &str) -> Result<bool, Flaw>
     }
     if is_count(&sorted) || name.eq_ignore_ascii_case("vertex") {
         return Err(Flaw::unsupported(
-            format!("a column {} that doesn't count the rows from 0 or 1", shown(name.as_bytes())),
-            "sort the rows by the numbers of the vertices, or remove the column if the rows are in this order",
+            format!("a column {} that doesn't number the rows in order from 0 or 1", shown(name.as_bytes())),
+            "sort the rows by vertex number; if they are already in the order of the vertices, remove the column",
         ));
     }
     Ok(false)
@@ -235,7 +235,7 @@ mod tests {
         {
             let separator = if text.contains(',') { b',' } else { b'\t' };
             let Err(Flaw::Unsupported { found, remedy }) = read(text.as_bytes(), separator) else { panic!("{text}") };
-            assert!(found.contains("doesn't count the rows") && remedy.contains("sort the rows"), "{found}");
+            assert!(found.contains("doesn't number the rows") && remedy.contains("sort the rows"), "{found}");
         }
     }
 
@@ -259,8 +259,8 @@ mod tests {
     #[test]
     fn surplus_values_are_explained() {
         for (text, expected) in [
-            ("thickness\n2,5\n", "2 (decimal commas?)"),
-            ("thickness,area\n1,2.5,3.1\n2,2.7,3.3\n", "3 (row names without a column name?)"),
+            ("thickness\n2,5\n", "2 (are there decimal commas?)"),
+            ("thickness,area\n1,2.5,3.1\n2,2.7,3.3\n", "3 (do the row names lack a column name?)"),
             ("thickness\n1,2.5,3.1\n", "3"),
             ("1,2.5\n1,2.5,3.1\n", "3"),
         ] {

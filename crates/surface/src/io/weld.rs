@@ -66,7 +66,7 @@ pub(super) fn welded(mesh: Mesh) -> Result<Mesh, Flaw> {
     }
     let number = |&corner: &u32| {
         let number = numbers.get(corner as usize).copied();
-        number.ok_or_else(|| Flaw::new(format!("a vertex below {}", numbers.len()), corner.to_string()))
+        number.ok_or_else(|| Flaw::new(format!("a vertex number below {}", numbers.len()), corner.to_string()))
     };
     welder.corners = mesh.faces.as_flattened().iter().map(number).collect::<Result<_, _>>()?;
     Ok(welder.finish())

@@ -34,10 +34,10 @@ impl Tag<'_> {
     pub(super) fn attributes(&self, mut each: impl FnMut(&str, Cow<'_, str>) -> Result<(), Flaw>) -> Result<(), Flaw> {
         // Checks for repeated names are disabled, because they take time quadratic in the number of attributes.
         for attribute in self.0.attributes().with_checks(false) {
-            let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
+            let attribute = attribute.map_err(|e| Flaw::new("valid XML attributes", e.to_string()))?;
             let value = attribute
                 .normalized_value(quick_xml::XmlVersion::Implicit1_0)
-                .map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
+                .map_err(|e| Flaw::new("valid XML attributes", e.to_string()))?;
             each(attribute.key.into_inner(), value)?;
         }
         Ok(())
@@ -91,7 +91,7 @@ pub(super) fn walk<'a>(
                 if depth > DEEPEST || roots > 1 {
                     return Err(Flaw::new(
                         format!("one root element, with others nested at most {DEEPEST} deep"),
-                        "several or deeper elements",
+                        "several root elements, or deeper nesting",
                     ));
                 }
                 visit(Step::Start(&Tag(tag)))?;
@@ -125,6 +125,6 @@ pub(super) fn resolve(reference: &BytesRef<'_>) -> Result<String, Flaw> {
     let name = reference.xml10_content();
     match quick_xml::escape::resolve_xml_entity(&name) {
         Some(text) => Ok(text.into()),
-        None => Err(Flaw::new("XML's predefined entities", shown(name.as_bytes()))),
+        None => Err(Flaw::new("only XML's predefined entities", shown(name.as_bytes()))),
     }
 }

@@ -206,7 +206,7 @@ fn kept(mesh: &Mesh, mask: &[bool]) -> Result<Mesh, SurfaceError> {
     let faces = mesh.faces.iter().filter(|face| face.iter().all(|v| mask[*v as usize]));
     let faces: Vec<[u32; 3]> = faces.map(|face| face.map(|v| index[v as usize])).collect();
     if faces.is_empty() {
-        let found = format!("none of {}", mesh.faces.len());
+        let found = format!("none among {} triangles", mesh.faces.len());
         let expected = "at least one triangle whose three corners are kept";
         return Err(SurfaceError::Argument { what: "mask", expected, found });
     }

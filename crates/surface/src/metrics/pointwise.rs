@@ -60,8 +60,8 @@ pub fn distances_to_surface(
     let tree = TriangleTree::new(surface);
     let none = |point: Vec3| SurfaceError::Argument {
         what: "point whose distance from a surface is measured",
-        expected: "finite coordinates, and a surface with triangles",
-        found: format!("{point:?}, and {} triangles", surface.faces.len()),
+        expected: "finite coordinates and a surface with triangles",
+        found: format!("the point {point:?} and a surface with {} triangles", surface.faces.len()),
     };
     nearest_distances(&tree, points, none, monitor)
 }

@@ -131,7 +131,7 @@ pub(super) fn check_mask(mask: Option<&[bool]>, vertices: usize) -> Result<(), S
         return Err(SurfaceError::LengthMismatch { what: "values of the mask", expected: vertices, found: mask.len() });
     }
     if !mask.contains(&true) {
-        let found = format!("none of {vertices}");
+        let found = format!("none among {vertices} vertices");
         return Err(SurfaceError::Argument { what: "mask", expected: "at least one vertex that is kept", found });
     }
     Ok(())

@@ -65,21 +65,21 @@ impl GroupPoseWarning {
     pub fn of_member(&self) -> String {
         match self {
             Self::Doubtful { distance, second, .. } => format!(
-                "{IN_DOUBT}: another pose fits the other surfaces {}, with a distance of {second:.4} in place of \
-                 {distance:.4}, so the surface may be the wrong way round",
+                "{IN_DOUBT}: another pose fits the other surfaces {} (distance {second:.4} instead of {distance:.4}), \
+                 so the surface may be the wrong way round",
                 if second < distance { "better" } else { "nearly equally well" }
             ),
             Self::Far { distance, median, .. } => format!(
-                "the distance from the other surfaces is {distance:.4}, but the median of the group is {median:.4}: \
-                 the surface may be of another kind or in another unit"
+                "the distance from the other surfaces is {distance:.4}, but the group's median distance is \
+                 {median:.4}: the surface may be of another kind or in another unit"
             ),
             Self::Elsewhere { distance, best, .. } => format!(
-                "near the given pose, the distance from the typical surface is {distance:.4}, but {best:.4} in another \
-                 pose: the surface may be in another coordinate system, or turned"
+                "the distance from the typical surface is {distance:.4} near the given pose, but only {best:.4} in \
+                 another pose: the surface may be rotated or in another coordinate system"
             ),
             Self::Mirrored { distance, mirrored, .. } => format!(
-                "the mirror image fits the other surfaces better, with a distance of {mirrored:.4} in place of \
-                 {distance:.4}: the surface may be from the other side, or the file may be mirrored"
+                "the mirror image fits the other surfaces better (distance {mirrored:.4} instead of {distance:.4}): \
+                 the surface may be from the other side of the body, or the file may be mirrored"
             ),
         }
     }

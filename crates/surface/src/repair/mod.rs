@@ -85,7 +85,7 @@ impl MeshRepair {
             phrase(self.degenerate, "degenerate triangle dropped", "degenerate triangles dropped"),
             phrase(self.repeated, "repeated triangle dropped", "repeated triangles dropped"),
             self.of_fins(),
-            phrase(self.turned, "triangle turned", "triangles turned"),
+            phrase(self.turned, "triangle reversed", "triangles reversed"),
             phrase(self.split, "vertex added where parts touched", "vertices added where parts touched"),
             dropped,
             filled,
@@ -107,8 +107,8 @@ impl MeshRepair {
     fn behind_walls(&self) -> Option<String> {
         phrase(
             self.attached,
-            "dropped piece shared edges with the kept one, such as a common wall",
-            "dropped pieces shared edges with the kept one, such as a common wall",
+            "dropped piece shared edges with the kept piece (for example at a common wall)",
+            "dropped pieces shared edges with the kept piece (for example at a common wall)",
         )
     }
 

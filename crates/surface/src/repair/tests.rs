@@ -379,7 +379,7 @@ fn bodies_that_share_a_wall_are_named_with_their_area() {
     assert!(Topology::of(&cube).is_sphere() && found.attached > 0, "{found:?}");
     assert!((found.dropped_area - 6.0 / 11.0).abs() < 1e-12, "{found:?}");
     let said = found.drops_and_fills();
-    assert!(said.contains("dropped (54.5 % of the area)") && said.contains("shared edges with the kept one"), "{said}");
+    assert!(said.contains("dropped (54.5 % of the area)") && said.contains("shared edges with the kept"), "{said}");
     let (both, found) = repair(&Mesh::new(corners(5.0).collect(), faces));
     assert!(Topology::of(&both).is_sphere() && (found.fins, found.pieces) == (2, 0), "{found:?}");
     assert!((found.fins_area - 1.0 / 43.0).abs() < 1e-12, "{found:?}");

@@ -51,7 +51,7 @@ impl Wrap {
     fn lost(&self) -> [Option<String>; 2] {
         let pieces = phrase(self.pieces, "smaller piece left out", "smaller pieces left out");
         [
-            share(self.lost_area, "of the mesh's area is outside of the wrap, farther than 2 voxels from it"),
+            share(self.lost_area, "of the mesh's area lies more than 2 voxels outside the wrap"),
             pieces.map(|text| format!("{text} ({} % of the body's voxels)", percent(self.left_out))),
         ]
     }

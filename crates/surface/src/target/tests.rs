@@ -118,7 +118,7 @@ fn tables_with_an_index_or_decimal_commas_are_noticed() {
     assert!(error.to_string().contains("values.csv") && error.to_string().contains("sort the rows"), "{error}");
     let target = read("", &|i| format!("{i},0500\n")).unwrap();
     let [warning] = &target.warnings[..] else { panic!("{:?}", target.warnings) };
-    let remedies = "write them with points, as 0.0500; if they are two channels, add a line of column names";
+    let remedies = "with decimal points, as 0.0500; if they are two channels, add a first line of column names";
     assert!(!warning.is_note() && warning.to_string().ends_with(remedies), "{warning}");
     assert!(read("a,b\n", &|i| format!("{i},0500\n")).unwrap().warnings.is_empty());
     let target = read(",vertex,thickness\n", &|i| format!("{i},{i},2.5\n")).unwrap();

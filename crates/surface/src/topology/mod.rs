@@ -151,8 +151,8 @@ impl Topology {
             ),
             counted(
                 if self.one_sided { 0 } else { self.inconsistent_edges },
-                "edge has triangles of opposite orientation",
-                "edges have triangles of opposite orientation",
+                "edge joins triangles of opposite orientation",
+                "edges join triangles of opposite orientation",
             ),
             counted(self.degenerate_faces, "triangle uses a vertex twice", "triangles use a vertex twice"),
             counted(self.duplicate_faces, "triangle repeats another one", "triangles repeat others"),
@@ -168,7 +168,7 @@ impl Topology {
             problems.push("the surface has one side only, like a Möbius strip".to_owned());
         }
         if self.components > 1 {
-            problems.push(format!("the surface is in {} separate pieces", self.components));
+            problems.push(format!("the surface consists of {} separate pieces", self.components));
         }
         match self.genus() {
             Some(0) | None => {}

@@ -161,7 +161,7 @@ fn text_with_other_values_than_its_dimensions_say_is_refused() {
     };
     for (data_type, data, what) in [
         ("FLOAT32", "1.000 2.000", "expected 3 values, as given by the array's dimensions, found 2"),
-        ("FLOAT32", "1", "expected 3 values (at least 2 bytes each)"),
+        ("FLOAT32", "1", "expected data for 3 values (at least 2 bytes each)"),
         ("FLOAT64", "1 2 3 4", "expected 3 values, as given by the array's dimensions, found more"),
         ("INT32", "1 2.5 3", "values, found"),
         ("UINT8", "1 2 256", "values, found"),

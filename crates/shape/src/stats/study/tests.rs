@@ -48,7 +48,7 @@ fn interactions_compare_slopes_and_differences() {
     let slopes = question(&interaction(("group", GROUP), ("age", "1 2 3 4 5 9")), &[], &[]).unwrap();
     assert_eq!(slopes.design.names(), ["a", "b", "a:age", "b:age"]);
     assert_eq!(slopes.contrast.weights, ndarray::array![[0.0, 0.0, 1.0, -1.0]]);
-    assert_eq!(slopes.meaning, "slope of age in a - slope in b");
+    assert_eq!(slopes.meaning, "slope of age in a minus slope of age in b");
     let (site, sex) = (("site", "x x x x y y y y"), ("sex", "f f m m f f m m"));
     let cells =
         question(&interaction(site, sex), &["y".to_owned(), "x".to_owned()], &[column("site", site.1)]).unwrap();

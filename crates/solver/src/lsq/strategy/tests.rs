@@ -100,8 +100,7 @@ fn reasons_are_as_expected() {
     let rough = Request { tolerance: 1e-6, ..AUTO };
     let many = sizes(1_000_000, 30, 1);
     let slow = "the previous iterations converged too slowly";
-    let (after_factor, no_factor) =
-        ("refines the factor's solution to the tolerance", "replaces a factor that couldn't be computed");
+    let (after_factor, no_factor) = ("refines the solution to the tolerance", "no Cholesky factor could be computed");
     let exist = "with moments, an iteration costs the same for any number of samples";
     for (sizes, moments, factor, request, expected) in [
         (CORTEX, EVEN, Factor::Makeable, AUTO, &[exist, slow, after_factor, no_factor][..]),
@@ -121,13 +120,13 @@ fn reasons_are_as_expected() {
             AUTO,
             &["moments save time from 4 iterations on, and about 7 iterations are expected", exist],
         ),
-        (CORTEX, EVEN, Factor::Made, AUTO, &["a factor was computed for an earlier batch", after_factor]),
+        (CORTEX, EVEN, Factor::Made, AUTO, &["a Cholesky factor was computed for an earlier batch", after_factor]),
         (
             CORTEX,
             EVEN,
             Factor::Stored { reciprocal: 1e-6 },
             AUTO,
-            &["a factor is stored, and iterations aren't expected to be faster", after_factor],
+            &["a Cholesky factor is stored, and iterations aren't expected to be faster", after_factor],
         ),
     ] {
         let plan = choose(&sizes, &Available { moments, factor }, &request);

@@ -97,7 +97,7 @@ impl GroupTemplate {
         let same = |files: GroupFiles| -> Result<(), Error> {
             let there = files.template()?;
             if files.shared.members.is_some() || there.mean != self.mean || there.masked != self.masked {
-                let expected = "a folder with members that were added to this group";
+                let expected = "the group to which the members are added";
                 let found = "another group".to_owned();
                 return Err(Error::GroupFile { path: folder.join("group.json"), expected: expected.to_owned(), found });
             }

@@ -41,7 +41,7 @@ pub(in crate::io) fn write_mesh(out: &mut dyn Write, mesh: &Mesh, context: &Cont
     array.write(out, |data| {
         for &index in mesh.faces.as_flattened() {
             let index = i32::try_from(index).map_err(|_| {
-                io::Error::other("GIfTI holds only indices below 2^31: write the surface as .ply instead")
+                io::Error::other("GIfTI files hold only indices below 2^31; write the surface as .ply instead")
             })?;
             data.write_all(&index.to_le_bytes())?;
         }

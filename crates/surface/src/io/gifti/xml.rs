@@ -218,7 +218,7 @@ impl<'a> State<'a> {
 /// Returns the key of a Label element. Early files call this attribute Index.
 fn key(tag: &BytesStart<'_>) -> Result<Option<i64>, Flaw> {
     for attribute in tag.attributes() {
-        let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
+        let attribute = attribute.map_err(|e| Flaw::new("valid XML attributes", e.to_string()))?;
         let name: &[u8] = attribute.key.as_ref().as_ref();
         if [b"Key".as_slice(), b"Index"].contains(&name) {
             // A label whose key isn't a whole number is skipped, since most readers don't need it.
@@ -232,10 +232,10 @@ fn attributes(tag: &BytesStart<'_>) -> Result<(DataArray, Description, bool), Fl
     let mut array = DataArray::default();
     let mut description = Description::default();
     for attribute in tag.attributes() {
-        let attribute = attribute.map_err(|e| Flaw::new("XML attributes", e.to_string()))?;
+        let attribute = attribute.map_err(|e| Flaw::new("valid XML attributes", e.to_string()))?;
         let value = attribute
             .normalized_value(quick_xml::XmlVersion::Implicit1_0)
-            .map_err(|e| Flaw::new("XML attributes", e.to_string()))?
+            .map_err(|e| Flaw::new("valid XML attributes", e.to_string()))?
             .into_owned();
         let key: &[u8] = attribute.key.as_ref().as_ref();
         match key {

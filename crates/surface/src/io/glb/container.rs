@@ -64,7 +64,7 @@ impl<'a> Container<'a> {
                 (Some(uri), _) => match data_uri(uri) {
                     Some(text) => STANDARD
                         .decode(text)
-                        .map_err(|e| Flaw::new(format!("base64 in buffer {number}"), e.to_string()))?
+                        .map_err(|e| Flaw::new(format!("valid base64 in buffer {number}"), e.to_string()))?
                         .into(),
                     None => return Ok(Buffer::External(uri.clone())),
                 },

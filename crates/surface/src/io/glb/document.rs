@@ -128,7 +128,7 @@ impl Document {
     /// Parses the JSON. Rejects a file that requires an unsupported extension.
     pub(super) fn parse(json: &[u8]) -> Result<Self, Flaw> {
         let document: Self =
-            serde_json::from_slice(json).map_err(|e| Flaw::new("the JSON of a glTF scene", e.to_string()))?;
+            serde_json::from_slice(json).map_err(|e| Flaw::new("valid JSON of a glTF scene", e.to_string()))?;
         let version = &document.asset.version;
         if !version.starts_with("2.") {
             return match version.as_str() {

@@ -46,7 +46,7 @@ pub(super) fn add(
         4 => {
             let (triangles, rest) = corners.as_chunks::<3>();
             if !rest.is_empty() {
-                return Err(Flaw::new("three corners per triangle", format!("{} corners", corners.len())));
+                return Err(Flaw::new("three corners per triangle", format!("{} corners in total", corners.len())));
             }
             mesh.faces.extend_from_slice(triangles);
         }

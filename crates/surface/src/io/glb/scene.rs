@@ -29,12 +29,15 @@ pub(super) fn read(document: &Document, buffers: &[Buffer<'_>], budget: &mut Bud
         roots(document)?.into_iter().rev().map(|node| (node, Placement::IDENTITY)).collect();
     while let Some((number, parent)) = open.pop() {
         let (Some(node), Some(seen)) = (document.nodes.get(number), seen.get_mut(number)) else {
-            return Err(Flaw::new(format!("one of {} nodes", document.nodes.len()), format!("number {number}")));
+            return Err(Flaw::new(
+                format!("an existing node (number of nodes: {})", document.nodes.len()),
+                number.to_string(),
+            ));
         };
         if std::mem::replace(seen, true) {
             return Err(Flaw::new(
                 "nodes with one parent each",
-                format!("node {number} with several parents or inside itself"),
+                format!("node {number}, which has several parents or contains itself"),
             ));
         }
         let placement = parent.after(&local(node));
@@ -52,7 +55,10 @@ fn roots(document: &Document) -> Result<Vec<usize>, Flaw> {
         return Ok(scene.nodes.clone());
     }
     if let Some(scene) = document.scene {
-        return Err(Flaw::new(format!("one of {} scenes", document.scenes.len()), format!("number {scene}")));
+        return Err(Flaw::new(
+            format!("an existing scene (number of scenes: {})", document.scenes.len()),
+            scene.to_string(),
+        ));
     }
     let mut is_child = vec![false; document.nodes.len()];
     for &child in document.nodes.iter().flat_map(|node| &node.children) {
@@ -91,8 +97,9 @@ fn add(
 ) -> Result<(), Flaw> {
     let document = arrays.document;
     let found = document.meshes.get(number);
-    let found = found
-        .ok_or_else(|| Flaw::new(format!("one of {} meshes", document.meshes.len()), format!("number {number}")))?;
+    let found = found.ok_or_else(|| {
+        Flaw::new(format!("an existing mesh (number of meshes: {})", document.meshes.len()), number.to_string())
+    })?;
     document.check_rigid(node, found)?;
     let (vertices, faces) = (mesh.vertices.len(), mesh.faces.len());
     for primitive in &found.primitives {

@@ -13,7 +13,7 @@ use crate::io::flaw::{Flaw, shown};
 
 /// Reads markups (a JSON object) or a plain list (a JSON array).
 pub(super) fn read(text: &str) -> Result<Landmarks, Flaw> {
-    let value: Value = serde_json::from_str(text).map_err(|error| Flaw::new("JSON", error.to_string()))?;
+    let value: Value = serde_json::from_str(text).map_err(|error| Flaw::new("valid JSON", error.to_string()))?;
     match &value {
         Value::Array(entries) => read_list(entries),
         Value::Object(object) => match object.get("markups") {
@@ -56,7 +56,7 @@ fn read_markups(lists: &[Value]) -> Result<Landmarks, Flaw> {
         if let Some(unit) = unit.filter(|unit| *unit != "mm") {
             return Err(Flaw::unsupported(
                 format!("coordinateUnits {}", shown(unit.as_bytes())),
-                "save the landmarks in mm, or as a table",
+                "convert the coordinates to mm, or save the landmarks as a table (.csv), which has no unit",
             ));
         }
         // The lists of a file may have different frames. The result has the frame of the first list.

@@ -101,12 +101,12 @@ impl Landmarks {
     pub fn new(names: Vec<String>, points: Vec<Vec3>, frame: Option<Frame>) -> Result<Self, SurfaceError> {
         if names.len() != points.len() {
             let (expected, found) = (names.len(), points.len());
-            return Err(SurfaceError::LengthMismatch { what: "positions of landmarks", expected, found });
+            return Err(SurfaceError::LengthMismatch { what: "landmark positions", expected, found });
         }
         let mut gathered = Gathered::default();
         for (index, (name, point)) in names.iter().zip(points).enumerate() {
             let added = gathered.add(&format!("landmark {index} (counted from 0)"), name, point);
-            added.map_err(|flaw| flaw.at(Path::new("landmarks"), "landmarks"))?;
+            added.map_err(|flaw| flaw.at(Path::new("landmarks"), "a list of landmarks"))?;
         }
         Ok(gathered.landmarks(frame))
     }
@@ -224,9 +224,9 @@ impl Format {
 
     fn title(self) -> &'static str {
         match self {
-            Self::Markups => "Slicer's markups",
+            Self::Markups => "a Slicer markups file",
             Self::List => "a list of landmarks",
-            Self::Fiducials => "Slicer's fiducials",
+            Self::Fiducials => "a Slicer fiducials file",
             Self::Csv | Self::Tsv => "a table of landmarks",
         }
     }
@@ -252,7 +252,7 @@ impl Gathered {
         }
         if !self.known.insert(name.to_owned()) {
             let found = format!("{} again in {at}", shown(name.as_bytes()));
-            return Err(Flaw::new("each name once", found));
+            return Err(Flaw::new("each name only once", found));
         }
         self.names.push(name.to_owned());
         self.points.push(point);

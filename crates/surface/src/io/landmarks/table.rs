@@ -85,7 +85,8 @@ pub(super) fn read_fiducials(text: &str) -> Result<Landmarks, Flaw> {
 
 fn header(cells: &[String], line: usize) -> Result<Columns, Flaw> {
     let find = |name: &str| cells.iter().position(|cell| cell.eq_ignore_ascii_case(name));
-    let missing = |what: &str| Flaw::new(format!("a column {what} on line {line}"), shown(cells.join(",").as_bytes()));
+    let missing =
+        |what: &str| Flaw::new(format!("a column named {what} on line {line}"), shown(cells.join(",").as_bytes()));
     let mut at = [0; 3];
     for (place, name) in at.iter_mut().zip(["x", "y", "z"]) {
         *place = find(name).ok_or_else(|| missing(name))?;

@@ -69,12 +69,12 @@ fn what_is_written_returns() {
 fn what_is_no_landmark_is_named_by_its_place() {
     let nested = "[".repeat(10_000);
     for (name, text, expected) in [
-        ("a.csv", "A,1,2,3\nA,1,2,4\n", "each name once, found \"A\" again in line 2"),
+        ("a.csv", "A,1,2,3\nA,1,2,4\n", "each name only once, found \"A\" again in line 2"),
         ("a.csv", "A,1,2,3\nB,1,2\n", "4 cells on line 2, found 3"),
         ("a.csv", "1,2,3\n", "4 cells on line 1, found 3"),
         ("a.csv", "A,1,2,3\nB,1,x,3\n", "a coordinate in cell 3 of line 2, found \"x\""),
         ("a.csv", "A,1,2,nan\n", "finite coordinates in line 1, found NaN"),
-        ("a.csv", "name,x,y\nA,1,2\n", "a column z on line 1"),
+        ("a.csv", "name,x,y\nA,1,2\n", "a column named z on line 1"),
         ("a.csv", ",1,2,3\n", "a name in line 1"),
         ("a.csv", "\n\n", "at least one landmark"),
         ("a.fcsv", "# CoordinateSystem = XYZ\n", "LPS, RAS, 0 or 1 as the CoordinateSystem on line 1, found \"XYZ\""),

@@ -35,7 +35,7 @@ fn vertices(element: &Element, values: &mut Values<'_>) -> Result<Vec<[f64; 3]>,
         element.properties.iter().map(|p| [b"x", b"y", b"z"].iter().position(|axis| p.name == **axis)).collect();
     for axis in 0..3 {
         if axes.iter().filter(|&&a| a == Some(axis)).count() != 1 {
-            return Err(Flaw::new("exactly one vertex property each of x, y and z", "other properties"));
+            return Err(Flaw::new("exactly one vertex property for each of x, y and z", "other properties"));
         }
     }
     let count = values.bounded(element)?;

@@ -17,7 +17,7 @@ const CORE_SPACE: &str = "http://schemas.microsoft.com/3dmanufacturing/core/2015
 /// default.
 pub(in crate::io) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     if mesh.vertices.len() > i32::MAX as usize {
-        return Err(io::Error::other("3MF holds only indices below 2^31: write the surface as .ply instead"));
+        return Err(io::Error::other("3MF files hold only indices below 2^31; write the surface as .ply instead"));
     }
     // The archive is completed in memory before it is written. In a streamed archive, sizes follow the data, which some
     // programs reject.

@@ -112,8 +112,8 @@ impl Values<'_> {
             let n = self.integer(Scalar::I32)?;
             let n = usize::try_from(n).ok().filter(|&n| n < left).ok_or_else(|| {
                 Flaw::new(
-                    "cells that end where the cell list ends",
-                    format!("a cell of {n} corners past the list's end"),
+                    "cells that fill the cell list exactly",
+                    format!("a cell of {n} corners that exceeds the list"),
                 )
             })?;
             left -= n + 1;
@@ -124,7 +124,7 @@ impl Values<'_> {
             cell(&corners)?;
         }
         if left > 0 {
-            return Err(Flaw::new("cells that end where the cell list ends", format!("{left} unused numbers")));
+            return Err(Flaw::new("cells that fill the cell list exactly", format!("{left} unused numbers")));
         }
         Ok(())
     }
@@ -175,7 +175,7 @@ impl Values<'_> {
     pub(super) fn cell_types(&mut self, cells: usize) -> Result<Vec<u64>, Flaw> {
         let count: u64 = self.header("the number of cell types")?;
         if count != cells as u64 {
-            return Err(Flaw::new(format!("types of {cells} cells"), count.to_string()));
+            return Err(Flaw::new(format!("{cells} cell types, one per cell"), count.to_string()));
         }
         self.begin();
         let count = self.bounded(count, 4, "cell types")?;

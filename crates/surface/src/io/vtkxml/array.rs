@@ -68,7 +68,10 @@ pub(super) fn decode(
     };
     let count = bytes.len() / scalar.size();
     if count * scalar.size() != bytes.len() {
-        return Err(Flaw::new(format!("numbers of {} bytes", scalar.size()), format!("{} bytes", bytes.len())));
+        return Err(Flaw::new(
+            format!("numbers of {} bytes each", scalar.size()),
+            format!("{} bytes in total", bytes.len()),
+        ));
     }
     check_room(count as u64 * 8)?;
     let mut values = Vec::with_capacity(count);

@@ -227,7 +227,7 @@ impl Piece {
         self.strips.each(&space, |_, corners| triangle_strip(corners, &mut faces))?;
         if !self.cells.offsets.is_empty() && self.cells.types.len() != self.cells.offsets.len() {
             let found = self.cells.types.len().to_string();
-            return Err(Flaw::new(format!("{} types of cells", self.cells.offsets.len()), found));
+            return Err(Flaw::new(format!("{} cell types, one per cell", self.cells.offsets.len()), found));
         }
         self.cells.each(&space, |kind, corners| cell(kind as u64, corners, &mut faces))?;
         mesh.faces.extend(faces.cut(&mesh.vertices));
@@ -267,7 +267,7 @@ impl Cells {
             each(types.next().copied().unwrap_or_default(), &corners)?;
         }
         if start < self.connectivity.len() {
-            return Err(Flaw::new(format!("offsets up to {}", self.connectivity.len()), start.to_string()));
+            return Err(Flaw::new(format!("{} as the last offset", self.connectivity.len()), start.to_string()));
         }
         Ok(())
     }

@@ -50,7 +50,7 @@ pub(super) fn bytes_of(
     let from = |data| {
         let offset = usize::try_from(offset.unwrap_or(0)).unwrap_or(usize::MAX);
         let rest = <[u8]>::get(data, offset..);
-        rest.ok_or_else(|| Flaw::new(format!("appended data at {offset}"), format!("{} bytes", data.len())))
+        rest.ok_or_else(|| Flaw::new(format!("appended data at byte {offset}"), format!("only {} bytes", data.len())))
     };
     let compact: Vec<u8>;
     let mut source = match (offset, layout.appended) {
@@ -60,7 +60,7 @@ pub(super) fn bytes_of(
         }
         (Some(_), Appended::Raw(data)) => Source::Raw(Cursor::new(from(data)?)),
         (Some(_), Appended::Base64(data)) => Source::base64(from(data)?),
-        (Some(_), Appended::None) => return Err(Flaw::new("AppendedData behind the XML", "none")),
+        (Some(_), Appended::None) => return Err(Flaw::new("AppendedData after the XML", "none")),
     };
     if source.is_empty() {
         return Ok(Vec::new());
@@ -189,7 +189,7 @@ fn decode(text: &[u8], bytes: &mut Vec<u8>) -> Result<(), Flaw> {
     while !rest.is_empty() {
         let padded = rest.iter().position(|&byte| byte == b'=').map_or(rest.len(), |at| (at / 4 + 1) * 4);
         let (group, after) = rest.split_at_checked(padded).unwrap_or((rest, &[]));
-        STANDARD.decode_vec(group, bytes).map_err(|e| Flaw::new("base64 in an array", e.to_string()))?;
+        STANDARD.decode_vec(group, bytes).map_err(|e| Flaw::new("valid base64 in an array", e.to_string()))?;
         rest = after;
     }
     Ok(())
