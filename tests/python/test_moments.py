@@ -56,7 +56,7 @@ def test_a_mean_that_hides_the_residual_is_noticed() -> None:
     assert model.report["rms"][1] == pytest.approx(expected["rms"][0], rel=1e-6)
     settings: list[dict[str, Any]] = [{"stderr": True}, {"denoise": True}, {"smoothness": "auto"}]
     for setting in settings:
-        with pytest.raises(ValueError, match='determine the residual, found channel "g".*leave out this channel'):
+        with pytest.raises(ValueError, match='found a mean of channel "g" so large.*leave out this channel'):
             raised.fit(**setting)
 
 

@@ -200,7 +200,7 @@ def test_values_at_other_vertices_are_refused_with_the_sphere_to_give() -> None:
     fitted = sp.fit(surface, sphere, 6)
     at_fit = fitted.curvature()
     for draw in (fitted.picture, fitted.plot):
-        with pytest.raises(ValueError, match=r"vertex of at=5; found \(642,\); give at=model.sphere for values"):
+        with pytest.raises(ValueError, match=r"vertex of the sphere at=5; found \(642,\); give at=model.sphere for values"):
             draw(at_fit)
     with pytest.raises(ValueError, match=r"vertex of the sphere at, a Surface; found \(162,\); give the values' sphere as at="):
         fitted.picture(fitted.curvature(2), at=sphere)
