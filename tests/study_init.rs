@@ -96,7 +96,7 @@ fn a_generated_study_of_labels_names_its_wrong_header() {
     let made = succeed(tool("generate").args(["--volumes", "labels", "--subjects", "8"]).current_dir(site));
     assert!(made.contains("8 label volumes") && made.contains("the header of a04"), "{made}");
     let large = finish(tool("generate").args(["--volumes", "more", "--bump", "2000"]).current_dir(site));
-    assert!(!large.status.success() && text(&large).contains("between -100 and 100 mm"), "{}", text(&large));
+    assert!(!large.status.success() && text(&large).contains("from -100 to 100 mm"), "{}", text(&large));
     succeed(tool("study").args(["init", "--table", "labels/study.csv"]).current_dir(site));
     let written = fs::read_to_string(site.join("study.toml")).expect("a study");
     fs::write(site.join("study.toml"), written.replace("[align]", "[align]\nmethod = \"joint\"")).expect("a study");

@@ -162,7 +162,7 @@ pub(super) struct MethodArgs {
     #[arg(short = 'L', long, alias = "degree", value_name = "L", conflicts_with = "accuracy")]
     #[arg(required_if_eq_any = [("dry_run", "true")])]
     pub(super) max_degree: Option<usize>,
-    /// Use the lowest degree whose error is at most this [default: 0.2%]
+    /// Use the lowest degree with at most this error [default: 0.2%]
     ///
     /// The error is the root mean square distance between model and surface: a length in the unit of the input, or a
     /// percentage of the surface's size, the cube root of the volume of its bounding box. All models of a call have the
@@ -187,10 +187,10 @@ pub(super) struct MethodArgs {
     /// the model. Use 0 for groups, so that their maps differ no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
-    /// Number of passes, p (irf, mirf) [default: 1; with --accelerate 16]
+    /// Passes, p (irf, mirf) [default: 1; with --accelerate 16]
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
-    /// Maximum number of basis functions per block, g (irf) [default: 100]
+    /// Basis functions per block, g (irf) [default: 100]
     #[arg(long, value_name = "G", value_parser = values::at_least_one)]
     pub(super) granularity: Option<usize>,
     /// Use conjugate gradients over pairs of passes (irf, mirf)
@@ -227,7 +227,7 @@ pub(super) struct MethodArgs {
     /// fit, which takes about a second for each surface.
     #[arg(long, hide_short_help = true)]
     pub(super) no_surface_distance: bool,
-    /// Fraction of the vertices to hold out of the fit, to measure the error
+    /// Fraction of the vertices to hold out, to measure the error
     #[arg(long, value_name = "FRACTION", value_parser = values::fraction)]
     pub(super) hold_out: Option<f64>,
 }
@@ -273,7 +273,7 @@ pub(super) struct Output {
     /// above {parent}.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}")]
     pub(super) name_template: NameTemplate,
-    /// Also write the complex coefficients of Shen and Chung (2006), NAME.spharm.csv
+    /// Also write complex coefficients, NAME.spharm.csv
     #[arg(long)]
     pub(super) coefficients_csv: bool,
     /// Also write standard errors, NAME.spharm.stderr.npy (lsq)

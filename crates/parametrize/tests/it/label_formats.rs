@@ -310,7 +310,7 @@ fn arrays_of_numpy() {
     folder.refused("b.npy", &npy("|u1", "True", "(3, 2, 2)", &VALUES), "doesn't record the voxel size");
     for (bytes, why) in [
         (npy("|u1", "True", "(12,)", &VALUES), "three dimensions"),
-        (npy("<c8", "True", "(3, 2, 2)", &VALUES), "numbers"),
+        (npy("<c8", "True", "(3, 2, 2)", &VALUES), "expected booleans, integers, or floats"),
         (npy("|u1", "True", "(3, 2, 99999999999)", &VALUES), "a file too short for the"),
         (npy("|u1", "True", "(3, 2, 1)", &VALUES), "more bytes than the shape allows"),
         (npy("|u1", "True", "(-3, 2, 2)", &VALUES), "not understood"),
