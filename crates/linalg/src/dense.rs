@@ -1,9 +1,8 @@
-//! Dense matrices: products, Cholesky and QR factors, eigenvalues and singular values.
+//! Dense matrices: products, Cholesky factors, eigenvalues and singular values.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltError, cholesky_in_place as factor, cholesky_in_place_scratch};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::linalg::qr::no_pivoting::factor::{qr_in_place, qr_in_place_scratch, recommended_block_size};
 use faer::linalg::solvers::{DenseSolveCore, Llt, SelfAdjointEigen, Solve, Svd};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
@@ -64,17 +63,6 @@ pub fn solve_lower(a: MatRef<'_, f64>, x: MatMut<'_, f64>) {
 /// If the shapes don't match.
 pub fn solve_upper(a: MatRef<'_, f64>, x: MatMut<'_, f64>) {
     solve_upper_triangular_in_place(a, x, Par::Seq);
-}
-
-/// Computes the triangular factor R of a QR factorisation, in place. Afterwards, entries below the diagonal hold the
-/// reflectors.
-pub fn triangularise(matrix: MatMut<'_, f64>) {
-    let (rows, columns) = matrix.shape();
-    let block = recommended_block_size::<f64>(rows, columns);
-    let mut reflectors = Mat::zeros(block, rows.min(columns));
-    let requirement = qr_in_place_scratch::<f64>(rows, columns, block, Par::Seq, Default::default());
-    let mut scratch = MemBuffer::new(requirement);
-    qr_in_place(matrix, reflectors.as_mut(), Par::Seq, MemStack::new(&mut scratch), Default::default());
 }
 
 /// The Cholesky factor of a dense symmetric matrix.

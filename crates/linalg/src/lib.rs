@@ -5,13 +5,14 @@
 //! shortens compilation and makes programs smaller. Matrices are faer's own types.
 
 mod dense;
+mod householder;
 mod sparse;
 
 pub use dense::{
     Cholesky, NoConvergence, SymmetricEigen, ThinSvd, add_gram, cholesky_in_place, matmul, solve_lower, solve_upper,
-    triangularise,
 };
 pub use faer::{Accum, Mat, MatMut, MatRef};
+pub use householder::triangularise;
 pub use sparse::{SparseFactor, SparsePattern, SparseSum};
 
 /// Error of a matrix that isn't numerically positive definite.

@@ -106,7 +106,7 @@ fn decompositions_reproduce_the_matrix() {
 
         let mut r = matrix.clone();
         triangularise(r.as_mut());
-        let r = Mat::from_fn(rows.min(columns), columns, |i, j| if i <= j { r[(i, j)] } else { 0.0 });
+        assert!((0..columns).all(|j| (j + 1..rows).all(|i| r[(i, j)] == 0.0)), "zeros below the diagonal");
         assert_close(&product(&transposed(r.as_ref()), &r), &product(&transposed(matrix.as_ref()), &matrix));
     }
     let matrix = definite(40);
@@ -115,6 +115,23 @@ fn decompositions_reproduce_the_matrix() {
     let scaled = Mat::from_fn(40, 40, |i, k| vectors[(i, k)] * values[k]);
     assert_close(&product(&scaled, &transposed(vectors)), &matrix);
     assert!(values.is_sorted(), "in ascending order");
+}
+
+/// Columns that depend on the previous ones leave rounding errors only, from which the rank can be told.
+#[test]
+fn a_triangular_factor_has_the_rank_of_the_matrix() {
+    let (places, columns) = (150, 441);
+    let mut random = 1u64;
+    let few = Mat::from_fn(places, columns, |_, _| {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (random >> 33) as f64 / (1u64 << 31) as f64 - 0.5
+    });
+    let mut five_times = Mat::from_fn(5 * places, columns, |i, j| few[(i / 5, j)]);
+    triangularise(five_times.as_mut());
+    let triangle = five_times.as_ref().subrows(0, columns);
+    let singular = ThinSvd::new(triangle).expect("finite").singular();
+    let largest = singular[0];
+    assert!(singular[places - 1] > 0.1 * largest && singular[places] < 20.0 * f64::EPSILON * largest);
 }
 
 /// Returns the entries of the Laplacian of a ring of vertices plus the identity, each entry in several parts and in no

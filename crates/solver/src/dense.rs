@@ -96,9 +96,6 @@ pub(crate) fn cholesky_solve(factor: &[f64], k: usize, x: &mut [f64]) {
 pub(crate) fn triangularise(matrix: &mut [f64], rows: usize, columns: usize) {
     assert_eq!(matrix.len(), rows * columns, "expected a matrix of {rows} x {columns} values");
     spharm_linalg::triangularise(MatMut::from_column_major_slice_mut(matrix, rows, columns));
-    for (j, column) in matrix.chunks_exact_mut(rows).enumerate() {
-        column[(j + 1).min(rows)..].fill(0.0);
-    }
 }
 
 /// The minimum-norm solution of a least-squares problem.

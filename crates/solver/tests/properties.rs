@@ -154,6 +154,24 @@ fn repeated_directions_leave_a_rank_that_is_told() {
     assert!(norm(found.coefficients.values()) <= norm(other.coefficients.values()));
 }
 
+/// Each direction five times in succession, more rows than columns: the coefficients are those of one time each.
+#[test]
+fn many_repeated_directions_leave_the_rank_of_their_number() {
+    let few = scattered(150, 3);
+    let five = Directions::from_vertices(&few.as_slice().iter().flat_map(|u| [*u; 5]).collect::<Vec<_>>()).unwrap();
+    let targets = filled(150, 2, 1);
+    let targets_of_five = Array2::from_shape_fn((750, 2), |(i, j)| targets[[i / 5, j]]);
+    let run = |directions: &Directions, targets: ArrayView2<'_, f64>| {
+        let operator = MemoryOperator::new(directions, 20, 256).unwrap();
+        let params = IrfParams { max_degree: 20, method: Method::Nlsf, threads: 2, ..IrfParams::default() };
+        irf::solve(&operator, targets, std::slice::from_ref(&(0..2)), &params, &Silent).unwrap()
+    };
+    let (found, expected) = (run(&five, targets_of_five.view()), run(&few, targets.view()));
+    assert_eq!((found.report.blocks[0].rank, expected.report.blocks[0].rank), (150, 150));
+    let off = found.coefficients.values() - expected.coefficients.values();
+    assert!(off.iter().all(|off| off.abs() < 1e-9));
+}
+
 /// A fit in which most rows have weight 0 finds the rank and the minimum-norm solution of the other rows alone.
 #[test]
 fn rows_of_weight_0_count_for_nothing_in_the_rank() {
