@@ -133,9 +133,11 @@ impl<R: BufRead> BufRead for Kept<'_, R> {
 }
 
 /// Reads the beginning of a table. Returns the names of the columns, the separator, and the number of bytes before the
-/// first row.
+/// first row. The names are those of the header, or of a comment just before the first row, as `numpy.savetxt` writes a
+/// header, or else the columns' numbers from 0.
 fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>, u64), MomentsError> {
     let mut at = 0;
+    let mut comment = Vec::new();
     loop {
         let mut line = Vec::new();
         let count = io::Read::take(&mut *input, LONGEST_LINE as u64 + 1).read_until(b'\n', &mut line);
@@ -150,16 +152,24 @@ fn head(path: &Path, input: &mut dyn BufRead) -> Result<(Vec<String>, Option<u8>
         let marked = if at == 0 { line.strip_prefix(MARK) } else { None };
         let (text, mark) = (marked.unwrap_or(&line).trim_ascii(), marked.map_or(0, |_| MARK.len() as u64));
         if text.is_empty() || text.starts_with(b"#") {
+            comment = text.strip_prefix(b"#").unwrap_or_default().trim_ascii().to_vec();
             at += count as u64;
             continue;
         }
         let separator = [b',', b';', b'\t'].into_iter().find(|&separator| has_separator(text, separator));
         let mut words: Vec<&[u8]> = Vec::new();
         split(text, separator, &mut words);
-        if words.iter().all(|word| number(word).is_some()) {
-            return Ok(((0..words.len()).map(|i| i.to_string()).collect(), separator, at + mark));
-        }
         let name = |word: &&[u8]| String::from_utf8_lossy(word).trim_matches('"').replace("\"\"", "\"");
+        if words.iter().all(|word| number(word).is_some()) {
+            let mut names: Vec<&[u8]> = Vec::new();
+            split(&comment, separator, &mut names);
+            let names = if names.len() == words.len() && names.iter().all(|word| number(word).is_none()) {
+                names.iter().map(name).collect()
+            } else {
+                (0..words.len()).map(|i| i.to_string()).collect()
+            };
+            return Ok((names, separator, at + mark));
+        }
         return Ok((words.iter().map(name).collect(), separator, at + count as u64));
     }
 }
