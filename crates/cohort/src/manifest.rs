@@ -98,6 +98,9 @@ pub fn check_id(text: &str) -> Result<(), &'static str> {
         _ if text.chars().any(char::is_control) => Err("an id without control characters"),
         _ if text.len() > LONGEST_ID => Err("an id of at most 200 bytes"),
         _ if cfg!(windows) && text.ends_with(['.', ' ']) => Err("an id that doesn't end in a dot or a space"),
+        _ if cfg!(windows) && text.contains(['<', '>', ':', '"', '|', '?', '*']) => {
+            Err("an id without < > : \" | ? *, which Windows doesn't allow in names of files")
+        }
         _ if cfg!(windows) && is_device(text) => {
             Err("an id that isn't a name reserved by Windows, such as con or com1")
         }
