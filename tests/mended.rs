@@ -127,17 +127,20 @@ fn meshes_as_they_lie_about_are_mended_or_refused_with_the_reason() {
     }
 }
 
+/// Returns a mesh of a ball of radius 1 and a ball of radius 0.7, whose centres are a distance apart.
+fn two_balls(subdivisions: u32, distance: f64) -> Mesh {
+    let mut both = icosphere(subdivisions);
+    let count = both.vertices.len() as u32;
+    both.vertices.extend(both.vertices.clone().iter().map(|[x, y, z]| [0.7 * x + distance, 0.7 * y, 0.7 * z]));
+    both.faces.extend(both.faces.clone().iter().map(|face| face.map(|v| v + count)));
+    both
+}
+
 /// `--wrap` closes models of several parts that `--fix` would spoil, and refuses sheets, which enclose nothing.
 #[test]
 fn the_surface_around_several_parts_is_fitted() {
     let site = Site::new();
-    let ball = icosphere(4);
-    let count = ball.vertices.len() as u32;
-    let beside = ball.vertices.iter().map(|&[x, y, z]| [0.7 * x + 0.9, 0.7 * y, 0.7 * z]);
-    let faces = ball.faces.iter().map(|face| face.map(|v| v + count));
-    let vertices = ball.vertices.iter().copied().chain(beside).collect();
-    let parts = Mesh::new(vertices, ball.faces.iter().copied().chain(faces).collect());
-    write_mesh(site.path("parts.ply"), &parts, &WriteOptions::default()).expect("written");
+    write_mesh(site.path("parts.ply"), &two_balls(4, 0.9), &WriteOptions::default()).expect("written");
     let fit = ["--surface", "parts.ply", "--max-degree", "8", "-o", "m.spharm.npz"];
     let error = fail(&mut site.run("fit", &[&fit[..], &["--fix"]].concat()));
     assert!(error.contains("--wrap 128 replaces the mesh by the closed surface around it"), "{error}");
@@ -173,13 +176,7 @@ fn the_surface_around_several_parts_is_fitted() {
 #[test]
 fn a_wrap_that_loses_a_body_is_refused() {
     let site = Site::new();
-    let ball = icosphere(3);
-    let count = ball.vertices.len() as u32;
-    let beside = ball.vertices.iter().map(|&[x, y, z]| [0.7 * x + 2.5, 0.7 * y, 0.7 * z]);
-    let faces = ball.faces.iter().map(|face| face.map(|v| v + count));
-    let vertices = ball.vertices.iter().copied().chain(beside).collect();
-    let apart = Mesh::new(vertices, ball.faces.iter().copied().chain(faces).collect());
-    write_mesh(site.path("apart.ply"), &apart, &WriteOptions::default()).expect("written");
+    write_mesh(site.path("apart.ply"), &two_balls(3, 2.5), &WriteOptions::default()).expect("written");
     let fit = ["--surface", "apart.ply", "--max-degree", "4", "-o", "m.spharm.npz", "--force", "--wrap", "32"];
     let output = finish(&mut site.run("fit", &fit));
     let error = error_line(&output);

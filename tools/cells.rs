@@ -2,6 +2,7 @@
 
 use anyhow::{Result, bail};
 use csv::StringRecord;
+use spharm_cohort::{line_of_record, wrong_cells};
 
 /// Checks that a record of a table with the given text has as many cells as the header; the error names the record's
 /// line. `comments` says whether lines that begin with `#` are skipped.
@@ -10,26 +11,8 @@ pub(crate) fn check_cells(text: &str, record: &StringRecord, expected: usize, co
     if found == expected {
         return Ok(());
     }
-    let line = line_of(text, record.position().map_or(0, |start| start.byte() as usize), comments);
-    let hint = if found > expected { " (decimal comma or missing quotes?)" } else { "" };
-    bail!("line {line}: expected {expected} cells as in the header, found {found}{hint}")
-}
-
-/// Returns the number of the line of the first record at or after a byte. The lines counted by the crate csv are too
-/// low by one if lines end in a carriage return and a newline.
-fn line_of(text: &str, from: usize, comments: bool) -> usize {
-    let bytes = text.as_bytes();
-    let mut at = from.min(bytes.len());
-    loop {
-        match bytes.get(at) {
-            Some(b'\n' | b'\r') => at += 1,
-            Some(b'#') if comments => {
-                let rest = &bytes[at..];
-                at += rest.iter().position(|byte| *byte == b'\n').unwrap_or(rest.len());
-            }
-            _ => return 1 + bytes[..at].iter().filter(|byte| **byte == b'\n').count(),
-        }
-    }
+    let start = record.position().map_or(0, |start| start.byte() as usize);
+    bail!(wrong_cells(line_of_record(text, start, comments), expected, found))
 }
 
 #[cfg(test)]

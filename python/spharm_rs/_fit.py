@@ -18,7 +18,7 @@ from ._repair import changes_of, named_change
 from ._store import Store
 from ._surface import Metadata, Path, Surface, as_surface, meta_of, meta_of_path, named_icosphere, opened
 from ._transform import Transform
-from ._warnings import Problem, warn
+from ._warnings import Problem, issue, warn
 from .reports import FitReport
 
 
@@ -158,8 +158,7 @@ def _check_values(
 def _model(fitted: Any) -> Model:
     """Returns the model of a fit, and issues its warnings."""
     model, problems = _with_problems(fitted)
-    for category, text in problems:
-        warn([text], category)
+    issue(problems)
     return model
 
 
@@ -577,8 +576,7 @@ def solve(
     planned = isinstance(transform, Transform) and transform._inner.serves(degree)
     at = transform._inner if isinstance(transform, Transform) and planned else directions
     coefficients, deviations, text, problems = _core.solve(at, array, settings=settings, progress=callback(progress))
-    for kind, problem in problems:
-        warn([problem], getattr(errors, kind))
+    issue((getattr(errors, kind), problem) for kind, problem in problems)
     report: FitReport = json.loads(text)
     report["warnings"] = [problem for _, problem in problems]
     flat = np.ndim(values) == 1

@@ -18,7 +18,7 @@ from ._model import Model
 from ._parametrize import _image, _volume, with_warnings
 from ._progress import Callback, Progress, callback
 from ._surface import Path
-from ._warnings import Problem, warn
+from ._warnings import Problem, issue, warn
 from .errors import MeshError, SpharmError, SpharmWarning
 from .shape import Measures, _measured
 
@@ -215,8 +215,7 @@ def _warned(
     """Yields results, and issues their warnings on the thread of the caller."""
     with closing(found):
         for done, (result, problems) in enumerate(found, 1):
-            for category, text in problems:
-                warn([text], category)
+            issue(problems)
             if shown is not None:
                 shown("fit", done, total)
             yield result

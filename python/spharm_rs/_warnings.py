@@ -22,6 +22,12 @@ def warn(found: Iterable[str], category: type[Warning] = SpharmWarning) -> tuple
     return texts
 
 
+def issue(problems: Iterable[Problem]) -> None:
+    """Issues warnings of several categories."""
+    for category, text in problems:
+        warn([text], category)
+
+
 def _outside() -> int:
     """Returns the level of the nearest caller outside the package, relative to the caller of this function."""
     frame, level = sys._getframe(1), 1

@@ -4,7 +4,6 @@ mod args;
 mod moments;
 mod settings;
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -14,7 +13,7 @@ use spharm::parametrize::volume::is_volume;
 use spharm::{FitParams, Preparation, Sphere};
 use spharm_cli::Usage;
 use spharm_cli::console::Console;
-use spharm_cli::inputs::{expand_lists, read_sphere};
+use spharm_cli::inputs::{expand_lists, keep_each_once, read_sphere};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::model_files;
 use spharm_cli::paths::shown;
@@ -190,8 +189,6 @@ fn files(input: &Input, console: &Console) -> Result<Vec<PathBuf>> {
         }
         files.extend(meshes);
     }
-    // `a.ply` and `./a.ply` are one file.
-    let mut seen = HashSet::new();
-    files.retain(|path| seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.clone())));
+    keep_each_once(&mut files);
     Ok(files)
 }

@@ -3,7 +3,7 @@
 mod args;
 mod table;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -14,7 +14,7 @@ use spharm::parametrize::volume::{is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
-use spharm_cli::inputs::expand_lists;
+use spharm_cli::inputs::{expand_lists, keep_each_once};
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::names::NameTemplate;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_json, print_line};
@@ -196,9 +196,7 @@ fn volumes(given: &[PathBuf]) -> Result<Vec<PathBuf>> {
         natural_order(&mut files);
         found.extend(files);
     }
-    // `a.npy` and `./a.npy` are one file.
-    let mut seen = HashSet::new();
-    found.retain(|path| seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.clone())));
+    keep_each_once(&mut found);
     Ok(found)
 }
 

@@ -9,6 +9,7 @@ use spharm::model::Provenance;
 use spharm::parametrize::volume::VoxelSteps;
 use spharm::shape::{Descriptors, Measures};
 use spharm_cli::inputs::read_text;
+use spharm_cli::output::first_of;
 use spharm_cohort::cell;
 
 /// Maximum size in bytes of a table written by an earlier call.
@@ -253,19 +254,17 @@ pub(super) fn cut_off(rows: &[Row]) -> Option<String> {
 fn warning_of_cut(labels: &[String]) -> Option<String> {
     const NAMED: usize = 3;
     const REMEDY: &str = "--skip-border leaves out such labels";
-    let count = match labels {
-        [] => return None,
+    match labels {
+        [] => None,
         [only] => {
-            let cut = "touches the border of the volume, which may have cut off a part of it";
-            return Some(format!("{only} {cut}; {REMEDY}"));
+            Some(format!("{only} touches the border of the volume, which may have cut off a part of it; {REMEDY}"))
         }
-        labels => labels.len(),
-    };
-    let more = if count > NAMED { format!(" and {} more", count - NAMED) } else { String::new() };
-    let named = labels.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
-    Some(format!(
-        "{count} labels touch the border of their volume, which may have cut off parts of them: {named}{more}; {REMEDY}"
-    ))
+        labels => Some(format!(
+            "{} labels touch the border of their volume, which may have cut off parts of them: {}; {REMEDY}",
+            labels.len(),
+            first_of(labels.iter().map(String::as_str), NAMED)
+        )),
+    }
 }
 
 /// Returns a short description of the repairs and cuts recorded in a model's provenance.

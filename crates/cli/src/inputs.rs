@@ -1,5 +1,6 @@
 //! Reads spheres, surfaces and signals from files, and checks them before any work starts.
 
+use std::collections::HashSet;
 use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -64,6 +65,12 @@ pub fn expand_lists(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
         }
     }
     Ok(expanded)
+}
+
+/// Removes paths that lead to an earlier path, such as `./a.npy` after `a.npy`. Links aren't followed.
+pub fn keep_each_once(paths: &mut Vec<PathBuf>) {
+    let mut seen = HashSet::new();
+    paths.retain(|path| seen.insert(std::path::absolute(path).unwrap_or_else(|_| path.clone())));
 }
 
 /// Removes each `FOLDER/..` from a path, for display and records. If the shorter path can't be resolved or leads

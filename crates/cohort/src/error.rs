@@ -74,10 +74,7 @@ pub enum CohortError {
         nearest: &'static str,
     },
     /// A row has more or fewer cells than the header.
-    #[error(
-        "{}: line {line}: expected {expected} cells as in the header, found {found}{}",
-        path.display(), reason(*found, *expected)
-    )]
+    #[error("{}: {}", path.display(), wrong_cells(*line, *expected, *found))]
     Cells {
         /// Path of the table.
         path: PathBuf,
@@ -178,9 +175,11 @@ pub enum CohortError {
     },
 }
 
-/// Returns a likely reason for a row with more cells than the header, to be appended to its error.
-fn reason(found: usize, expected: usize) -> &'static str {
-    if found > expected { " (decimal comma or missing quotes?)" } else { "" }
+/// Returns the message about a row whose number of cells differs from that of the header, without the table's path.
+#[must_use]
+pub fn wrong_cells(line: usize, expected: usize, found: usize) -> String {
+    let reason = if found > expected { " (decimal comma or missing quotes?)" } else { "" };
+    format!("line {line}: expected {expected} cells as in the header, found {found}{reason}")
 }
 
 /// Returns the hint that the verb `volumes` fits the volumes in a folder, to be appended to a message; empty if

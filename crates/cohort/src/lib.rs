@@ -65,10 +65,11 @@ mod shard;
 mod status;
 mod table;
 
-pub use error::{CohortError, volumes_hint};
+pub use error::{CohortError, volumes_hint, wrong_cells};
 pub use folder::{FolderMeshes, file_stem, is_named_sphere, meshes_of_folder, rows_of_folder};
 pub use formulas::{cell, guarded, unguarded};
 pub use manifest::{Manifest, Row, check_id, is_model};
 pub use merge::Merged;
 pub use shard::Shard;
 pub use status::{Entry, State, StatusFile};
+pub use table::line_of_record;

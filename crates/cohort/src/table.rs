@@ -81,7 +81,7 @@ impl<'a> Table<'a> {
             .has_headers(false)
             .flexible(true)
             .from_reader(self.text.as_bytes());
-        let (mut lines, mut record) = (Lines::new(self.text), StringRecord::new());
+        let (mut lines, mut record) = (Lines::new(self.text, true), StringRecord::new());
         loop {
             let from = reader.position().byte() as usize;
             match reader.read_record(&mut record) {
@@ -108,16 +108,25 @@ pub(crate) fn writer(separator: u8) -> csv::Writer<Vec<u8>> {
     csv::WriterBuilder::new().delimiter(separator).comment(Some(b'#')).flexible(true).from_writer(Vec::new())
 }
 
+/// Returns the line number of the first record at or after a byte offset of a table's text. The crate csv counts one
+/// line too few if lines end in a carriage return and a newline. `comments` says whether lines that begin with `#` are
+/// skipped.
+#[must_use]
+pub fn line_of_record(text: &str, from: usize, comments: bool) -> usize {
+    Lines::new(text, comments).of_record(from)
+}
+
 /// Determines the line numbers of records, which must be given in order.
 struct Lines<'a> {
     bytes: &'a [u8],
+    comments: bool,
     at: usize,
     line: usize,
 }
 
 impl<'a> Lines<'a> {
-    fn new(text: &'a str) -> Self {
-        Self { bytes: text.as_bytes(), at: 0, line: 1 }
+    fn new(text: &'a str, comments: bool) -> Self {
+        Self { bytes: text.as_bytes(), comments, at: 0, line: 1 }
     }
 
     /// Returns the line number of the first record at or after a byte offset. Blank lines and comments may precede the
@@ -132,7 +141,7 @@ impl<'a> Lines<'a> {
             match self.bytes.get(self.at) {
                 Some(b'\n') => self.line += 1,
                 Some(b'\r') => {}
-                Some(b'#') => {
+                Some(b'#') if self.comments => {
                     let rest = &self.bytes[self.at..];
                     let length = rest.iter().position(|byte| matches!(byte, b'\n' | b'\r')).unwrap_or(rest.len());
                     self.at += length;

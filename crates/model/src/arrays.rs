@@ -11,7 +11,7 @@ use zip::{CompressionMethod, ZipArchive, ZipWriter};
 
 use crate::error::ModelError;
 use crate::npy::{Array, write_header, write_text};
-use crate::npz::{Archive, opened, write_all};
+use crate::npz::{Archive, file, opened, write_all};
 
 /// A named entry to write to an archive.
 #[derive(Debug, Clone, Copy)]
@@ -67,8 +67,7 @@ impl Arrays {
     /// [`Open`](ModelError::Open) if the file can't be opened, [`Compressed`](ModelError::Compressed) if it is a
     /// compressed model, and [`Invalid`](ModelError::Invalid) if it isn't an archive.
     pub fn open(path: &Path) -> Result<Self, ModelError> {
-        let open = |source| ModelError::Open { path: path.to_owned(), source };
-        let zip = opened(path, BufReader::new(spharm_files::open(path).map_err(open)?))?;
+        let zip = opened(path, file(path)?)?;
         Ok(Self { path: path.to_owned(), zip })
     }
 

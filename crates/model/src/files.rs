@@ -1,6 +1,6 @@
 //! Reads and writes model files.
 
-use std::io::{self, BufReader, Cursor, Write};
+use std::io::{self, Cursor, Write};
 use std::path::Path;
 
 use spharm_surface::io::write_new;
@@ -56,8 +56,7 @@ impl Model {
     /// [`NonFinite`](ModelError::NonFinite) if a coefficient isn't finite.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ModelError> {
         let path = path.as_ref();
-        let open = |source| ModelError::Open { path: path.to_owned(), source };
-        npz::read(path, BufReader::new(spharm_files::open(path).map_err(open)?))
+        npz::read(path, npz::file(path)?)
     }
 
     /// Reads only the provenance of a model, which takes much less time than reading the whole model. A model without a
@@ -69,8 +68,7 @@ impl Model {
     /// archive or the record isn't text.
     pub fn read_provenance(path: impl AsRef<Path>) -> Result<Provenance, ModelError> {
         let path = path.as_ref();
-        let open = |source| ModelError::Open { path: path.to_owned(), source };
-        npz::read_provenance(path, BufReader::new(spharm_files::open(path).map_err(open)?))
+        npz::read_provenance(path, npz::file(path)?)
     }
 
     /// Reads a model from the bytes of an archive. See [`read`](Self::read) for the accepted contents.

@@ -1,6 +1,7 @@
 //! Reads and writes models as NumPy archives (`.npz`).
 
-use std::io::{self, Read, Seek, Write};
+use std::fs::File;
+use std::io::{self, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use ndarray::Array2;
@@ -83,6 +84,12 @@ pub(crate) fn read(path: &Path, input: impl Read + Seek) -> Result<Model, ModelE
 pub(crate) fn read_provenance(path: &Path, input: impl Read + Seek) -> Result<Provenance, ModelError> {
     let mut zip = opened(path, input)?;
     Archive { path, zip: &mut zip }.provenance()
+}
+
+/// Opens the file of an archive.
+pub(crate) fn file(path: &Path) -> Result<BufReader<File>, ModelError> {
+    let file = spharm_files::open(path).map_err(|source| ModelError::Open { path: path.to_owned(), source })?;
+    Ok(BufReader::new(file))
 }
 
 /// Opens an archive; `path` is only used in error messages. Compressed models are recognised by their first bytes.

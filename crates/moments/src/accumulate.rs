@@ -13,6 +13,7 @@ use spharm_harmonics::Directions;
 use spharm_monitor::{Monitor, Stage};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::io::bytes_to_read;
+use spharm_surface::look_like_radians;
 use spharm_transform::{Accumulated as Found, Accumulator};
 
 use crate::MomentsError;
@@ -196,8 +197,7 @@ pub fn accumulate(request: &Request, monitor: &dyn Monitor) -> Result<Accumulate
         warnings.push(Warning::ZeroWeights { zeros: rows - sums.count, rows });
     }
     let [longitude, latitude] = largest;
-    let small = longitude <= std::f64::consts::TAU && latitude <= std::f64::consts::FRAC_PI_2;
-    if longitude > 0.0 && small && rows >= 10 {
+    if look_like_radians(usize::try_from(rows).unwrap_or(usize::MAX), latitude, longitude) {
         warnings.push(Warning::LooksLikeRadians { longitude, latitude });
     }
     let moments =

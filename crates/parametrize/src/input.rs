@@ -7,14 +7,13 @@ use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 use spharm_surface::generate::{icosphere, icosphere_counts};
 use spharm_surface::io::{bytes_to_read, read_mesh};
-use spharm_surface::range::{scale_all, scaled_meshes};
-use spharm_surface::repair::{MeshRepair, repair};
+use spharm_surface::range::scale_all;
+use spharm_surface::repair::MeshRepair;
 
-use crate::enclosure::check_enclosure;
 use crate::error::ParametrizeError;
-use crate::handles::{CutSurface, HandlesReport, cut_handles, fill_holes};
+use crate::handles::{CutSurface, HandlesReport, cut_handles};
 use crate::method::Source;
-use crate::trial::with_mending;
+use crate::trial::{Repaired, repaired, with_mending};
 use crate::volume::{Repair, VolumeSurface};
 use crate::wrap::wrap;
 
@@ -81,8 +80,8 @@ impl Input {
         })
     }
 
-    /// Repairs a mesh if necessary, see [`repair`](spharm_surface::repair) and [`fill_holes`]. The surface around a
-    /// label is returned unchanged.
+    /// Repairs a mesh if necessary, see [`repair`](spharm_surface::repair) and
+    /// [`fill_holes`](crate::handles::fill_holes). The surface around a label is returned unchanged.
     ///
     /// # Errors
     ///
@@ -90,16 +89,12 @@ impl Input {
     /// [`ParametrizeError::BadSurface`] if only the repaired mesh has one side; [`ParametrizeError::Interrupted`].
     pub fn mended(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let Self::Mesh(mesh) = &self else { return Ok(self) };
-        // Areas of very large or small coordinates leave the range of f64.
-        let scaled = scaled_meshes([mesh]);
-        let (mesh, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
-        let (mut mended, mut found) = repair(mesh);
-        let open = fill_holes(&mut mended, &mut found, monitor)?;
-        if !check_enclosure(mesh, &mended, &open, &found)? {
-            return Err(joined_with_a_twist(&found));
+        let Repaired { mesh: mut mended, exponent, repair, two_sided } = repaired(mesh, monitor)?;
+        if !two_sided {
+            return Err(joined_with_a_twist(&repair));
         }
         scale_all(mended.vertices.iter_mut().flatten(), exponent);
-        Ok(if found.is_any() { Self::Fixed(mended, found) } else { self })
+        Ok(if repair.is_any() { Self::Fixed(mended, repair) } else { self })
     }
 
     /// Replaces a mesh by the closed surface around it, see [`wrap()`](crate::wrap()). The surface around a label is

@@ -3,13 +3,39 @@
 use spharm_monitor::Monitor;
 use spharm_surface::Mesh;
 use spharm_surface::range::scaled_meshes;
-use spharm_surface::repair::repair;
+use spharm_surface::repair::{MeshRepair, repair};
 
 use crate::enclosure::check_enclosure;
 use crate::error::ParametrizeError;
 use crate::flaws::Flaws;
 use crate::handles::fill_holes;
 use crate::mending::Mending;
+
+/// A repaired copy of a mesh.
+pub(crate) struct Repaired {
+    /// The repaired mesh, whose coordinates are divided by 2^`exponent`.
+    pub(crate) mesh: Mesh,
+    pub(crate) exponent: i32,
+    /// The changes.
+    pub(crate) repair: MeshRepair,
+    /// Whether the repaired mesh has two sides, see [`check_enclosure`].
+    pub(crate) two_sided: bool,
+}
+
+/// Repairs a copy of a mesh, whose triangles must have valid indices, and fills its holes.
+///
+/// # Errors
+///
+/// Those of [`mending`].
+pub(crate) fn repaired(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Repaired, ParametrizeError> {
+    // Areas of very large or small coordinates leave the range of f64.
+    let scaled = scaled_meshes([mesh]);
+    let (given, exponent) = scaled.as_ref().map_or((mesh, 0), |([mesh], exponent)| (mesh, *exponent));
+    let (mut mesh, mut repair) = repair(given);
+    let open = fill_holes(&mut mesh, &mut repair, monitor)?;
+    let two_sided = check_enclosure(given, &mesh, &open, &repair)?;
+    Ok(Repaired { mesh, exponent, repair, two_sided })
+}
 
 /// Repairs a copy of a mesh, whose triangles must have valid indices. Returns `None` if the repair changes nothing, or
 /// if defects other than handles remain.
@@ -19,15 +45,11 @@ use crate::mending::Mending;
 /// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if the mesh can't enclose a body;
 /// [`ParametrizeError::Interrupted`].
 pub(crate) fn mending(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Option<Box<Mending>>, ParametrizeError> {
-    // Areas of very large or small coordinates leave the range of f64.
-    let scaled = scaled_meshes([mesh]);
-    let mesh = scaled.as_ref().map_or(mesh, |([mesh], _)| mesh);
-    let (mut mended, mut repair) = repair(mesh);
-    let open = fill_holes(&mut mended, &mut repair, monitor)?;
-    if !check_enclosure(mesh, &mended, &open, &repair)? || !repair.is_any() {
+    let Repaired { mesh, repair, two_sided, .. } = repaired(mesh, monitor)?;
+    if !two_sided || !repair.is_any() {
         return Ok(None);
     }
-    let (defects, handles) = defects(&mended);
+    let (defects, handles) = defects(&mesh);
     let succeeds = defects.is_empty();
     Ok(succeeds.then(|| Box::new(Mending { repair, handles })))
 }

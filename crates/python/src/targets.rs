@@ -39,10 +39,7 @@ pub(crate) fn doubts_of_mask(
 ) -> Result<Vec<String>, Failure> {
     let path = metadata.and_then(Metadata::path);
     let own = Hemisphere::of(metadata.and_then(Metadata::structure), path);
-    let other = mask.and_then(|mask| {
-        let (target, of) = (own?, Hemisphere::of(None, Some(mask))?);
-        (target != of).then(|| TargetWarning::OtherMask { target, mask: mask.to_owned(), of })
-    });
+    let other = mask.and_then(|mask| TargetWarning::of_mask(own, mask));
     named(path, other.iter(), params)
 }
 

@@ -94,15 +94,19 @@ fn columns(path: &Path, names: &[String]) -> Result<[Column; 2], SurfaceError> {
     }
 }
 
-/// Least number of rows whose unit is checked. Fewer directions may well be close together.
-const LEAST_ROWS: usize = 10;
+/// Returns whether directions seem to be in radians, given their number and the largest magnitudes of their latitudes
+/// and longitudes. Fewer than 10 directions may well be within a few degrees of each other.
+#[must_use]
+pub fn look_like_radians(count: usize, latitude: f64, longitude: f64) -> bool {
+    count >= 10 && latitude <= FRAC_PI_2 && longitude > 0.0 && longitude <= TAU
+}
 
 /// Checks that angles which are in degrees only by their usual unit don't all lie in the ranges of radians.
 fn check_unit(path: &Path, columns: [&Column; 2], rows: &[[f64; 2]]) -> Result<(), SurfaceError> {
     let largest = |column: &Column| rows.iter().map(|row| row[column.at].abs()).fold(0.0, f64::max);
     let [polar, azimuth] = columns.map(largest);
     let are_usual = columns.iter().all(|column| column.degrees && column.usual);
-    if !are_usual || rows.len() < LEAST_ROWS || polar > FRAC_PI_2 || azimuth == 0.0 || azimuth > TAU {
+    if !are_usual || !look_like_radians(rows.len(), polar, azimuth) {
         return Ok(());
     }
     let [polar_name, azimuth_name] = columns.map(|column| &column.name);

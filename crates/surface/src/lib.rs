@@ -86,6 +86,7 @@ pub mod samples;
 pub mod topology;
 mod volume_geometry;
 
+pub use angles::look_like_radians;
 pub use error::SurfaceError;
 pub use hemisphere::Hemisphere;
 pub use mesh::{CoordinateSystem, Input, Kind, Mesh, Meta, Signal};

@@ -112,6 +112,14 @@ impl fmt::Display for TargetWarning {
 }
 
 impl TargetWarning {
+    /// Returns the warning that a target of the hemisphere `own` has a mask of the other hemisphere, by the name of the
+    /// mask's file.
+    #[must_use]
+    pub fn of_mask(own: Option<Hemisphere>, mask: &Path) -> Option<Self> {
+        let (target, of) = (own?, Hemisphere::of(None, Some(mask))?);
+        (target != of).then(|| Self::OtherMask { target, mask: mask.to_owned(), of })
+    }
+
     /// Returns whether this is a note about how the file was read, which even a strict fit accepts.
     #[must_use]
     pub fn is_note(&self) -> bool {
@@ -210,11 +218,7 @@ impl Target {
     /// hemisphere is unknown belongs to that of its sphere.
     pub fn check_mask(&mut self, mask: &Path, sphere: &Sphere) {
         let own = Hemisphere::of(self.meta.anatomical_structure_primary.as_deref(), self.path.as_deref());
-        if let (Some(target), Some(of)) = (own.or_else(|| sphere.hemisphere()), Hemisphere::of(None, Some(mask)))
-            && target != of
-        {
-            self.warnings.push(TargetWarning::OtherMask { target, mask: mask.to_owned(), of });
-        }
+        self.warnings.extend(TargetWarning::of_mask(own.or_else(|| sphere.hemisphere()), mask));
     }
 
     fn of_mesh(mesh: Mesh, sphere: &Sphere, path: Option<&Path>) -> Result<Self, SurfaceError> {
