@@ -168,9 +168,9 @@ def aics(model):
         [[[named[f"shcoeffs_L{l}M{m}{s}"] for m in range(size)] for l in range(size)] for s in "CS"]
     )
     found = shtools.get_even_reconstruction_from_coeffs(coefficients, npoints=64)[1]
-    # The Driscoll-Healy grid of pyshtools.
+    # The Driscoll-Healy grid of pyshtools. Its longitudes are the azimuths plus pi.
     n = 2 * size
-    known = radius.values(*grid(np.arange(n) * np.pi / n, np.arange(2 * n) * np.pi / n)).reshape(n, 2 * n)
+    known = radius.values(*grid(np.arange(n) * np.pi / n, np.arange(2 * n) * np.pi / n - np.pi)).reshape(n, 2 * n)
     # aics-shparam 0.1 returns the grid with or without its last row and column.
     rows, columns = min(n, found.shape[0]), min(2 * n, found.shape[1])
     yield "aics-shparam", relative(found[:rows, :columns], known[:rows, :columns])

@@ -101,6 +101,16 @@ fn a_folder_of_models_is_exported_and_nothing_is_replaced() {
         &mut site.run("export", &["models/a.spharm.npz", "--to", "pyshtools", "--normalization", "4pi", "-o", "g"]),
     );
     succeed(&mut site.run("import", &["g.x", "g.y", "g.z", "--normalization", "4pi", "-o", "g.npz"]));
+    // What was assumed instead is said.
+    let options: [(&[&str], &str); 2] = [(&[], "ortho"), (&["--normalization", "4pi"], "4pi")];
+    for (more, name) in options {
+        let output = finish(site.run("import", &["g.x", "g.y", "g.z", "-o", "said.npz", "--force"]).args(more));
+        assert!(
+            text(&output).contains(&format!("assumed --normalization {name} and --csphase 1")),
+            "{}",
+            text(&output)
+        );
+    }
     let [back, known] = ["g.npz", "models/a.spharm.npz"].map(|name| Model::read(site.path(name)).expect("a model"));
     assert!(relative(&back, &known) < 1e-14);
 }
@@ -192,6 +202,27 @@ fn a_genuine_file_of_spharm_mat_is_read_with_its_sphere() {
     succeed(&mut site.run("import", &["again.mat", "-o", "again.npz"]));
     let again = Model::read(site.path("again.npz")).expect("a model");
     assert_eq!(again.sphere.map(|sphere| sphere.faces), model.sphere.map(|sphere| sphere.faces));
+}
+
+#[test]
+fn coefficients_of_another_package_are_refused_where_models_are_wanted() {
+    let site = Site::new();
+    site.model("a.npz", 3, 3);
+    for name in ["a.coef", "b.coef", "c.coef"] {
+        succeed(&mut site.run("export", &["a.npz", "--to", "pdm", "-o", name]));
+    }
+    let said = fail(&mut site.run("shape", &["align", "a.coef", "b.coef", "c.coef", "--group", "-o", "al"]));
+    assert!(said.contains("a.coef: expected a model or a mesh") && said.contains("spharm import"), "{said}");
+    // A mesh may have any name, but an aligned mesh needs a known ending.
+    succeed(&mut site.run("reconstruct", &["--model", "a.npz", "-o", "a.ply"]));
+    for name in ["a.txt", "b.txt"] {
+        std::fs::copy(site.path("a.ply"), site.path(name)).expect("a mesh");
+    }
+    let said = fail(&mut site.run("shape", &["align", "a.txt", "b.txt", "--group", "-o", "al"]));
+    assert!(!said.contains("coefficients"), "{said}");
+    succeed(&mut site.run("shape", &["align", "a.ply", "--to", "b.txt", "-o", "al.ply"]));
+    let said = fail(&mut site.run("import", &["a.coef", "b.coef", "c.coef", "-o", "three.npz"]));
+    assert!(said.contains("a.coef: the file has 3 channels") && !site.path("three.npz").exists(), "{said}");
 }
 
 #[test]

@@ -66,6 +66,15 @@ def test_pdm_files_are_those_of_the_package(model: tuple[Path, np.ndarray, int])
     assert np.abs(found - a).max() <= 1e-15 * np.abs(a).max()
 
 
+def test_aics_values_have_the_sign_of_its_azimuth(tmp_path: Path) -> None:
+    a = np.random.default_rng(5).normal(size=(36, 1))
+    sp.Model(a, surface=False).save(tmp_path / "r.spharm.npz")
+    named = json.loads(export(tmp_path / "r.spharm.npz", "aics", "r.json").read_text())
+    array = convert.to_pyshtools(a, normalization="4pi", csphase=-1)[0]
+    for (s, l, m), value in np.ndenumerate(array):
+        assert np.isclose(named[f"shcoeffs_L{l}M{m}{'CS'[s]}"], value, rtol=1e-14, atol=0)
+
+
 def test_text_has_every_digit(model: tuple[Path, np.ndarray, int]) -> None:
     path, a, degree = model
     table = np.loadtxt(export(path, "csv", "m.csv"), delimiter=",", skiprows=1)

@@ -43,7 +43,7 @@ pub(crate) struct Cli {
     /// Format: pdm, mat, pyshtools, healpy, s2fft, ktch, flowshape, aics, afni, csv, json
     #[arg(long, value_name = "FORMAT", help_heading = METHOD)]
     pub(super) to: Format,
-    /// Normalisation of pyshtools' harmonics: ortho, or 4pi (pyshtools' own default)
+    /// Normalisation of pyshtools' harmonics: ortho, 4pi (pyshtools' own default), schmidt or unnorm
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
     /// File to write; for several models, a folder
@@ -67,9 +67,6 @@ pub(crate) struct Cli {
 
 /// Parses the value of `--normalization`.
 pub(crate) fn normalization(text: &str) -> Result<Normalization, String> {
-    match text {
-        "ortho" => Ok(Normalization::Orthonormal),
-        "4pi" => Ok(Normalization::FourPi),
-        _ => Err("expected ortho or 4pi".to_owned()),
-    }
+    let found = Normalization::ALL.into_iter().find(|normalization| normalization.name() == text);
+    found.ok_or_else(|| "expected ortho, 4pi, schmidt or unnorm".to_owned())
 }

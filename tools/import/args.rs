@@ -35,9 +35,15 @@ pub(crate) struct Cli {
     /// Sphere of the model: a mesh at whose vertices the model is evaluated
     #[arg(long, value_name = "SPHERE", help_heading = INPUT)]
     pub(super) sphere: Option<PathBuf>,
-    /// Normalisation of pyshtools' harmonics: ortho, or 4pi (pyshtools' own default)
+    /// Normalisation of pyshtools' harmonics: ortho, 4pi (pyshtools' own default), schmidt or unnorm
     #[arg(long, value_name = "NAME", default_value = "ortho", value_parser = normalization, help_heading = METHOD)]
     pub(super) normalization: Normalization,
+    /// Condon-Shortley phase of pyshtools' harmonics: 1 without (pyshtools' own default), -1 with the phase
+    #[arg(
+        long, value_name = "PHASE", default_value = "1", value_parser = csphase, allow_negative_numbers = true,
+        help_heading = METHOD
+    )]
+    pub(super) csphase: i8,
     /// Treat three channels as a signal, not as x, y and z of a surface
     #[arg(long, help_heading = METHOD)]
     pub(super) signal: bool,
@@ -51,4 +57,13 @@ pub(crate) struct Cli {
     pub(super) memory: Memory,
     #[command(flatten)]
     pub(super) common: Common,
+}
+
+/// Parses the value of `--csphase`.
+fn csphase(text: &str) -> Result<i8, String> {
+    match text {
+        "1" => Ok(1),
+        "-1" => Ok(-1),
+        _ => Err("expected 1 or -1".to_owned()),
+    }
 }

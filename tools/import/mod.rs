@@ -8,7 +8,7 @@ use anyhow::{Result, anyhow};
 use serde_json::Value;
 use spharm_cli::inputs::read_sphere;
 use spharm_cli::output::{OutputFile, check_outputs, counted, prepare, print_line};
-use spharm_exchange::{ExchangeError, ImportOptions, Imported, import};
+use spharm_exchange::{ExchangeError, Format, ImportOptions, Imported, import};
 use spharm_model::{FileRecord, Model};
 use spharm_surface::Kind;
 
@@ -18,14 +18,25 @@ pub(crate) use self::args::Cli;
 pub(crate) fn run(cli: &Cli) -> Result<()> {
     let console = cli.common.console();
     check_outputs([OutputFile::with_ending(&cli.output, "--output", &[".npz"])], cli.force)?;
-    let options = ImportOptions { format: cli.from, normalization: cli.normalization };
+    let (normalization, condon_shortley) = (cli.normalization, cli.csphase == -1);
+    let options = ImportOptions { format: cli.from, normalization, condon_shortley };
     let budget = cli.memory.budget(1);
     budget.check_inputs("import", cli.files.iter().chain(&cli.sphere).map(PathBuf::as_path))?;
     let found = import(&cli.files, &options).map_err(|error| match error {
         ExchangeError::Unknown { .. } => anyhow!("{error}; give the format with --from"),
         error => error.into(),
     });
-    let Imported { coefficients, sphere, format } = found?;
+    let Imported { coefficients, sphere, format, errors_left_out } = found?;
+    if format == Format::Pyshtools {
+        console.note(format!(
+            "pyshtools' files don't state their normalisation and phase: assumed --normalization {} and --csphase {}",
+            normalization.name(),
+            cli.csphase
+        ));
+    }
+    if errors_left_out {
+        console.note("the columns after C and S, which hold the errors of the coefficients, aren't imported");
+    }
     let sphere = match &cli.sphere {
         Some(path) => Some(read_sphere(path, false, &console)?),
         None => sphere,

@@ -2,22 +2,27 @@
 //! cosine of degree 2, order 1.
 //!
 //! aics-shparam expands the distance of the surface from its centre in pyshtools' default harmonics, normalised to 4
-//! pi. Its `get_even_reconstruction_from_coeffs` takes these coefficients as an array (2, L + 1, L + 1).
+//! pi. The azimuth in these harmonics is phi plus pi, so each coefficient is multiplied by (-1)^m. Its
+//! `get_even_reconstruction_from_coeffs` takes these coefficients as an array (2, L + 1, L + 1).
 
 use std::io::{self, Write};
 
 use spharm_harmonics::Coefficients;
 use spharm_harmonics::index::column;
 
+use crate::convert::phase;
 use crate::format::Normalization;
 
 /// Returns names and values in aics-shparam's order: all cosines, then all sines, each by degree and then by order from
 /// 0 to L. Coefficients of orders above the degree, and of the sine of order 0, are zero.
 fn named(a: &Coefficients) -> Vec<(String, f64)> {
-    let (factor, orders) = (Normalization::FourPi.factor(), 0..=a.max_degree());
+    let (factor, orders) = (Normalization::FourPi.factor(0, 0), 0..=a.max_degree());
     let value = |l: usize, m: usize, sine: bool| match m {
         m if m > l || (sine && m == 0) => 0.0,
-        m => factor * a.values()[[column(l, if sine { -m.cast_signed() } else { m.cast_signed() }), 0]],
+        m => {
+            let order = if sine { -m.cast_signed() } else { m.cast_signed() };
+            factor * phase(order) * a.values()[[column(l, order), 0]]
+        }
     };
     let place = |(sine, l)| orders.clone().map(move |m| (sine, l, m));
     let places = [false, true].into_iter().flat_map(|sine| orders.clone().map(move |l| (sine, l))).flat_map(place);

@@ -15,7 +15,7 @@ use spharm_harmonics::index::{basis_size, column, degree_order, first_column};
 use spharm_harmonics::{Coefficients, HarmonicsError};
 
 /// Returns (-1)^m.
-fn phase(order: isize) -> f64 {
+pub(crate) fn phase(order: isize) -> f64 {
     if order % 2 == 0 { 1.0 } else { -1.0 }
 }
 

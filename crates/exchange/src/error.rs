@@ -30,6 +30,18 @@ pub enum ExchangeError {
         /// The content found instead.
         found: String,
     },
+    /// The file is intact, but it holds something else than coefficients, or coefficients in an unsupported format.
+    #[error("{}: expected {format} with coefficients, found {found}; {remedy}", .path.display())]
+    OtherContents {
+        /// Path of the file.
+        path: PathBuf,
+        /// Description of a file in the format, beginning with an article.
+        format: &'static str,
+        /// The content found.
+        found: &'static str,
+        /// What the user can do with the content.
+        remedy: &'static str,
+    },
     /// The file's format can't be determined from its contents.
     #[error("{}: the format of the coefficients is ambiguous: found {found}; choose one of {remedy}", .path.display())]
     Unknown {
@@ -55,6 +67,19 @@ pub enum ExchangeError {
         /// Hint at an alternative, appended to the message.
         hint: &'static str,
     },
+    /// The coefficients of high degrees aren't 64-bit numbers in the normalisation.
+    #[error(
+        "normalisation {normalization}: expected a degree up to {highest}, found degree {degree}; choose another \
+         normalisation, such as ortho"
+    )]
+    DegreeTooHigh {
+        /// pyshtools' name of the normalisation.
+        normalization: &'static str,
+        /// Highest degree that the normalisation supports.
+        highest: usize,
+        /// The model's degree.
+        degree: usize,
+    },
     /// The format can only be written.
     #[error(
         "{}: files for {package} can be exported, but not imported: they hold one radius per direction, without \
@@ -66,6 +91,18 @@ pub enum ExchangeError {
         path: PathBuf,
         /// Name of the package.
         package: &'static str,
+    },
+    /// A file holds several channels, so it can't be joined with other files.
+    #[error(
+        "{}: the file has {channels} channels, but several files make one model only if each has one channel; import \
+         each file by itself",
+        .path.display()
+    )]
+    SeveralModels {
+        /// Path of the file.
+        path: PathBuf,
+        /// Number of channels of the file.
+        channels: usize,
     },
     /// The files of one model have different degrees.
     #[error("{}: the file has degree {found}, but {} has degree {expected}; all channels of a model must have the same degree", .path.display(), .first.display())]

@@ -104,11 +104,18 @@ pub fn check(model: &Model, format: Format) -> Result<(), ExchangeError> {
 ///
 /// # Errors
 ///
-/// The errors of [`check`], [`Model`](ExchangeError::Model) if the model can't be evaluated, and
+/// The errors of [`check`], [`DegreeTooHigh`](ExchangeError::DegreeTooHigh) if the normalisation doesn't support the
+/// model's degree, [`Model`](ExchangeError::Model) if the model can't be evaluated, and
 /// [`Surface`](ExchangeError::Surface) if a file exists and `overwrite` isn't set, or if a file can't be written.
 pub fn export(model: &Model, format: Format, path: &Path, options: &ExportOptions) -> Result<Exported, ExchangeError> {
     check(model, format)?;
     let a = &model.coefficients;
+    if let (Format::Pyshtools, Some(highest)) = (format, options.normalization.highest())
+        && a.max_degree() > highest
+    {
+        let (normalization, degree) = (options.normalization.name(), a.max_degree());
+        return Err(ExchangeError::DegreeTooHigh { normalization, highest, degree });
+    }
     let files = files(format, a.channels(), path);
     let mut warnings = Vec::new();
     let surface = match (&model.sphere, format) {

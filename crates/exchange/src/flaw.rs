@@ -4,21 +4,29 @@ use std::path::Path;
 
 use crate::error::ExchangeError;
 
-/// A violation of a file's format: the expected content and the content found.
+/// A reason why a file can't be read.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Flaw {
-    expected: String,
-    found: String,
+pub(crate) enum Flaw {
+    /// A violation of the file's format: the expected content and the content found.
+    Violation { expected: String, found: String },
+    /// Content without coefficients that can be read, and what the user can do with it.
+    Other { found: &'static str, remedy: &'static str },
 }
 
 impl Flaw {
     pub(crate) fn new(expected: impl Into<String>, found: impl ToString) -> Self {
-        Self { expected: expected.into(), found: found.to_string() }
+        Self::Violation { expected: expected.into(), found: found.to_string() }
     }
 
     pub(crate) fn at(self, path: &Path, format: &'static str) -> ExchangeError {
-        let (expected, found) = (printable(&self.expected), printable(&self.found));
-        ExchangeError::Malformed { path: path.to_owned(), format, expected, found }
+        let path = path.to_owned();
+        match self {
+            Self::Violation { expected, found } => {
+                let (expected, found) = (printable(&expected), printable(&found));
+                ExchangeError::Malformed { path, format, expected, found }
+            }
+            Self::Other { found, remedy } => ExchangeError::OtherContents { path, format, found, remedy },
+        }
     }
 }
 

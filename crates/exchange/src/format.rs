@@ -147,14 +147,46 @@ pub enum Normalization {
     Orthonormal,
     /// The square of a harmonic integrates to 4 pi over the sphere, as in geodesy: pyshtools' `4pi`, its default.
     FourPi,
+    /// The square of a harmonic of degree l integrates to 4 pi / (2 l + 1): pyshtools' `schmidt`.
+    Schmidt,
+    /// The harmonics are products of associated Legendre functions and cosines or sines: pyshtools' `unnorm`.
+    Unnormalized,
 }
 
 impl Normalization {
-    /// Returns the factor by which canonical coefficients are multiplied for this normalisation.
-    pub(crate) fn factor(self) -> f64 {
+    /// All normalisations.
+    pub const ALL: [Self; 4] = [Self::Orthonormal, Self::FourPi, Self::Schmidt, Self::Unnormalized];
+
+    /// Returns pyshtools' name of the normalisation.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Orthonormal => "ortho",
+            Self::FourPi => "4pi",
+            Self::Schmidt => "schmidt",
+            Self::Unnormalized => "unnorm",
+        }
+    }
+
+    /// Returns the highest degree at which the factors of all orders are 64-bit numbers; `None` if all degrees are.
+    pub(crate) fn highest(self) -> Option<usize> {
+        (self == Self::Unnormalized).then_some(150)
+    }
+
+    /// Returns the factor by which a canonical coefficient of degree l and order m <= l is multiplied for this
+    /// normalisation.
+    pub(crate) fn factor(self, l: usize, m: usize) -> f64 {
+        let whole = 4.0 * std::f64::consts::PI;
         match self {
             Self::Orthonormal => 1.0,
-            Self::FourPi => 1.0 / (4.0 * std::f64::consts::PI).sqrt(),
+            Self::FourPi => 1.0 / whole.sqrt(),
+            Self::Schmidt => ((2 * l + 1) as f64 / whole).sqrt(),
+            Self::Unnormalized => {
+                // The product is sqrt((l - m)! / (l + m)!).
+                let orders: f64 = ((l + 1).saturating_sub(m)..=l + m).map(|k| 1.0 / (k as f64).sqrt()).product();
+                let halves = if m == 0 { 1.0 } else { 2.0 };
+                (halves * (2 * l + 1) as f64 / whole).sqrt() * orders
+            }
         }
     }
 }

@@ -8,6 +8,7 @@ use spharm_harmonics::Coefficients;
 use spharm_surface::Sphere;
 use spharm_surface::io::check_room;
 
+use crate::convert::with_phase;
 use crate::error::ExchangeError;
 use crate::flaw::Flaw;
 use crate::format::{Format, Normalization};
@@ -21,6 +22,9 @@ pub struct ImportOptions {
     pub format: Option<Format>,
     /// Normalisation of pyshtools' files, which isn't recorded in the files.
     pub normalization: Normalization,
+    /// Whether the harmonics of pyshtools' files have the Condon-Shortley phase (`csphase=-1`), which isn't recorded
+    /// in the files.
+    pub condon_shortley: bool,
 }
 
 /// Result of an import.
@@ -32,6 +36,8 @@ pub struct Imported {
     pub sphere: Option<Sphere>,
     /// The format of the first file.
     pub format: Format,
+    /// Whether a file also has errors of its coefficients, which aren't read.
+    pub errors_left_out: bool,
 }
 
 /// Reads a model from one or more files. The channels of all files are combined in the order of the files.
@@ -39,13 +45,21 @@ pub struct Imported {
 /// # Errors
 ///
 /// [`Io`](ExchangeError::Io) if a file can't be read, [`Malformed`](ExchangeError::Malformed) if its contents violate
-/// the format, [`Unknown`](ExchangeError::Unknown) if its format can't be determined,
-/// [`WrittenOnly`](ExchangeError::WrittenOnly) if the format can only be exported, and
+/// the format, [`OtherContents`](ExchangeError::OtherContents) if it holds something else than coefficients,
+/// [`Unknown`](ExchangeError::Unknown) if its format can't be determined,
+/// [`WrittenOnly`](ExchangeError::WrittenOnly) if the format can only be exported,
+/// [`SeveralModels`](ExchangeError::SeveralModels) if one of several files has more than one channel, and
 /// [`Degrees`](ExchangeError::Degrees) or [`Formats`](ExchangeError::Formats) if the files differ in degree or format.
 pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Imported, ExchangeError> {
     let mut whole: Option<Imported> = None;
     for path in files.iter().map(AsRef::as_ref) {
         let found = one(path, options)?;
+        let channels = found.coefficients.channels();
+        // Files of different formats are refused below, with the reason.
+        let one_format = whole.as_ref().is_none_or(|before| before.format == found.format);
+        if one_format && files.len() > 1 && channels > 1 {
+            return Err(ExchangeError::SeveralModels { path: path.to_owned(), channels });
+        }
         whole = Some(match whole {
             None => found,
             Some(before) if before.format != found.format => {
@@ -59,6 +73,7 @@ pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Im
                     ndarray::Axis(1),
                     &[before.coefficients.values().view(), found.coefficients.values().view()],
                 );
+                let errors_left_out = before.errors_left_out || found.errors_left_out;
                 let joined = values.ok().and_then(|values| Coefficients::new(values).ok());
                 let coefficients = joined.ok_or_else(|| ExchangeError::Degrees {
                     path: path.to_owned(),
@@ -66,7 +81,7 @@ pub fn import<P: AsRef<Path>>(files: &[P], options: &ImportOptions) -> Result<Im
                     first: files.first().map_or(path, AsRef::as_ref).to_owned(),
                     expected,
                 })?;
-                Imported { coefficients, ..before }
+                Imported { coefficients, errors_left_out, ..before }
             }
         });
     }
@@ -91,7 +106,8 @@ fn one(path: &Path, options: &ImportOptions) -> Result<Imported, ExchangeError> 
         let found = format!("{x} in row {row} of channel {channel}");
         return Err(Flaw::new("finite coefficients", found).at(path, format.file()));
     }
-    Ok(Imported { coefficients, sphere, format })
+    let errors_left_out = format == Format::Pyshtools && !npy::is_npy(&bytes) && shtools::has_errors(&bytes);
+    Ok(Imported { coefficients, sphere, format, errors_left_out })
 }
 
 /// Reads a regular file completely. Other kinds of files, such as FIFOs, are rejected, because reading them could
@@ -127,7 +143,7 @@ fn detect(path: &Path, bytes: &[u8]) -> Result<Format, ExchangeError> {
         Ok(text) if table::is_csv(text) => Ok(Format::Csv),
         Ok(text) if text.contains("\"shcoeffs_L") || text.starts_with("shcoeffs_L") => Ok(Format::Aics),
         Ok(text) if text.trim_start().starts_with('{') => Ok(Format::Json),
-        Ok(text) if shtools::is_shtools(text) => Ok(Format::Pyshtools),
+        Ok(text) if shtools::is_shtools(text) || shtools::is_gfc(text) => Ok(Format::Pyshtools),
         Ok(_) => Err(unknown("text".to_owned(), "pyshtools (l, m, C, S), afni (one row per degree), pdm, csv or json")),
         Err(_) => Err(unknown(
             "unknown bytes".to_owned(),
@@ -151,7 +167,18 @@ fn parse(bytes: &[u8], format: Format, options: &ImportOptions) -> Result<(Coeff
         Format::Json => table::read_json(bytes)?,
         Format::Aics => return Err(Flaw::new("a format that can be imported", format)),
     };
-    Ok((coefficients, None))
+    if format != Format::Pyshtools {
+        return Ok((coefficients, None));
+    }
+    let degree = coefficients.max_degree();
+    if let Some(highest) = scale.highest().filter(|highest| degree > *highest) {
+        return Err(Flaw::new(format!("degrees up to {highest} with the normalisation {}", scale.name()), degree));
+    }
+    if !options.condon_shortley {
+        return Ok((coefficients, None));
+    }
+    let coefficients = Coefficients::new(with_phase(coefficients.values()));
+    Ok((coefficients.map_err(|error| Flaw::new("(L + 1)^2 coefficients", error))?, None))
 }
 
 /// Combines the coefficients of several channels, which must have equal degrees.

@@ -14,7 +14,7 @@
 //! | [`S2fft`](Format::S2fft) | complex with the phase, (c, L + 1, 2 L + 1) | `.npy` |
 //! | [`Ktch`](Format::Ktch) | canonical, (c, K) | `.npy` |
 //! | [`Flowshape`](Format::Flowshape) | canonical with the phase, (K, c) | `.npy` |
-//! | [`Aics`](Format::Aics) | `C` and `S` normalised to 4 pi, named | JSON or CSV; export only |
+//! | [`Aics`](Format::Aics) | `C` and `S` normalised to 4 pi, with the phase, named | JSON or CSV; export only |
 //! | [`Afni`](Format::Afni) | cosines, then sines, with the phase, one row per degree | text, one file per channel |
 //! | [`Csv`](Format::Csv), [`Json`](Format::Json) | canonical | text |
 //!

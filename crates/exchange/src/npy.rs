@@ -56,7 +56,11 @@ pub(crate) fn read(bytes: &[u8], format: Format, normalization: Normalization) -
         }
         Format::Pyshtools => {
             let values = if values.ndim() == 3 { values.insert_axis(Axis(0)) } else { values };
-            let array = real(values).mapv(|x| x / normalization.factor()).into_dimensionality::<Ix4>().ok();
+            let mut array = real(values).into_dimensionality::<Ix4>().ok();
+            for ((_, _, l, m), x) in array.iter_mut().flat_map(|array| array.indexed_iter_mut()) {
+                // Values of orders above the degree are ignored.
+                *x /= if m <= l { normalization.factor(l, m) } else { 1.0 };
+            }
             array.and_then(|array| from_pyshtools(&array).ok()).ok_or_else(|| wrong("shape (c, 2, L + 1, L + 1)"))
         }
         Format::Flowshape => {

@@ -21,8 +21,7 @@ pub(crate) fn write(
     channel: usize,
     normalization: Normalization,
 ) -> io::Result<()> {
-    let factor = normalization.factor();
-    let value = |l: usize, m: isize| factor * a.values()[[column(l, m), channel]];
+    let value = |l: usize, m: isize| normalization.factor(l, m.unsigned_abs()) * a.values()[[column(l, m), channel]];
     for l in 0..=a.max_degree() {
         for m in 0..=l.cast_signed() {
             let sine = if m == 0 { 0.0 } else { value(l, -m) };
@@ -46,7 +45,7 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
             }
             return Err(Flaw::new(format!("degree and order on line {}", line + 1), quoted(text)));
         };
-        // Columns after the fourth, such as errors of the coefficients, are ignored.
+        // Columns after the fourth are ignored; see `has_errors`.
         let [_, _, cosine, sine, ..] = words[..] else {
             if found.is_empty() {
                 continue;
@@ -62,7 +61,14 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
         found.push((l, m, [number(cosine, line + 1)?, number(sine, line + 1)?]));
     }
     let highest = found.iter().map(|&(l, ..)| l).max();
-    let highest = highest.ok_or_else(|| Flaw::new("lines with l, m, C, S", "none"))?;
+    let highest = highest.ok_or_else(|| match is_gfc(text(bytes).unwrap_or_default()) {
+        true => Flaw::Other {
+            found: "a gravity model in ICGEM's .gfc format",
+            remedy: "read it with pyshtools.shio.read_icgem_gfc, save the coefficients with numpy.save, and import the \
+                     .npy file with --normalization 4pi",
+        },
+        false => Flaw::new("lines with l, m, C, S", "none"),
+    })?;
     // A single line may state a high degree, so allocate memory only if the file has at least as many lines as this
     // degree.
     if found.len() < highest {
@@ -70,8 +76,8 @@ pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64
     }
     check_whole(&found, highest)?;
     let mut values = vec![0.0; (highest + 1) * (highest + 1)];
-    let factor = normalization.factor();
     for (l, m, [cosine, sine]) in found {
+        let factor = normalization.factor(l, m);
         let at = column(l, m.cast_signed());
         if let Some(value) = values.get_mut(at) {
             *value = cosine / factor;
@@ -104,13 +110,31 @@ fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(),
     }
 }
 
-/// Returns whether one of the first lines of a file's text consists of a degree, an order and two numbers.
+/// Returns whether the lines have more columns than l, m, C and S: errors of the coefficients, as pyshtools writes them
+/// with `to_file(.., errors=True)`.
+pub(crate) fn has_errors(bytes: &[u8]) -> bool {
+    let words =
+        |line: &str| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).count();
+    let last = text(bytes).ok().and_then(|text| text.lines().rev().find(|line| !line.trim().is_empty()));
+    last.is_some_and(|line| !line.trim_start().starts_with('#') && words(line) > 4)
+}
+
+/// Returns whether a file's text has coefficients in ICGEM's `.gfc` format: lines `gfc l m C S`.
+pub(crate) fn is_gfc(text: &str) -> bool {
+    text.lines().any(|line| {
+        let words: Vec<&str> = line.split_whitespace().take(3).collect();
+        words.first() == Some(&"gfc") && degree_and_order(words.get(1..).unwrap_or_default()).is_some()
+    })
+}
+
+/// Returns whether one of the first lines of a file's text consists of a degree, an order and two numbers, or four
+/// numbers if the coefficients have errors.
 pub(crate) fn is_shtools(text: &str) -> bool {
     let lines = text.lines().take(4).filter(|line| !line.trim_start().starts_with('#'));
     lines.map(|line| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()).any(
         |words: Vec<&str>| {
             degree_and_order(&words).is_some_and(|(l, m)| m <= l)
-                && words.len() == 4
+                && [4, 6].contains(&words.len())
                 && words.iter().skip(2).all(|word| number(word, 0).is_ok())
         },
     )

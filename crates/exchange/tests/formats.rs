@@ -8,8 +8,8 @@ use proptest::prelude::*;
 use spharm_exchange::{
     ExchangeError, ExportOptions, Format, ImportOptions, Imported, Normalization, convert, export, import,
 };
-use spharm_harmonics::Coefficients;
 use spharm_harmonics::index::degree_order;
+use spharm_harmonics::{Coefficients, Directions};
 use spharm_model::Model;
 use spharm_surface::{Kind, Sphere};
 
@@ -110,9 +110,116 @@ fn geodesys_scale_is_another() {
     let degree_0: f64 = first.lines().next().unwrap().split(", ").nth(2).unwrap().parse().unwrap();
     let known = model(4, 1).coefficients.values()[[0, 0]] / (4.0 * std::f64::consts::PI).sqrt();
     assert!((degree_0 - known).abs() < 1e-16, "{degree_0} {known}");
-    let found = import(&[&path], &ImportOptions { format: None, normalization }).unwrap();
+    let found = import(&[&path], &ImportOptions { normalization, ..ImportOptions::default() }).unwrap();
     assert_eq!(found.format, Format::Pyshtools);
     assert!((found.coefficients.values() - model(4, 1).coefficients.values()).iter().all(|d| d.abs() < 1e-14));
+}
+
+/// aics-shparam evaluates a radius at the longitude phi + pi, with harmonics normalised to 4 pi.
+#[test]
+fn aics_azimuths_begin_at_minus_x() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("radius.csv");
+    let known = model(3, 1);
+    export(&known, Format::Aics, &path, &ExportOptions::default()).unwrap();
+    let table = std::fs::read_to_string(&path).unwrap();
+    let (names, values) = table.trim_end().split_once('\n').unwrap();
+    let mut found = Array2::zeros((16, 1));
+    for (name, value) in names.split(',').zip(values.split(',')) {
+        let (l, order) = name.trim_start_matches("shcoeffs_L").split_once('M').unwrap();
+        let (m, part) = order.split_at(order.len() - 1);
+        let (l, m): (usize, usize) = (l.parse().unwrap(), m.parse().unwrap());
+        if m <= l && (m > 0 || part == "C") {
+            let row = if part == "C" { l * l + l + m } else { l * l + l - m };
+            found[[row, 0]] = value.parse::<f64>().unwrap() * (4.0 * std::f64::consts::PI).sqrt();
+        }
+    }
+    let theirs = Model::without_sphere(Coefficients::new(found).unwrap(), Kind::Signal);
+    let at = |turn: f64| {
+        let direction = |(theta, phi): (f64, f64)| {
+            let longitude = phi + turn;
+            [theta.sin() * longitude.cos(), theta.sin() * longitude.sin(), theta.cos()]
+        };
+        Directions::from_vertices(&[(0.4, 0.3), (1.2, 2.0), (1.9, -2.5), (2.8, -0.7)].map(direction)).unwrap()
+    };
+    let theirs = theirs.evaluate(&at(std::f64::consts::PI), 3).unwrap();
+    let ours = known.evaluate(&at(0.0), 3).unwrap();
+    assert!((&theirs - &ours).iter().all(|d| d.abs() < 1e-10), "{theirs} {ours}");
+}
+
+#[test]
+fn files_of_whole_models_are_not_joined() {
+    let folder = tempfile::tempdir().unwrap();
+    for (format, path) in files(folder.path(), 2) {
+        let options = ImportOptions { format: Some(format), ..ImportOptions::default() };
+        let error = import(&[&path, &path], &options).unwrap_err();
+        assert!(matches!(error, ExchangeError::SeveralModels { channels: 3, .. }), "{format}: {error}");
+        assert!(error.to_string().contains("import each file by itself"), "{error}");
+    }
+    // Files of one channel each are joined in any format.
+    let path = folder.path().join("one.csv");
+    export(&model(2, 1), Format::Csv, &path, &ExportOptions::default()).unwrap();
+    let found = import(&[&path, &path], &ImportOptions::default()).unwrap();
+    assert_eq!(found.coefficients.channels(), 2);
+}
+
+#[test]
+fn what_else_a_file_holds_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &[u8]| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    // pyshtools writes six columns with errors.
+    let errors = write("errors.sh", b"0, 0, 1, 0, 9, 0\n1, 0, 2, 0, 9, 0\n1, 1, 3, 4, 9, 9\n");
+    let found = import(&[errors], &ImportOptions::default()).unwrap();
+    assert!(found.errors_left_out && found.format == Format::Pyshtools);
+    assert_eq!(found.coefficients.values().column(0).to_vec(), [1.0, 4.0, 2.0, 3.0]);
+    let plain = write("plain.sh", b"0, 0, 1, 0\n1, 0, 2, 0\n1, 1, 3, 4\n");
+    assert!(!import(&[plain], &ImportOptions::default()).unwrap().errors_left_out);
+    let refused = |path: PathBuf, format: Option<Format>, why: &str| {
+        let error = import(&[&path], &ImportOptions { format, ..ImportOptions::default() }).unwrap_err();
+        assert!(matches!(error, ExchangeError::OtherContents { .. }), "{error}");
+        assert!(error.to_string().contains(why) && !error.to_string().contains("damaged"), "{error}");
+    };
+    let gravity = write("p.gfc", b"product_type gravity_field\nend_of_head\ngfc 0 0 1.0 0.0\ngfc 1 0 0.5 0.0\n");
+    refused(gravity.clone(), None, "read_icgem_gfc");
+    refused(gravity, Some(Format::Pyshtools), "read_icgem_gfc");
+    // SPHARM-MAT's surfaces before the fit have no fvec.
+    let surface = Model::new(Sphere::icosphere(1), coefficients(1, 3), Kind::Surface);
+    let whole = folder.path().join("des.mat");
+    export(&surface, Format::Mat, &whole, &ExportOptions::default()).unwrap();
+    let mut bytes = std::fs::read(&whole).unwrap();
+    let rename = |bytes: &mut [u8], from: &[u8], to: &[u8]| {
+        let at = bytes.windows(from.len()).position(|name| name == from).unwrap();
+        bytes[at..at + from.len()].copy_from_slice(to);
+    };
+    rename(&mut bytes, b"fvec", b"else");
+    refused(write("smo.mat", &bytes), None, "spharm fit --surface SURFACE --sphere SPHERE");
+    rename(&mut bytes, b"sph_verts", b"something");
+    refused(write("obj.mat", &bytes), None, "spharm fit MESH");
+}
+
+/// The harmonic of degree 1, order 1 is a multiple of x: sqrt(3 / 4 pi), sqrt 3, 1 and 1 times x.
+#[test]
+fn every_normalisation_returns() {
+    let folder = tempfile::tempdir().unwrap();
+    let (known, whole) = (model(5, 1), 4.0 * std::f64::consts::PI);
+    let expected = [1.0, 1.0 / whole.sqrt(), (3.0 / whole).sqrt(), (3.0 / whole).sqrt()];
+    for (normalization, factor) in Normalization::ALL.into_iter().zip(expected) {
+        let path = folder.path().join(normalization.name());
+        export(&known, Format::Pyshtools, &path, &ExportOptions { normalization, overwrite: false }).unwrap();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let c11: f64 = text.lines().nth(2).unwrap().split(", ").nth(2).unwrap().parse().unwrap();
+        assert!((c11 - factor * known.coefficients.values()[[3, 0]]).abs() < 1e-13, "{normalization:?}: {c11}");
+        for condon_shortley in [false, true] {
+            let options = ImportOptions { normalization, condon_shortley, ..ImportOptions::default() };
+            let found = import(&[&path], &options).unwrap().coefficients;
+            let phase = if condon_shortley { convert::with_phase(found.values()) } else { found.values().clone() };
+            assert!((&phase - known.coefficients.values()).iter().all(|d| d.abs() < 1e-12), "{normalization:?}");
+        }
+    }
 }
 
 #[test]

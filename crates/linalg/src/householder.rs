@@ -1,8 +1,8 @@
 //! QR factorisation by Householder reflections, a panel of columns at a time.
 //!
 //! faer's factorisation isn't used: if the rest of a column is below 16 m eps of the column's norm, for m rows, faer
-//! takes the column for dependent on the previous ones and drops the rest. Singular values are then exact to 16 m eps of
-//! the largest only, and the rank of a nearly singular matrix can't be told. Here nothing is dropped.
+//! takes the column for dependent on the previous ones and drops the rest. Singular values are then exact to 16 m eps
+//! of the largest only, and the rank of a nearly singular matrix can't be told. Here nothing is dropped.
 
 use faer::{Accum, Mat, MatMut};
 
@@ -74,7 +74,7 @@ impl Reflectors {
     fn apply(&self, mut matrix: MatMut<'_, f64>) {
         let vectors = self.vectors.as_ref();
         let width = vectors.ncols();
-        // The multiples w of the vectors that are subtracted satisfy tau_i w_i = v_i^T (a - v_1 w_1 - .. - v_i-1 w_i-1).
+        // The multiples w of the subtracted vectors satisfy tau_i w_i = v_i^T (a - v_1 w_1 - .. - v_i-1 w_i-1).
         let mut system = Mat::zeros(width, width);
         add_gram(system.as_mut(), vectors.transpose(), 1.0);
         self.taus.iter().enumerate().for_each(|(i, tau)| system[(i, i)] = *tau);

@@ -28,12 +28,28 @@ pub(crate) use write::{Surface, write};
 /// Reads the coefficients from `fvec`, and the sphere if the file has one.
 pub(crate) fn read(bytes: &[u8]) -> Result<(Coefficients, Option<Sphere>), Flaw> {
     let [fvec, sph_verts, faces] = read::matrices(bytes, ["fvec", "sph_verts", "faces"])?;
-    let fvec = fvec.ok_or_else(|| Flaw::new("a matrix `fvec`", "none"))?;
+    let fvec = fvec.ok_or_else(|| without_coefficients(bytes, sph_verts.is_some()))?;
     let complex = fvec.to_array(Complex64::new);
     let coefficients = Coefficients::from_complex(&complex)
         .map_err(|_| Flaw::new("fvec with (L + 1)^2 rows", format!("{} rows", fvec.rows)))?;
     let sphere = sph_verts.map(|directions| sphere(&directions, faces.as_ref())).transpose()?;
     Ok((coefficients, sphere))
+}
+
+/// Returns the error of a file without `fvec`: SPHARM-MAT also saves surfaces alone, with or without their sphere.
+fn without_coefficients(bytes: &[u8], has_sphere: bool) -> Flaw {
+    match read::matrices(bytes, ["vertices"]) {
+        Ok([Some(_)]) if has_sphere => Flaw::Other {
+            found: "a surface and its sphere (vertices and sph_verts), but no coefficients (fvec)",
+            remedy: "save `vertices` and `sph_verts`, both with `faces`, as meshes, and run `spharm fit --surface \
+                     SURFACE --sphere SPHERE`",
+        },
+        Ok([Some(_)]) => Flaw::Other {
+            found: "a surface (vertices), but no sphere (sph_verts) and no coefficients (fvec)",
+            remedy: "save `vertices` and `faces` as a mesh, and run `spharm fit MESH`",
+        },
+        _ => Flaw::new("a matrix `fvec`", "none"),
+    }
 }
 
 fn sphere(vertices: &Matrix, faces: Option<&Matrix>) -> Result<Sphere, Flaw> {
