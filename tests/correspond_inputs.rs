@@ -103,6 +103,44 @@ fn swapped_landmarks_are_named() {
         let found = warnings(&[&["--landmarks", "marks"], more].concat());
         assert!(found.contains("s03: the landmarks corner-000 and corner-111 seem to be swapped"), "{more:?}: {found}");
     }
+    // In a group of three, the landmarks are compared without usual places.
+    let three = |marks: &str| {
+        let more = ["--guide", "--template", "in/s01.ply", "--landmarks", marks, "-o", "three", "--force"];
+        json(&succeed(&mut correspond(site.path(), &BOXES[..3], &more)))["warnings"].to_string()
+    };
+    let (sound, wrong) = (three("in"), three("marks"));
+    assert!(!sound.contains("swapped") && !sound.contains("landmarks far"), "{sound}");
+    let named = "the landmarks corner-000 and corner-111 seem to be swapped, on this surface or on another";
+    assert!(wrong.contains(named), "{wrong}");
+}
+
+#[test]
+fn landmarks_in_another_unit_do_not_guide() {
+    let site = boxes();
+    let marks = site.path().join("marks");
+    fs::create_dir(&marks).expect("a folder");
+    for name in ["s01", "s02", "s03", "s04"] {
+        let mut own = Landmarks::read(site.path().join(format!("in/{name}.json"))).expect("landmarks");
+        if name == "s02" {
+            own.points.iter_mut().flatten().for_each(|x| *x *= 0.001);
+        }
+        own.write(marks.join(format!("{name}.csv")), false).expect("written");
+    }
+    let output = finish(&mut correspond(site.path(), &BOXES, &["--landmarks", "marks", "--guide", "-o", "none"]));
+    let error = text(&output);
+    assert!(!output.status.success() && !site.path().join("none").exists(), "{error}");
+    assert!(error.contains("in/s02.ply: guiding by landmarks needs landmarks near the surface"), "{error}");
+    assert!(error.contains("multiplied by 1000, the landmarks lie on the surface"), "{error}");
+    // Without guiding, the unit is only a warning.
+    let arguments = ["--landmarks", "marks", "--no-refinement", "-o", "group"];
+    let found = json(&succeed(&mut correspond(site.path(), &BOXES, &arguments)))["warnings"].to_string();
+    assert!(found.contains("s02.csv: landmarks far from the surface: "), "{found}");
+    assert!(found.contains("; multiplied by 1000, the landmarks lie on the surface"), "{found}");
+    // Names in another spelling are named with their file.
+    let text_of = fs::read_to_string(marks.join("s02.csv")).expect("landmarks");
+    fs::write(marks.join("s02.csv"), text_of.to_uppercase()).expect("landmarks");
+    let error = text(&finish(&mut correspond(site.path(), &BOXES, &["--landmarks", "marks", "-o", "none"])));
+    assert!(error.contains("s02.csv has CORNER-000 instead of corner-000"), "{error}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use ndarray_npy::ReadNpyExt;
 use serde_json::Value;
 use spharm_harmonics::{Coefficients, Directions, basis_size};
 use spharm_model::Model;
-use spharm_surface::generate::icosphere;
+use spharm_surface::generate::{SplitMix64, icosphere};
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 use spharm_surface::{Kind, Sphere};
 
@@ -350,5 +350,27 @@ fn reconstruction_by_transform_is_that_of_direct_sums() {
             let off = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             assert!(off <= 1e-11 * largest, "{off:e} of {largest}");
         }
+    }
+}
+
+/// The tolerance is relative to the differences of the values, not to their distance from zero.
+#[test]
+fn values_far_from_zero_are_fitted_like_values_near_zero() {
+    let mut random = SplitMix64::new(1);
+    let places: Vec<[f64; 3]> = (0..600).map(|_| [0, 1, 2].map(|_| random.between(-1.0, 1.0))).collect();
+    let sphere = Sphere::from_directions(Directions::from_vertices(&places).unwrap());
+    let noise: Vec<f64> = places.iter().map(|_| random.between(-0.01, 0.01)).collect();
+    let fitted = |offset: f64| {
+        let value = |([x, y, z], noise): (&[f64; 3], &f64)| 0.3 * x * y + 0.2 * z * z + noise + offset;
+        let values: Vec<f64> = sphere.directions.as_slice().iter().zip(&noise).map(value).collect();
+        let fit = spharm::fit(&sphere, &spharm::Signal::new(values, 600, 1), &spharm::FitParams::lsq(6)).unwrap();
+        let mut coefficients = fit.coefficients.values().to_owned();
+        coefficients[[0, 0]] -= offset * (4.0 * std::f64::consts::PI).sqrt();
+        coefficients
+    };
+    let near = fitted(0.0);
+    for offset in [1e6, 1e8, -1e8] {
+        let off = (fitted(offset) - &near).iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        assert!(off < 1e-6, "{offset}: {off:e}");
     }
 }

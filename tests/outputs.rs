@@ -276,3 +276,16 @@ fn coordinates_too_large_for_32_bits_are_warned_of() {
     let text = warnings("m.spharm.npz", &["b.stl", "--double"]);
     assert!(text.contains("--double has no effect, because an STL file stores 32-bit numbers"), "{text}");
 }
+
+/// A surface whose vertices are all at the origin is written exactly.
+#[test]
+fn zeros_are_not_too_coarse_for_32_bits() {
+    let site = Site::new();
+    let rows = ["1,0,0", "-1,0,0", "0,1,0", "0,-1,0", "0,0,1", "0,0,-1"].map(|row| format!("{row},0,0,0\n"));
+    std::fs::write(site.path("t.csv"), format!("a,b,c,x,y,z\n{}", rows.concat())).expect("written");
+    let columns = ["--vectors", "a", "b", "c", "--values", "x", "y", "z", "--max-degree", "1"];
+    site.done(&[&["moments", "--samples", "t.csv", "-o", "t.moments"][..], &columns].concat());
+    site.done(&["fit", "--moments", "t.moments", "--max-degree", "1", "-o", "zero.spharm.npz"]);
+    let output = site.done(&["reconstruct", "zero.spharm.npz", "--icosphere", "1", "-o", "zero.stl"]);
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("32-bit"), "{output:?}");
+}

@@ -289,3 +289,24 @@ fn a_sphere_is_its_own_model() {
     // divided by sqrt 3.
     assert!(distance.hausdorff_raw < 2.6e-4, "{distance:?}");
 }
+
+/// The distances between a surface and its model don't depend on the position of the surface.
+#[test]
+fn distances_far_from_the_origin_are_those_at_the_origin() {
+    let ball = icosphere(3);
+    let sphere = Sphere::from_mesh(&ball).unwrap();
+    let found = |by: f64| {
+        let place = |[x, y, z]: [f64; 3]| {
+            let radius = 1.0 + 0.1 * x * y + 0.2 * z * z;
+            [x, y, z].map(|coordinate| coordinate * radius + by)
+        };
+        let surface = ball.with_vertices(ball.vertices.iter().copied().map(place).collect());
+        fit(&sphere, &surface, &FitParams::lsq(6)).unwrap().report.surface_distance.unwrap()
+    };
+    let near = found(0.0);
+    for by in [1e6, 1e7] {
+        let far = found(by);
+        assert!((far.rms_raw / near.rms_raw - 1.0).abs() < 0.01, "{by}: {near:?} {far:?}");
+        assert!((far.hausdorff_raw / near.hausdorff_raw - 1.0).abs() < 0.01, "{by}: {near:?} {far:?}");
+    }
+}

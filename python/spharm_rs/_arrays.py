@@ -77,7 +77,12 @@ def real(what: str, values: ArrayLike, shape: str, *, flags: bool = False) -> Fl
     except ValueError as error:
         raise ValueError(f"{what}: expected an array of shape {shape}, found rows of different lengths") from error
     if array.dtype.kind not in ("fiub" if flags else "fiu"):
-        raise ValueError(f"{what}: expected real numbers of shape {shape}, found {_described(array)}")
+        advice = ""
+        if array.dtype.kind == "c" and "c)" in shape:
+            advice = "; pass the real and imaginary parts as two channels"
+            if what == "coefficients":
+                advice = "; convert.from_complex converts coefficients of complex harmonics"
+        raise ValueError(f"{what}: expected real numbers of shape {shape}, found {_described(array)}{advice}")
     return np.require(array, np.float64, "A")
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from . import _arrays, _core, errors
 from ._arrays import Floats
+from ._fit_kind import warn_of_signal
 from ._model import Model, seam_of, sphere_arrays
 from ._parametrize import Parametrization
 from ._progress import Progress, callback
@@ -228,10 +229,14 @@ def fit(
     Parameters
     ----------
     surface : Surface or what `as_surface` takes, or ndarray of float, (n,) or (n, c), or image
-        A surface; an array of positions (n, 3) at a sphere's vertices; or a signal on the sphere's vertices, as an array,
-        as an image (nibabel's ``GiftiImage`` without a mesh, or nilearn's ``PolyData`` of one hemisphere) or, given the
-        sphere, as a file that `read_signal` reads. nilearn's ``SurfaceImage`` has a mesh and values: without a sphere, its
-        mesh is fitted; with a sphere, give ``image.mesh`` or ``image.data``.
+        A surface; an array of positions (n, 3) at a sphere's vertices; or a signal on the sphere's vertices, as an array
+        (n,) or (n, c), as an image (nibabel's ``GiftiImage`` without a mesh, or nilearn's ``PolyData`` of one hemisphere)
+        or, given the sphere, as a file that `read_signal` reads. nilearn's ``SurfaceImage`` has a mesh and values: without a
+        sphere, its mesh is fitted; with a sphere, give ``image.mesh`` or ``image.data``.
+
+        An array with three columns is always read as positions x, y, z, and over a sphere with triangles the surface
+        between them is fitted, not the values. For a signal of three channels, give ``objective="vertices"``, or use
+        `solve`. A warning is given if the positions enclose hardly any volume.
     sphere : Surface or what `as_surface` takes, Parametrization, Model, or ndarray of float, (n, 3), optional
         A sphere with the same vertices in the same order, of any radius, centred at the origin. Without it the surface
         is first mapped to a sphere, as by `parametrize`; that sphere becomes the model's.
@@ -261,9 +266,9 @@ def fit(
     smoothness : float or "auto", optional
         Penalty ``lambda * sum (l (l + 1))**2 * a**2``, added to the sum of squared distances, each multiplied by its
         weight. Weights are used as given: if all are a tenth as large, a tenth of lambda has the same effect.
-        ``"auto"`` chooses lambda by generalised cross-validation. By default no penalty, but a small one if vertices
-        are fitted over a sphere made by `parametrize`. A penalty shrinks focal effects of single subjects: for group
-        tests (`shape.group_test`), fit without it.
+        ``"auto"`` chooses lambda for each surface, or for each channel of a signal, by generalised cross-validation. By
+        default no penalty, but a small one if vertices are fitted over a sphere made by `parametrize`. A penalty
+        shrinks focal effects of single subjects: for group tests (`shape.group_test`), fit without it.
     denoise : bool
         Remove independent noise of the vertices within the fit, by a penalty for each degree that is estimated from the
         surface, or from each channel of a signal. Replaces ``smoothness``; for ``lsq`` only. ``report["denoise"]`` has
@@ -336,8 +341,9 @@ def fit(
         Doubts about the fit.
     SpharmWarning
         If the sphere isn't centred or closed; if it reverses the orientation of the surface; if the triangles of a surface
-        without a sphere wind inwards; if its map to the sphere is doubtful; or if, according to the metadata or names of
-        the files, the sphere or the mask belongs to the other hemisphere.
+        without a sphere wind inwards; if its map to the sphere is doubtful; if an array of three columns encloses hardly any
+        volume, as a signal does; or if, according to the metadata or names of the files, the sphere or the mask belongs to
+        the other hemisphere.
 
     Examples
     --------
@@ -405,6 +411,10 @@ def fit(
     )
     if directions is not None:
         _check_values(os.fspath(surface) if is_file else "surface" if is_surface else "values", values, settings)
+        whole = mask is None and isinstance(weights, str)
+        of_surface = objective != "vertices" and store is None and method in (None, "lsq")
+        if is_surface and triangles is None and faces is not None and of_surface and whole:
+            warn_of_signal(values, faces)
     return _model(
         _core.fit(
             values,

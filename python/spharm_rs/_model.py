@@ -38,7 +38,7 @@ class Model(Values):
     sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
         The sphere or directions at which the model was fitted.
     surface : bool, optional
-        Whether the channels are x, y and z; by default True for three channels.
+        Whether the channels are x, y and z; by default True for three channels: give False for a signal of three channels.
 
     Examples
     --------
@@ -131,7 +131,8 @@ class Model(Values):
     def rms(self) -> float | None:
         """Root mean square error of the fit, in the unit of the surface or signal; None if it wasn't fitted in this process.
 
-        For a surface, the distance between it and the model, both ways; for a fit of vertices, the residual at them.
+        For a surface, the distance between it and the model, both ways; for a fit of vertices, the residual at those of
+        nonzero weight, which count equally; for a fit of moments, the residual at the samples, which count by their weights.
         Also None if moments don't determine it.
         """
         report = self.report
@@ -324,7 +325,10 @@ class Model(Values):
         threads: int | None = None,
         progress: Progress = None,
     ) -> Model:
-        """Returns the model rotated in its parameters, or moved in space; see `shape.rotate` for the settings."""
+        """Returns the model rotated in its parameters, or moved in space; see `shape.rotate` for the settings.
+
+        The result has no standard errors: a rotation mixes coefficients, and their covariances aren't known.
+        """
         from . import shape
 
         return shape.rotate(

@@ -61,6 +61,7 @@ def _is_missing(cell: Any) -> bool:
 
 def _number(text: str) -> float | None:
     """Returns the number in a text, written as in the program's tables; None for other text."""
+    text = text.replace("\u2212", "-")
     try:
         return float(text) if text.isascii() and "_" not in text else None
     except ValueError:

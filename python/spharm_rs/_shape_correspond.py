@@ -508,7 +508,7 @@ def correspond(
     signals: Sequence[tuple[Sequence[ArrayLike], float]] = (),
     rounds: int = 2,
     refine: bool = True,
-    pose: Literal["any", "near"] = "any",
+    pose: Literal["any", "near", "given"] = "any",
     scale: bool = False,
     mirror: bool = False,
     mirrored: Sequence[bool] | None = None,
@@ -547,10 +547,11 @@ def correspond(
         Rounds of registration; from the second round on, the group's mean is the template.
     refine : bool
         Refine directions by the group's statistics.
-    pose : {"any", "near"}
+    pose : {"any", "near", "given"}
         Poses to consider. "any" tries every rotation of a surface; a surface that looks nearly the same after a half turn
         may then be turned over. "near" only improves the surfaces' own poses; use it for surfaces in one coordinate
-        system, such as scans in template space.
+        system, such as scans in template space. "given" leaves the surfaces where they are, so no alignment spreads a
+        local change over the whole surface. It can't be combined with ``scale`` or ``mirror``.
     scale : bool
         Scale members to one size.
     mirror : bool
@@ -613,7 +614,7 @@ def correspond(
         "max_degree": _arrays.whole("max_degree", max_degree),
         "rounds": _arrays.whole("rounds", rounds),
         "refine": bool(refine),
-        "near": _arrays.choice("pose", pose, ("any", "near")) == "near",
+        "pose": _arrays.choice("pose", pose, ("any", "near", "given")),
         "scale": bool(scale),
         "mirror": bool(mirror),
         "mirrored": reflected,

@@ -185,6 +185,8 @@ def rotate(
 ) -> Model:
     """Rotates a model in its parameters, or the surface in space: ``x`` becomes ``scale Q x + translation``.
 
+    The result has no standard errors: a rotation mixes coefficients, and their covariances aren't known.
+
     A rotation is given by 3 Euler angles alpha, beta, gamma **in degrees**, ``Rz(alpha) Ry(beta) Rz(gamma)``; a
     quaternion w, x, y, z; a matrix, (3, 3); or a ``scipy.spatial.transform.Rotation``.
 

@@ -57,8 +57,8 @@ class TestResult:
         The contrast's estimate, half the width of its confidence interval, and its standard error, in the values' unit. None
         if several contrasts are tested at once.
     size : ndarray of float, (V,), or None
-        The estimate divided by the standard deviation of the errors: Cohen's d for two groups, Mahalanobis' distance
-        for positions; 0 at vertices without variance.
+        The estimate divided by the standard deviation of the errors: Cohen's d for two groups
+        without covariates, Mahalanobis' distance for positions; 0 at vertices without variance.
     kind : {"t", "F", "T2", "v", "G"}
         With variance groups, Aspin and Welch's v and G instead of t and F.
     freedom : tuple of float

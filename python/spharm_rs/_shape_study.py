@@ -262,7 +262,8 @@ def group_test(
         A number for each subject, which may be text such as ``"60"``; the slope of the values over it is tested.
     interaction : dict of two array_like, (n,), optional
         Two columns by name, each of numbers or of names of levels, whose interaction is tested: of levels and numbers the
-        difference of the slopes, of levels and levels the difference of the differences. The model also has both columns.
+        difference of the slopes, of levels and levels the difference of the differences. The model also has both columns,
+        except a column whose effect a covariate contains, such as the group if the subjects are a covariate.
     mean : bool
         Test whether the mean of values, of a signal, or of differences (``minus``) is zero.
     design : array_like of float, (n, p), optional
@@ -303,10 +304,12 @@ def group_test(
     blocks : array_like, (n,), optional
         Exchangeability block of each row, a name or a number: rows of the same block depend on each other, such as visits
         of a subject. Relabellings stay within blocks. With an effect within blocks, and the blocks as a covariate
-        too, this is the paired test.
+        too, this is the paired test. It assumes that the effect is equal in all blocks. If it may differ, such as the rate
+        of growth, compute one slope or difference for each block, and test these as values.
     whole_blocks : bool
         Exchange whole blocks of the same size, and flip the signs of whole blocks, instead. Rows of two blocks correspond
-        by the columns of the design that vary within blocks, such as the visit, or else by their order.
+        by the columns of the design that vary within blocks, such as the visit; if the blocks' values differ, by the rank
+        of the one column that varies, such as the age; for several such columns by their order, with a warning.
     variance_groups : array_like, (n,), optional
         Group of each row, a name or a number, whose variances may differ: the statistic is Aspin and Welch's v, or G for
         several contrasts (Winkler et al. 2014). For values of one component.

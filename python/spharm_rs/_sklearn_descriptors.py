@@ -24,8 +24,8 @@ MEASURES = ("size", "volume", "area", "sphericity")
 class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc]
     """Turns meshes or models into numbers that are invariant to rotations, reflections and translations.
 
-    Each mesh is mapped to the sphere, with nearly equal areas, and fitted by itself; meshes needn't correspond. Results
-    are deterministic, and the same with any number of threads.
+    Each mesh is mapped to the sphere, with equal areas, and fitted by itself; meshes needn't correspond. Results are
+    deterministic, and the same with any number of threads.
 
     Parameters
     ----------
@@ -41,6 +41,9 @@ class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc
         `spharm_rs.shape.measure`, in the meshes' unit.
     cut_handles : bool
         Cut handles of meshes, as `spharm_rs.parametrize` does.
+    area : float
+        Allowed area distortion of the maps, as for `spharm_rs.parametrize`. With 0, two meshes of one surface have
+        nearly the same map. With more, a map also depends on the triangles, and the descriptors with it.
     threads : int, optional
         Number of threads; by default all CPUs. Give a number if several processes run at once, as with ``n_jobs``.
 
@@ -51,6 +54,11 @@ class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc
 
     Notes
     -----
+    Meshes are mapped and fitted again in each call, so in each fold of a cross-validation. To map them once, fit models
+    beforehand, and pass the models or their paths (``.npz``) as X: ``fit(parametrize(mesh, area=0), max_degree=L)`` of
+    `spharm_rs`, with the highest L that is tried. Models and parametrisations are described over the maps that they
+    have; ``spharm_rs.fit(mesh)`` makes other maps, which depend on the triangles.
+
     M. Kazhdan, T. Funkhouser and S. Rusinkiewicz, "Rotation invariant spherical harmonic representation of 3D shape
     descriptors", SGP 2003.
 
@@ -74,6 +82,7 @@ class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc
         unit_size: bool = False,
         measures: Sequence[str] = (),
         cut_handles: bool = False,
+        area: float = 0.0,
         threads: int | None = None,
     ) -> None:
         self.max_degree = max_degree
@@ -81,6 +90,7 @@ class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc
         self.unit_size = unit_size
         self.measures = measures
         self.cut_handles = cut_handles
+        self.area = area
         self.threads = threads
 
     def fit(self, X: Any, y: Any = None) -> Descriptors:
@@ -104,6 +114,8 @@ class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc
         if isinstance(self.measures, str) or not set(self.measures) <= set(MEASURES):
             known = ", ".join(MEASURES)
             raise ValueError(f"measures: expected a sequence of names among {known}; found {self.measures!r}")
+        if not 0 <= float(self.area) <= 1:
+            raise ValueError(f"area: expected a number from 0 to 1, found {self.area!r}")
         self._surfaces(X, reset=True)
         self.n_features_out_ = len(self._names())
         return self
@@ -135,9 +147,11 @@ class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc
                 raise ValueError(f"expected a model of degree {self.max_degree} or more, found degree {found}")
             return surface.truncate(self.max_degree)
         if not isinstance(surface, Parametrization):
-            # These maps have nearly equal areas. The maps that `fit` makes allow more distortion for accuracy, and
-            # descriptors of two meshes of one surface would differ more than ten times as much.
-            surface = parametrize(surface, cut_handles=self.cut_handles, degree=self.max_degree, threads=self.threads)
+            # The maps that `fit` makes trade equal areas for accuracy, by an amount that depends on the triangles:
+            # descriptors would tell meshes of different resolution apart, not shapes.
+            surface = parametrize(
+                surface, cut_handles=self.cut_handles, degree=self.max_degree, area=self.area, threads=self.threads
+            )
         return fit_surface(surface, max_degree=self.max_degree, surface_distance=False, threads=self.threads)
 
     def _described(self, model: Model) -> Floats:

@@ -46,6 +46,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _arrays
 from ._arrays import Floats
 from ._pyshtools import SHCoeffs, real_coefficients
+from ._warnings import warn
 
 Complex = NDArray[np.complex128]
 
@@ -73,6 +74,13 @@ __all__ = [
     "to_spharm_pdm",
     "write_spharm_pdm",
 ]
+
+
+#: How to keep both parts of a complex function.
+_BOTH = "for both parts, convert array and -1j * array, and use them as two channels"
+
+#: The size of an imaginary part, relative to that of all coefficients, up to which it is taken for rounding errors.
+_ROUNDING = 1e-6
 
 
 def degree_of(what: str, rows: int) -> int:
@@ -128,9 +136,16 @@ def to_complex(coefficients: ArrayLike) -> Complex:
 
 
 def from_complex(array: ArrayLike) -> Floats:
-    """Returns canonical coefficients, (K, c), of the real part of a complex series."""
-    c = _complex("complex", array, 2)
-    degrees, orders = degrees_and_orders(degree_of("complex", len(c)))
+    """Returns canonical coefficients, (K, c), of the real part of a complex series.
+
+    A warning states the share of the power that is lost if the series isn't real. Such a series has two real functions:
+    c is the series of its real part, and -1j * c that of its imaginary part.
+    """
+    return _real_part("complex", _complex("complex", array, 2), _BOTH)
+
+
+def _real_part(what: str, c: Complex, advice: str) -> Floats:
+    degrees, orders = degrees_and_orders(degree_of(what, len(c)))
     mirrored = c[degrees * (degrees + 1) - orders]
     sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis]
     order = orders[:, np.newaxis]
@@ -139,6 +154,11 @@ def from_complex(array: ArrayLike) -> Floats:
     cosine = np.sqrt(2) * sign * half.real
     sine = -np.sqrt(2) * sign * ((mirrored + sign * c.conj()) / 2).imag
     found: Floats = np.where(order > 0, cosine, np.where(order < 0, sine, c.real))
+    # What isn't in the series of the real part is that of the imaginary part.
+    lost, size = float(np.linalg.norm(c - half)), float(np.linalg.norm(c))
+    if np.isfinite(size) and lost > _ROUNDING * size:
+        share = f"{100 * (lost / size) ** 2:.3g} % of the power"
+        warn([f"{what}: expected coefficients of a real function; dropped the imaginary part, which has {share}; {advice}"])
     return found
 
 
@@ -298,7 +318,7 @@ def from_healpy(array: ArrayLike) -> Floats:
     sign = np.where(orders % 2, -1.0, 1.0)[:, np.newaxis]
     found[degrees * (degrees + 1) - orders] = sign * alm.T.conj()
     found[degrees * (degrees + 1) + orders] = alm.T
-    return from_complex(found)
+    return _real_part("healpy", found, "alm of order 0 must be real")
 
 
 def to_s2fft(coefficients: ArrayLike) -> Complex:
@@ -318,7 +338,7 @@ def from_s2fft(array: ArrayLike) -> Floats:
     if degree < 0 or flm.shape[2] != 2 * degree + 1:
         raise ValueError(f"s2fft: expected shape (c, L + 1, 2 L + 1), found {given.shape}")
     degrees, orders = degrees_and_orders(degree)
-    return from_complex(flm[:, degrees, degree + orders].T)
+    return _real_part("s2fft", flm[:, degrees, degree + orders].T, _BOTH)
 
 
 def to_spharm_mat(coefficients: ArrayLike) -> Complex:

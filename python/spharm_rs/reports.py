@@ -326,8 +326,10 @@ class FitReport(TypedDict):
     held_out: HeldOut
     #: One per surface, or one per channel of a signal.
     denoise: List[Denoised]
-    #: Smoothness penalty, lambda; 0 without one.
+    #: Smoothness penalty, lambda; 0 without one. If each channel of a signal has its own, the largest one.
     smoothness: float
+    #: Smoothness penalty of each channel, if cross-validation chose it for each channel of a signal.
+    smoothness_by_channel: List[float]
     #: Key of the sampling scheme, 64 hexadecimal digits; None for moments of samples elsewhere.
     scheme_key: Optional[str]
     seconds: Seconds

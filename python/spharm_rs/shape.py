@@ -22,7 +22,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Sequence
+from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -33,6 +33,7 @@ from ._model import core as _model
 from ._progress import Progress, callback
 from ._shape_check import Check, check
 from ._shape_correspond import Carried, Group, Member, correspond
+from ._shape_describe import Description, Match, describe, nearest
 from ._shape_inference import Cluster
 from ._shape_modes import Modes, Quality, pca
 from ._shape_morph import Morph, morph
@@ -138,25 +139,6 @@ class Geometry:
     principal_curvatures: Floats
     shape_index: Floats
     curvedness: Floats
-
-
-@dataclass(frozen=True)
-class Match:
-    """A model found by `nearest`.
-
-    Attributes
-    ----------
-    index : int
-        Index in the searched models.
-    distance : float
-        Distance between the singular values of the two models, in the models' unit.
-    score : float
-        The value by which models are ordered.
-    """
-
-    index: int
-    distance: float
-    score: float
 
 
 def _degree(model: Model, degree: int | None) -> int:
@@ -274,75 +256,6 @@ def smooth(model: Model, *, fwhm: float | None = None, s: float | None = None) -
         raise ValueError("fwhm, s: expected exactly one of them")
     time, width = (None, math.radians(fwhm)) if fwhm is not None else (float(s or 0.0), 0.0)
     return Model._of(_core.shape_smooth(_model("model", model), time=time, width=width))
-
-
-class Description(NamedTuple):
-    """Numbers that describe a model and are invariant to rotations, reflections and translations.
-
-    Attributes
-    ----------
-    power : ndarray of float, (L,)
-        Mean square over the sphere of each degree's part of the model, from degree 1.
-    singular_values : ndarray of float, (L, c)
-        Singular values of each degree's coefficients divided by ``sqrt(4 pi)``, largest first; their squares sum to the power.
-    """
-
-    power: Floats
-    singular_values: Floats
-
-
-def describe(model: Model) -> Description:
-    """Describes a model by numbers that are invariant to rotations, reflections and translations.
-
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    Description
-    """
-    return Description(*_core.shape_describe(_model("model", model)))
-
-
-def nearest(
-    query: Model,
-    among: Sequence[Model],
-    count: int = 5,
-    *,
-    unit_size: bool = False,
-    standardized: bool = False,
-    threads: int | None = None,
-) -> list[Match]:
-    """Finds the models whose singular values are nearest to those of the query, regardless of pose.
-
-    Parameters
-    ----------
-    query : Model
-    among : sequence of Model
-        Models to search; compared at the lowest degree of all models.
-    count : int
-        Number of models to return.
-    unit_size : bool
-        Compare models scaled to size 1.
-    standardized : bool
-        Divide each number by its standard deviation over ``among``.
-    threads : int, optional
-
-    Returns
-    -------
-    list of Match
-        Nearest first. The distance is at most the root mean square distance of the surfaces in the best pose.
-    """
-    found = _core.shape_match(
-        _model("query", query),
-        [_model("among", model) for model in among],
-        count=_arrays.whole("count", count),
-        unit_size=bool(unit_size),
-        standardized=bool(standardized),
-        threads=_arrays.threads(threads),
-    )
-    return [Match(*match) for match in found]
 
 
 def truncation_error(model: Model) -> Floats:

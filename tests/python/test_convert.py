@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -132,8 +133,42 @@ def test_complex_coefficients_are_scipys() -> None:
     rows = [(degree, order) for degree in range(9) for order in range(-degree, degree + 1)]
     values = sum(sph_harm_y(*row, theta, phi)[:, np.newaxis] * c[i] for i, row in enumerate(rows))
     assert np.allclose(values, basis(DIRECTIONS, 8) @ a, atol=1e-12)
-    # For a complex function, the coefficients are those of its real part.
-    assert np.allclose(convert.from_complex(c + 1j * convert.to_complex(coefficients(8)[::-1])), a)
+
+
+def packed(format: str, c: np.ndarray) -> np.ndarray:
+    """Returns complex coefficients, (K, c), in the layout of a format."""
+    degrees, orders = convert.degrees_and_orders(round(len(c) ** 0.5) - 1)
+    if format == "healpy":
+        return c[np.lexsort((degrees, orders))][np.sort(orders) >= 0].T
+    if format == "s2fft":
+        found = np.zeros((c.shape[1], degrees.max() + 1, 2 * degrees.max() + 1), complex)
+        found[:, degrees, degrees.max() + orders] = c.T
+        return found
+    return c
+
+
+@pytest.mark.parametrize("format", ["complex", "spharm_mat", "s2fft"])
+def test_an_imaginary_part_is_dropped_with_a_warning(format: str) -> None:
+    a, b = coefficients(8), coefficients(8)[::-1]
+    array = packed(format, convert.to_complex(a) + 1j * convert.to_complex(b))
+    share = 100 * (b**2).sum() / ((a**2).sum() + (b**2).sum())
+    with pytest.warns(sp.SpharmWarning, match=f"imaginary part, which has {share:.3g} % of the power; for both parts"):
+        assert np.allclose(convert.from_(format, array), a)
+    with pytest.warns(sp.SpharmWarning, match="of the power"):
+        assert np.allclose(sp.Model.from_(format, -1j * array).coefficients, b)
+
+
+def test_rounding_errors_are_no_imaginary_part() -> None:
+    a = coefficients(8)
+    c = convert.to_complex(a)
+    noise = np.random.default_rng(1).normal(size=c.shape)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for format in ("complex", "spharm_mat", "s2fft", "healpy"):
+            for near in (c, c + 1e-9j * noise, c.astype(np.complex64), 0 * c):
+                convert.from_(format, packed(format, near))
+    with pytest.warns(sp.SpharmWarning, match="healpy: .* alm of order 0 must be real"):
+        convert.from_healpy(packed("healpy", c + 0.1j * noise))
 
 
 def test_pdm_files_go_there_and_back(tmp_path: Path) -> None:

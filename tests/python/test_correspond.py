@@ -63,8 +63,55 @@ def test_poses_near_the_given_ones_are_not_turned_over() -> None:
     cosines = [(np.trace(turn @ turns[0].T) - 1) / 2 for turn in turns]
     assert min(cosines) > np.cos(np.radians(15))
     assert not any("doubtful" in warning for warning in group.warnings)
-    with pytest.raises(ValueError, match="pose: expected one of any, near; found 'given'"):
-        sp.shape.correspond(surfaces, 6, pose="given")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="pose: expected one of any, near, given; found 'own'"):
+        sp.shape.correspond(surfaces, 6, pose="own")  # type: ignore[arg-type]
+
+
+def lumps(sizes: list[float], turns: Any = None) -> list[sp.Surface]:
+    """Returns bodies of one shape without symmetry, of the given sizes, each rotated about the origin."""
+    ball = sp.icosphere(3)
+    unit = np.asarray(ball.vertices)
+    bumps = [height * np.exp(8 * (unit @ place - 1)) for height, place in ((0.4, [0.6, 0.8, 0]), (0.3, [0, -0.6, 0.8]))]
+    body = unit * [20, 14, 11] * (1 + sum(bumps))[:, np.newaxis]
+    return [
+        sp.Surface(size * (body if turns is None else body @ turns[k].T), ball.faces) for k, size in enumerate(sizes)
+    ]
+
+
+def test_sizes_change_neither_poses_nor_correspondence() -> None:
+    sizes, rng = [1, 1.02, 0.98, 1.1, 0.8], np.random.default_rng(5)
+    turns = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in sizes]
+    turns = [turn * np.linalg.det(turn) for turn in turns]
+    bodies = lumps(sizes, turns)
+    group = sp.shape.correspond(bodies, 6, subdivisions=3)
+    moved = [transform.apply(np.asarray(body.vertices)) for transform, body in zip(group.transforms, bodies)]
+    for own, size in zip(moved, sizes):
+        matrix = (own - own.mean(axis=0)).T @ (moved[0] - moved[0].mean(axis=0))
+        left, _, right = np.linalg.svd(matrix)
+        assert np.degrees(np.arccos(min(1, (np.trace(left @ right) - 1) / 2))) < 0.5
+        # The alignment weights places of small variance more, so centres differ a little.
+        assert np.linalg.norm(own.mean(axis=0) - moved[0].mean(axis=0)) < 0.2
+        assert np.ptp(own, axis=0).max() == pytest.approx(size * np.ptp(moved[0], axis=0).max(), rel=0.02)
+    at_one_size = sp.shape.procrustes(group.models, method="fixed", scale=True)
+    assert at_one_size.report["spread_after"] < 0.02
+
+
+def test_given_poses_are_kept() -> None:
+    """Two bodies lie apart from the others. They stay where they are, and so do new members."""
+    bodies = lumps([1, 1, 1.05, 0.95])
+    shifts = np.array([[0, 0, 0], [3, 0, 0], [0, -2, 1], [0, 0, 0]])
+    bodies = [sp.Surface(np.asarray(body.vertices) + shift, body.faces) for body, shift in zip(bodies, shifts)]
+    group = sp.shape.correspond(bodies[:3], 6, subdivisions=3, pose="given")
+    member = group.add(bodies[3])
+    members = [*zip(group.transforms, group.models), (member.transform, member.model)]
+    for (transform, model), body in zip(members, bodies):
+        assert np.array_equal(transform.matrix, np.eye(4))
+        found = sp.compare(body, model.surface(4), surface_distance=True, samples=2000).surface
+        assert found is not None and found["rms"] < 0.3
+    mean = np.mean([model.coefficients[0] for model in group.models], axis=0)
+    assert np.allclose(group.mean.coefficients[0], mean)
+    with pytest.raises(ValueError, match="settings without scaling or mirror images"):
+        sp.shape.correspond(bodies, 6, pose="given", scale=True)
 
 
 def test_places_are_carried_to_where_truth_says(group: sp.shape.Group, marks: list[sp.Landmarks]) -> None:

@@ -49,6 +49,20 @@ def test_a_surface_is_fitted_between_its_vertices(study: Study) -> None:
             sp.fit(surface, sphere, 8, **wrong)
 
 
+def test_a_signal_of_three_channels_is_not_taken_for_a_surface_without_a_warning(study: Study) -> None:
+    surface, sphere = study
+    signal = sp.Transform(sphere.vertices, 10).synthesis(np.random.default_rng(0).normal(size=(121, 3)))
+    with pytest.warns(sp.SpharmWarning, match='enclose hardly any volume; for a signal of three channels, give objective="vertices"'):
+        sp.fit(signal, sphere, 10, surface_distance=False)
+    sheet = sphere.vertices * [1, 1, 0.02]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        sp.fit(signal, sphere, 10, objective="vertices")
+        for positions in (surface.vertices, sheet, sheet * 1e120):
+            sp.fit(positions, sphere, 4, surface_distance=False)
+    assert not [one for one in caught if "volume" in str(one.message)]
+
+
 def test_the_lowest_accurate_degree_is_chosen(study: Study) -> None:
     surface, sphere = study
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -57,6 +58,16 @@ def test_models_are_found_in_another_pose(study: Any) -> None:
         sp.shape.nearest(turned, [sp.Model(np.ones((4, 1)))])
     with pytest.raises(ValueError, match="expected a Model"):
         sp.shape.nearest(turned, [model.coefficients])  # type: ignore[list-item]
+
+
+def test_models_of_several_degrees_are_compared_at_the_lowest_with_a_warning(study: Any) -> None:
+    models = [sp.fit(study[0], study[1], degree, surface_distance=False) for degree in (8, 5)]
+    for query, among in (models, models[::-1], (models[0], models)):
+        with pytest.warns(sp.SpharmWarning, match="degrees from 5 to 8; they are compared up to degree 5"):
+            sp.shape.nearest(query, among if isinstance(among, list) else [among])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert sp.shape.nearest(models[0], [models[0]])[0].distance == 0
 
 
 def test_tails_are_parsevals_and_even_meshes_are_even(ellipsoid: sp.Model) -> None:

@@ -126,3 +126,10 @@ def test_files_are_not_subjects() -> None:
     for subjects in (names, np.array(names), [Path(name) for name in names], "models"):
         with pytest.raises(ValueError, match="subjects: .*Model.load"):
             sp.shape.group_test(subjects, GROUPS)
+
+
+def test_the_minus_sign_is_read_as_a_hyphen() -> None:
+    scores = [-3, 1, 4, -1, 5, 9, 2, 6, 5, 3, -5, 8]
+    text = [str(score).replace("-", "\u2212") for score in scores]
+    found, expected = found_of(effect=text), found_of(effect=scores)
+    assert found.meaning == "slope of effect" and np.array_equal(found.statistic, expected.statistic)

@@ -187,17 +187,38 @@ def test_descriptors_of_meshes_depend_neither_on_pose_nor_on_vertices() -> None:
     assert Descriptors(4, threads=1).fit_transform(meshes[:1]).tolist() == rows[:1].tolist()
     off = np.linalg.norm(rows - rows[0], axis=1)
     assert off[1:3].max() < 0.02 < 0.1 < off[3]
-    mapped = sp.parametrize(meshes[0], degree=4)
+    mapped = sp.parametrize(meshes[0], degree=4, area=0)
     model = sp.fit(mapped, max_degree=4)
     assert np.allclose(rows[0], sp.shape.describe(model).singular_values.ravel(), atol=1e-12)
     assert np.allclose(Descriptors(4).fit_transform([mapped, model]), rows[0], atol=1e-12)
+
+
+def halved(surface: sp.Surface) -> sp.Surface:
+    """Returns the same surface with each triangle divided into four."""
+    edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]], axis=-1).reshape(-1, 2)
+    pairs, numbers = np.unique(edges, axis=0, return_inverse=True)
+    (a, b, c), (x, y, z) = surface.faces.T, len(surface.vertices) + numbers.reshape(-1, 3).T
+    faces = np.concatenate([np.stack(corners, axis=1) for corners in ((a, x, z), (x, b, y), (z, y, c), (x, y, z))])
+    return sp.Surface(np.concatenate([surface.vertices, surface.vertices[pairs].mean(axis=1)]), faces)
+
+
+def test_descriptors_find_the_same_body_at_another_resolution() -> None:
+    rng = np.random.default_rng(1)
+    places = rng.normal(size=(3, 3))
+    places /= np.linalg.norm(places, axis=1, keepdims=True)
+    bumps = np.exp(12 * (COARSE.vertices @ places.T - 1))
+    radii = [10 * (1 + bumps @ (0.35 + 0.1 * rng.uniform(-1, 1, 3))) for _ in range(5)]
+    bodies = [sp.Surface(COARSE.vertices * radius[:, np.newaxis], COARSE.faces) for radius in radii]
+    rows = Descriptors(10).fit_transform([*bodies, *map(halved, bodies)])
+    off = np.linalg.norm(rows[:, np.newaxis] - rows, axis=2) + np.diag([np.inf] * 10)
+    assert off.argmin(axis=1).tolist() == [*range(5, 10), *range(5)]
 
 
 def test_surfaces_come_as_paths_arrays_and_tables(rough: ShapeFeatures, tmp_path: Path) -> None:
     group = bars(3, ball=COARSE)[0]
     for index, surface in enumerate(group):
         surface.save(tmp_path / f"{index}.ply", double=True)
-    model = sp.fit(sp.parametrize(group[2], degree=2), max_degree=2)
+    model = sp.fit(sp.parametrize(group[2], degree=2, area=0), max_degree=2)
     model.save(tmp_path / "2.spharm.npz")
     paths = [tmp_path / "0.ply", str(tmp_path / "1.ply"), str(tmp_path / "2.spharm.npz")]
     objects = np.empty(3, dtype=object)
@@ -279,6 +300,7 @@ def test_other_columns_and_parameters_are_refused(rough: ShapeFeatures) -> None:
         ({"max_degree": 0}, "max_degree: expected at least 1, found 0"),
         ({"measures": ["mass"]}, "measures: expected .* sphericity; found .'mass'."),
         ({"measures": "area"}, "measures: expected a sequence"),
+        ({"area": 1.5}, "area: expected a number from 0 to 1, found 1.5"),
     ):
         with pytest.raises(ValueError, match=text):
             Descriptors(**wrong_parameters).fit([BALL])

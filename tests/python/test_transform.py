@@ -35,6 +35,15 @@ def test_synthesis_adjoint_and_normal_are_those_of_the_basis() -> None:
     assert transform.synthesis(x[:, 0]).shape == (500,)
 
 
+def test_complex_values_are_refused_with_advice() -> None:
+    values = np.ones(500, complex)
+    for call in (lambda: sp.solve(DIRECTIONS, values, 3), lambda: sp.Transform(DIRECTIONS, 3).adjoint(values)):
+        with pytest.raises(ValueError, match="found complex128 of shape .*; pass the real and imaginary parts as two channels"):
+            call()
+    with pytest.raises(ValueError, match="; convert.from_complex converts coefficients of complex harmonics"):
+        sp.Model(np.ones((9, 1), complex))
+
+
 def test_scipy_takes_the_linear_operator() -> None:
     transform = sp.Transform(DIRECTIONS, 6)
     x = np.random.default_rng(2).normal(size=49)

@@ -208,9 +208,9 @@ pub(super) struct MethodArgs {
     /// Adds LAMBDA sum (l (l + 1))^2 a^2 to the sum of squared distances, each multiplied by its weight. Weights are
     /// used as given: if all weights are a tenth as large, a tenth of LAMBDA has the same effect. In a fit of the
     /// surface, the weights of the samples have the same sum as those of the vertices. auto chooses LAMBDA for each
-    /// surface by generalised cross-validation. With --objective vertices and without --sphere, the default penalty at
-    /// the highest degree has a hundredth of the weight of the vertices, which keeps the model from oscillating between
-    /// vertices.
+    /// surface, or each channel of a signal, by generalised cross-validation. With --objective vertices and without
+    /// --sphere, the default penalty at the highest degree has a hundredth of the weight of the vertices, which keeps
+    /// the model from oscillating between vertices.
     #[arg(long, value_name = "LAMBDA|auto")]
     pub(super) smoothness: Option<Smoothness>,
     /// Remove noise, degree by degree (lsq)

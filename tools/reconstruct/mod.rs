@@ -177,14 +177,15 @@ fn warn_of_hemispheres(model: &Model, path: &Path, sphere: &Sphere, console: &Co
 /// Step between 32-bit coordinates above which a warning is given, as a fraction of the bounding box's diagonal.
 const COARSE: f64 = 1e-4;
 
-/// Warns if a file's 32-bit numbers are too coarse for a surface far from the origin. `double` says whether 64 bits are
-/// requested.
+/// Warns if a file's 32-bit numbers are too coarse for a surface that is far from the origin or very small. `double`
+/// says whether 64 bits are requested.
 fn warn_of_rounding(output: &Path, mesh: &Mesh, (format, double): (&FormatSpec, bool), console: &Console) {
     let (low, high) = bounds(mesh.vertices.iter().copied());
     let size = sub(high, low).into_iter().fold(0.0, f64::hypot);
     let largest = mesh.vertices.as_flattened().iter().fold(0.0_f64, |most, x| most.max(x.abs()));
-    let step = largest * f64::from(f32::EPSILON);
-    if format.holds_double(double) || step <= COARSE * size {
+    // Below the normal range of 32-bit numbers, all steps are as large as the smallest number.
+    let step = (largest * f64::from(f32::EPSILON)).max(f64::from(f32::from_bits(1)));
+    if format.holds_double(double) || largest == 0.0 || step <= COARSE * size {
         return;
     }
     console.warn(format!(

@@ -12,7 +12,7 @@ use spharm_cli::paths::model_name;
 use spharm_harmonics::Directions;
 use spharm_surface::generate::icosphere;
 use spharm_surface::geometry::{Vec3, bounds, dot, sub};
-use spharm_surface::io::landmarks::Landmarks;
+use spharm_surface::io::landmarks::{Landmarks, unit_factor};
 use spharm_surface::{Mesh, Similarity};
 use spharm_transform::synthesis;
 
@@ -76,10 +76,34 @@ pub(super) fn of_surfaces(
     }
     let matched = Landmarks::matched(&subjects);
     if matched.names.is_empty() {
-        bail!("--landmarks: no landmark name occurs in all {} files", files.len());
+        bail!("--landmarks: no landmark name occurs in all {} files{}", files.len(), differing(&files, &subjects));
     }
     warnings.extend(omitted(&files, &matched.alone));
     Ok(Marks { names: matched.names, points: matched.points, warnings })
+}
+
+/// Returns a description of the first file without which the other files have common names; empty if there is none.
+fn differing(files: &[PathBuf], subjects: &[Landmarks]) -> String {
+    let usual = |index: usize| {
+        let others = subjects.iter().enumerate().filter(|(other, _)| *other != index);
+        let names = Landmarks::matched(&others.map(|(_, own)| own.clone()).collect::<Vec<_>>()).names;
+        (!names.is_empty()).then_some((index, names))
+    };
+    let Some((index, usual)) = (0..files.len()).find_map(usual) else { return String::new() };
+    let plain = |name: &str| name.replace([' ', '-', '_'], "").to_lowercase();
+    let own = &subjects[index].names;
+    let near = own.iter().filter_map(|name| {
+        let other = usual.iter().find(|other| plain(other) == plain(name))?;
+        Some(format!("{name} instead of {other}"))
+    });
+    let near: Vec<String> = near.collect();
+    let listed = |names: &[String]| first_of(names.iter().map(String::as_str), 5);
+    let names = if near.is_empty() {
+        format!("{}; the other files have {}", listed(own), listed(&usual))
+    } else {
+        listed(&near)
+    };
+    format!("; {} has {names}", files[index].display())
 }
 
 /// Returns warnings about landmarks that some files lack. `alone` has the names of each file that aren't common to all
@@ -123,7 +147,10 @@ pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<
     let off: Vec<String> = placed.landmarks.names.iter().zip(&placed.distances).filter_map(far).collect();
     if !off.is_empty() {
         let off = first_of(off.iter().map(String::as_str), 5);
-        warnings.push(format!("{}: landmarks far from the surface: {off}", file.display()));
+        let unit = unit_factor(&placed.landmarks.points, surface).map_or_else(String::new, |factor| {
+            format!("; multiplied by {factor}, the landmarks lie on the surface, so they seem to be in another unit")
+        });
+        warnings.push(format!("{}: landmarks far from the surface: {off}{unit}", file.display()));
     }
     Ok((placed.landmarks, warnings))
 }

@@ -182,6 +182,9 @@ fn of_solver(error: &SolverError) -> Option<String> {
         SolverError::Underdetermined { .. } => {
             Some("set a lower degree with --max-degree L, or a penalty with --smoothness LAMBDA".to_owned())
         }
+        SolverError::UnderdeterminedWithPenalty { needed, .. } => {
+            Some(format!("set a {needed} penalty with --smoothness LAMBDA"))
+        }
         // Only factors for a store end with this error; a fit uses a shifted factor instead.
         SolverError::NotPositiveDefinite { .. } => {
             Some("set a lower degree with --factor L, or a penalty with --smoothness LAMBDA".to_owned())
@@ -323,6 +326,15 @@ mod tests {
         let of = |budget| of_moments(&MomentsError::Memory { max_degree: 1, needed: 95 << 20, budget }).unwrap();
         assert!(!of(1 << 20).contains("--max-degree") && of(1 << 20).contains("--memory"));
         assert!(of(accumulate::bytes(0, 1)).contains("--max-degree"));
+    }
+
+    #[test]
+    fn undetermined_standard_errors_need_another_penalty() {
+        for needed in ["smaller", "larger"] {
+            let error = SolverError::UnderdeterminedWithPenalty { rows: 12, columns: 25, needed };
+            let expected = format!("set a {needed} penalty with --smoothness LAMBDA");
+            assert_eq!(advice(&Error::from(error)), Some(expected));
+        }
     }
 
     #[test]

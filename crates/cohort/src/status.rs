@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use crate::error::CohortError;
-use crate::formulas::{cell, unguarded};
+use crate::formulas::{cell, guarded, unguarded};
 use crate::table::writer;
 
 /// Names of the columns, in order.
@@ -79,7 +79,7 @@ pub struct Entry {
     pub seconds: Option<f64>,
     /// Error of a failed row, or the error that ended the run before the row was finished; empty for other rows.
     pub error: String,
-    /// Path of the model as text; empty if unknown.
+    /// Path of the model as text; empty if unknown. A path with control characters other than tabs isn't written.
     pub output: String,
 }
 
@@ -114,9 +114,20 @@ impl Entry {
             |value: Option<f64>| value.filter(|value| value.is_finite()).map_or(String::new(), |v| format!("{v:e}"));
         let seconds = self.seconds.map_or(String::new(), |seconds| format!("{seconds:.3}"));
         let state = self.state.name().to_owned();
-        let (id, error, output) = (cell(&self.id), cell(&self.error), cell(&self.output));
+        let (id, error, output) = (name(&self.id), cell(&self.error), path(&self.output));
         line([id, state, number(self.msd), number(self.xsd), seconds, error, output])
     }
+}
+
+/// Converts an id to a cell. Tabs are kept, because the table's writer puts such a cell in quotation marks.
+fn name(id: &str) -> String {
+    guarded(&id.replace(|c: char| c != '\t' && c.is_control(), " ")).into_owned()
+}
+
+/// Converts a path to a cell. A path with a line end can't be part of a line, and a changed path would be of another
+/// file, so the cell is then empty.
+fn path(output: &str) -> String {
+    if name(output) == guarded(output) { name(output) } else { String::new() }
 }
 
 fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>> {

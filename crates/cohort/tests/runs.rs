@@ -154,6 +154,21 @@ fn an_output_with_the_name_of_an_input_is_refused() {
     assert_eq!(std::fs::read(&model).unwrap(), before);
 }
 
+/// The file that replaces an input may have a name that the user didn't give.
+#[test]
+fn the_file_that_would_replace_an_input_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let surface = folder.path().join("v.csv");
+    std::fs::write(&surface, "1\n").unwrap();
+    let row = Row { id: "v".to_owned(), surface, output: Some(folder.path().join("v.npz")), ..Row::default() };
+    let mut params = RunParams::new(FitParams::lsq(4));
+    (params.coefficients_csv, params.status) = (true, Some(folder.path().join("status.tsv")));
+    run(&Cohort::new(vec![row], folder.path()), &params, &Outcomes::default(), &Silent).unwrap();
+    let merged = Merged::read([folder.path().join("status.tsv")]).unwrap();
+    let error = &merged.entry("v").unwrap().error;
+    assert!(error.contains("v.csv: this file is an input, but the table of coefficients"), "{error}");
+}
+
 /// A model's path that isn't UTF-8 can't be written exactly to the table of outcomes, but the event has the exact
 /// path.
 #[cfg(unix)]

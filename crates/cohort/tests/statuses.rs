@@ -39,6 +39,22 @@ fn lines_come_back_as_they_were_and_are_lines() {
     assert_eq!(merged.entry("b").map(|entry| entry.error.as_str()), Some("x.ply: line 3: \"no\" number"));
 }
 
+/// Ids and paths may come from the names of files.
+#[test]
+fn ids_and_paths_with_unusual_characters_come_back() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("0.tsv");
+    let named = |id: &str| Entry { output: format!("out/{id}.npz"), ..entry(id, State::Done) };
+    let entries = ["a\tb", "-dash", "@list", "=1+1", "'-x", "\"q\""].map(named);
+    write(&path, &entries);
+    let ended = named("c\nd");
+    write(&path, std::slice::from_ref(&ended));
+    let merged = Merged::read([&path]).expect("a status");
+    let ended = Entry { id: "c d".to_owned(), output: String::new(), ..ended };
+    assert_eq!(merged.entries(), [&entries[..], &[ended]].concat());
+    assert_eq!(std::fs::read_to_string(&path).expect("a table").lines().count(), 8);
+}
+
 #[test]
 fn the_last_line_of_a_row_counts_but_that_it_was_there_hides_nothing() {
     let folder = tempfile::tempdir().expect("a folder");

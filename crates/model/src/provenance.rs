@@ -165,7 +165,7 @@ pub struct Settings {
     /// Choice of the smoothness penalty lambda: `default`, `fixed` or `auto`; `None` in models of version 0.1.
     #[serde(default)]
     pub smoothness_choice: Option<String>,
-    /// Smoothness penalty used, lambda.
+    /// Smoothness penalty used, lambda; the largest one if each channel has its own.
     pub smoothness: f64,
     /// Scalar type of the basis: `f64` or `f32`.
     pub dtype: String,

@@ -83,7 +83,8 @@ fn positions_of_all_kinds_are_the_same_places() {
         let [x, y, z] = vectors()[i];
         format!("{x:.17} {y:.17} {z:.17} {i}")
     });
-    let saved = table("saved.txt", "# by a program\n# lon lat f", &|i| format!("{} {} {i}", PLACES[i][0], PLACES[i][1]));
+    let saved =
+        table("saved.txt", "# by a program\n# lon lat f", &|i| format!("{} {} {i}", PLACES[i][0], PLACES[i][1]));
     let expected = read(&lonlat, &["f"]);
     for path in [&angles, &xyz, &saved] {
         same(&expected, &read(path, &["f"]));

@@ -32,8 +32,8 @@ struct Settings {
     max_degree: usize,
     rounds: usize,
     refine: bool,
-    /// Whether only the given poses are improved.
-    near: bool,
+    /// Poses to consider: "any", "near" or "given".
+    pose: String,
     scale: bool,
     mirror: bool,
     /// Whether each surface is mirrored first; empty for none.
@@ -50,8 +50,8 @@ struct Settings {
 
 impl Settings {
     fn params(self, template: Option<Mesh>, signals: Vec<Vec<Vec<f64>>>) -> CorrespondParams {
-        let Self { max_degree, rounds, refine, near, scale, mirror, mirrored, subdivisions, memory, .. } = self;
-        let search = if near { PoseSearch::Near } else { PoseSearch::Any };
+        let Self { max_degree, rounds, refine, pose, scale, mirror, mirrored, subdivisions, memory, .. } = self;
+        let search = if pose == "any" { PoseSearch::Any } else { PoseSearch::Near };
         let of_template =
             |members: &[Vec<[f64; 3]>]| self.template_member.and_then(|index| members.get(index).cloned());
         let guide = self.guide.map(|members| GuideLandmarks { template: of_template(&members), members });
@@ -67,6 +67,7 @@ impl Settings {
             .with_rounds(rounds)
             .with_refinement(refine.then(GroupwiseParams::default))
             .with_pose(PoseParams { search, scale, mirror, ..PoseParams::default() })
+            .with_keep_poses(pose == "given")
             .with_memory(memory)
     }
 }
@@ -93,7 +94,7 @@ fn shape_correspond(
         let read =
             |index: usize| surfaces[index].read().map_err(|error| Error::Member { index, source: Box::new(error) });
         let found = make(surfaces.len(), &read, &params, monitor).map_err(|error| named(&names, error))?;
-        Ok(Group::new(found, names, params.pose))
+        Ok(Group::new(found, names, params.pose, params.keep_poses))
     })
 }
 

@@ -9,11 +9,11 @@ use pyo3::prelude::*;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::correspond::{
-    CorrespondWarning, Group as Inner, GroupFiles, IDENTICAL_TO, Joining, MemberOrigin, MemberReport, NewMember,
+    CorrespondParams, CorrespondWarning, Group as Inner, GroupFiles, IDENTICAL_TO, Joining, MemberOrigin, MemberReport,
+    NewMember,
 };
 use spharm::model::made;
 use spharm::pose::PoseParams;
-use spharm::register::RegisterParams;
 use spharm::shape::groupwise::{GroupwiseReport, StageReport};
 use spharm::shape::{Rotation, Similarity, Transform};
 use spharm::{Error, Kind, Model as InnerModel, Stage};
@@ -39,7 +39,8 @@ pub(crate) fn transform(similarity: &Similarity) -> Value {
 pub(crate) struct Group {
     inner: Arc<Inner>,
     names: Vec<String>,
-    pose: PoseParams,
+    /// Settings with which the group was made, as far as new members need them.
+    params: CorrespondParams,
     /// Warnings, each with the index of the member that it concerns.
     warnings: Vec<(usize, String)>,
 }
@@ -136,8 +137,11 @@ impl Group {
         let names = names.unwrap_or(own);
         let scale = inner.similarities.iter().any(|own| own.scale != 1.0);
         let mirror = inner.similarities.iter().any(Similarity::mirrors);
-        let pose = PoseParams { scale, mirror, ..PoseParams::default() };
-        Ok((Self { inner: Arc::new(inner), names: names.clone(), pose, warnings }, names))
+        let given = |own: &Similarity| *own == Similarity::default() || *own == Similarity::reflection();
+        let kept = inner.similarities.iter().all(given);
+        let pose = PoseParams { scale, mirror: mirror && !kept, ..PoseParams::default() };
+        let params = of_new_members(&inner, pose, kept);
+        Ok((Self { inner: Arc::new(inner), names: names.clone(), params, warnings }, names))
     }
 
     /// Returns the report on the correspondence, as JSON.
@@ -204,10 +208,10 @@ impl Group {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Vec<Member<'py>>> {
         let surfaces = sources(surfaces, &names)?;
-        let (group, pose) = (Arc::clone(&self.inner), self.pose);
+        let (group, params) = (Arc::clone(&self.inner), self.params.clone());
         let found = run_owned(py, threads, progress.as_ref(), move |monitor| {
             let members: Vec<_> = group.models.iter().map(|model| model.coefficients.clone()).collect();
-            let joining = Joining::new(group.template.clone(), &members, pose, RegisterParams::default(), monitor)?;
+            let joining = Joining::new(group.template.clone(), &members, &params, monitor)?;
             monitor.begin(Stage::counted("new members", "surfaces"), surfaces.len() as u64);
             let one = |(index, source): (usize, &Source)| {
                 let add = if mirrored { Joining::add_mirrored } else { Joining::add };
@@ -236,11 +240,16 @@ impl Group {
     }
 }
 
+fn of_new_members(group: &Inner, pose: PoseParams, keep_poses: bool) -> CorrespondParams {
+    CorrespondParams::up_to(group.template.mean.max_degree()).with_pose(pose).with_keep_poses(keep_poses)
+}
+
 impl Group {
-    pub(crate) fn new(inner: Inner, names: Vec<String>, pose: PoseParams) -> Self {
+    pub(crate) fn new(inner: Inner, names: Vec<String>, pose: PoseParams, keep_poses: bool) -> Self {
         let of = |warning: &CorrespondWarning| (warning.member(), warning.of_member(|other| names[other].clone()));
         let warnings = inner.report.warnings.iter().map(of).collect();
-        Self { inner: Arc::new(inner), names, pose, warnings }
+        let params = of_new_members(&inner, pose, keep_poses);
+        Self { inner: Arc::new(inner), names, params, warnings }
     }
 
     /// Returns the number of members and the number of corresponding vertices.

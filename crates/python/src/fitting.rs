@@ -374,6 +374,8 @@ pub(crate) fn category(warning: &FitWarning) -> &'static str {
         | FitWarning::FewVertices { .. }
         | FitWarning::RankDeficient { .. }
         | FitWarning::Amplified { .. }
+        | FitWarning::NoiseOfGaps { .. }
+        | FitWarning::UnevenWeights { .. }
         | FitWarning::Gap { .. } => "NotDetermined",
         FitWarning::Solver(LsqWarning::Underdetermined { .. }) => "NotDetermined",
         FitWarning::NotConverged { .. } => "NotConverged",

@@ -186,6 +186,18 @@ pub enum SolverError {
         /// Number of coefficients, K.
         columns: usize,
     },
+    /// Standard errors can't be computed, because the coefficients aren't determined in spite of a penalty.
+    #[error(
+        "{rows} vertices with this smoothness penalty don't determine {columns} coefficients numerically; standard errors need a {needed} smoothness penalty"
+    )]
+    UnderdeterminedWithPenalty {
+        /// Number of rows with nonzero weight.
+        rows: usize,
+        /// Number of coefficients, K.
+        columns: usize,
+        /// The change that is needed: `smaller` if the penalty dominates the vertices, else `larger`.
+        needed: &'static str,
+    },
     /// The Gram matrix isn't numerically positive definite, so it has no Cholesky factor.
     #[error(
         "the Gram matrix is not numerically positive definite: its factorisation breaks down at column {column} (degree {degree}). The sampling does not determine all coefficients of this and higher degrees; choose a lower degree or add a smoothness penalty"

@@ -135,7 +135,7 @@ pub enum Error {
         vertices: usize,
     },
     /// A memory budget that is too small for the fit.
-    #[error("a memory budget of {}MiB is too small; at least {}MiB are needed", .budget >> 20, .needed.div_ceil(1 << 20))]
+    #[error("a memory budget of {} is too small; at least {}MiB are needed", size(*.budget), .needed.div_ceil(1 << 20))]
     Memory {
         /// The budget in bytes.
         budget: usize,
@@ -205,11 +205,29 @@ impl Error {
     }
 }
 
+/// Formats a budget in MiB, or in bytes if it is below 1 MiB, because the user has probably forgotten the unit.
+fn size(bytes: usize) -> String {
+    let hundredths = (bytes as f64 / f64::from(1 << 20) * 100.0).floor();
+    if bytes < 1 << 20 { format!("{bytes} bytes") } else { format!("{}MiB", hundredths / 100.0) }
+}
+
 impl From<SolverError> for Error {
     fn from(error: SolverError) -> Self {
         match error {
             SolverError::Limit { what, limit, needed } => Self::Limit { what, limit, needed },
             error => Self::Solver(error),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_budget_is_shown_as_it_was_given() {
+        let text = |budget: usize| Error::Memory { budget, needed: 43 << 20 }.to_string();
+        assert_eq!(text(8 << 20), "a memory budget of 8MiB is too small; at least 43MiB are needed");
+        assert!(text(10_000_000).contains("budget of 9.53MiB is") && text(1024).contains("budget of 1024 bytes is"));
     }
 }

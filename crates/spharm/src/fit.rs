@@ -1,6 +1,8 @@
 //! Fits one target, or many targets over one sphere in bounded memory.
 
 mod batches;
+mod by_channel;
+mod change;
 mod check;
 mod denoise;
 mod detail;
@@ -17,6 +19,7 @@ mod shared;
 mod surface;
 mod surface_plan;
 mod surface_sums;
+mod undetermined;
 mod vertex_noise;
 
 pub(crate) use check::check_sizes;

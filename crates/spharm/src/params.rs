@@ -117,7 +117,8 @@ pub enum Smoothness {
     Default,
     /// Applies the given lambda, finite and not negative.
     Fixed(f64),
-    /// Applies, for each target, the lambda that minimises the score of generalised cross-validation.
+    /// Applies, for each surface or each channel of a signal, the lambda that minimises the score of generalised
+    /// cross-validation.
     Auto,
 }
 

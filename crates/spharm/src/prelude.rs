@@ -4,7 +4,8 @@ use std::path::Path;
 
 pub use crate::parametrize::{CaldParams, parametrize};
 pub use crate::{
-    Error, Fit, FitParams, Kind, Mesh, MeshFit, Method, Model, Signal, Smoothness, Sphere, Weights, fit, fit_mesh,
+    Coefficients, Directions, Error, Fit, FitParams, Kind, Mesh, MeshFit, Method, Model, Signal, Silent, Smoothness,
+    Sphere, Target, Weights, fit, fit_mesh,
 };
 pub use spharm_surface::io::{read_mesh, read_signal};
 pub use spharm_surface::{read_sphere, read_target};

@@ -43,9 +43,12 @@ pub struct FitReport {
     /// The noise that was estimated and removed: one entry for a surface, or one per channel. Empty without denoising.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub denoise: Vec<Denoised>,
-    /// Smoothness penalty lambda; zero for the methods without a penalty.
+    /// Smoothness penalty lambda; zero for the methods without a penalty. If each channel has its own, the largest one.
     #[serde(skip)]
     pub smoothness: f64,
+    /// Smoothness penalty lambda of each channel, if it was chosen by cross-validation for each channel; else empty.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub smoothness_by_channel: Vec<f64>,
     /// Optimality reached by the full least squares.
     #[serde(skip)]
     pub optimality: Option<f64>,
@@ -67,6 +70,9 @@ pub struct Denoised {
     /// Rms of the detail beyond the fit's degree, per channel, in the target's unit, estimated at held-out vertices;
     /// `None` if there are too few vertices for an estimate.
     pub left_out: Option<f64>,
+    /// Power that noise of variance 1 has in the plain fit's coefficients of degree 1, relative to an even sampling.
+    #[serde(skip)]
+    pub relative_noise: f64,
 }
 
 /// Settings with which a target was fitted.
@@ -144,6 +150,14 @@ impl BatchReport {
         match self {
             Self::LeastSquares { report, .. } => report.smoothness,
             _ => 0.0,
+        }
+    }
+
+    /// Returns the smoothness penalty lambda of each channel, if each channel has its own; else an empty list.
+    pub fn smoothness_by_channel(&self) -> &[f64] {
+        match self {
+            Self::LeastSquares { gcv: Some(gcv), .. } => &gcv.by_channel,
+            _ => &[],
         }
     }
 }

@@ -10,6 +10,15 @@ use spharm_solver::lsq::LsqWarning;
 /// Largest expected error of the worst combination of coefficients, relative to the norm of all coefficients, that
 /// causes no warning.
 const LARGEST_AMPLIFIED: f64 = 0.25;
+/// Least condition number at which noise in the coefficients is blamed on the sampling.
+const POOR: f64 = 3.0;
+/// Largest power of the noise in degree 1, relative to an even sampling, that causes no warning of a denoised fit.
+const LARGEST_NOISE: f64 = 10.0;
+/// Gain of degree 1 from which on its signal is clearly above its noise.
+const CLEAR_GAIN: f64 = 0.9;
+/// Largest ratio of a weight to the sum of those weights that the fit needs besides the largest ones. At larger ratios
+/// the fit loses more than half of its digits.
+const LARGEST_WEIGHT: f64 = 1e8;
 /// Largest rms of unresolved detail, relative to the noise, that causes no warning. Held-out vertices reveal only part
 /// of the detail.
 const DETAIL: f64 = 0.3;
@@ -99,6 +108,22 @@ pub enum FitWarning {
         /// Standard deviation of the estimated noise, which includes the detail.
         sigma: f64,
     },
+    /// Denoising may have removed signal, because poorly sampled places raise the noise of all degrees.
+    NoiseOfGaps {
+        /// Highest degree of the fit.
+        max_degree: usize,
+        /// Power of the noise in degree 1, relative to an even sampling.
+        noise: f64,
+        /// Gain of degree 1.
+        gain: f64,
+    },
+    /// A few vertices have nearly all of the weight, so rounding errors hide the values of the others.
+    UnevenWeights {
+        /// Number of coefficients of a channel.
+        functions: usize,
+        /// Largest weight, relative to the sum of all weights but the `functions - 1` largest.
+        ratio: f64,
+    },
     /// Rounding errors of moments hide the residual of channels whose mean is large.
     LostResidual {
         /// Names of the channels.
@@ -149,6 +174,16 @@ impl fmt::Display for FitWarning {
                  of {columns} columns); the solution of minimum norm was used"
             ),
             Self::FactorUnusable { reason } => write!(f, "{reason}; solving without this factor"),
+            Self::Gap { max_degree, samples, functions, largest_gap, resolved }
+                if largest_gap <= resolved && *samples >= *functions as u64 =>
+            {
+                write!(
+                    f,
+                    "degree {max_degree} isn't determined by the samples: the {samples} samples, or those with nearly \
+                     all of the weight, are at places that don't distinguish {functions} coefficients; use a lower \
+                     degree, more places or more even weights"
+                )
+            }
             Self::Gap { max_degree, samples, functions, largest_gap, resolved } => write!(
                 f,
                 "degree {max_degree} isn't determined by the samples: {samples} samples for {functions} coefficients, \
@@ -167,6 +202,19 @@ impl fmt::Display for FitWarning {
                 "the surface has detail of {left_out:.2e} rms beyond degree {max_degree}, and the removed noise of \
                  {sigma:.2e} includes this detail: the model may be worse than without denoising; a higher degree \
                  would separate detail from noise"
+            ),
+            Self::NoiseOfGaps { max_degree, noise, gain } => write!(
+                f,
+                "denoising may have removed signal: at degree {max_degree}, poorly sampled places raise the noise in \
+                 the coefficients of degree 1 to {noise:.1e} times that of an even sampling, and only {gain:.2} of \
+                 degree 1 was kept; use a lower degree, or a smoothness penalty instead of denoising"
+            ),
+            Self::UnevenWeights { functions, ratio } => write!(
+                f,
+                "the weights are too uneven: the largest weight is {ratio:.1e} times the sum of all weights except the \
+                 {} largest; {functions} coefficients also need the values of small weight, but rounding errors hide \
+                 these values; use more even weights, with a ratio below {LARGEST_WEIGHT:.0e}",
+                functions - 1
             ),
             Self::LostResidual { channels } => write!(
                 f,
@@ -213,7 +261,9 @@ impl FitWarning {
             warnings.push(Self::FewVertices { vertices, functions, suitable_degree });
         }
         warnings.extend(report.warnings.iter().cloned().map(Self::Solver));
-        warnings.extend(Self::of_amplified(report, functions).filter(|_| !singular));
+        let mean_square = report.residuals.iter().map(|residual| residual.mean_square).reduce(f64::max);
+        let amplified = mean_square.and_then(|mean_square| Self::of_amplified(report, mean_square));
+        warnings.extend(amplified.filter(|_| !singular));
         if report.stop != spharm_solver::lsq::Stop::Converged && !singular {
             let steps = report.iterations + report.refinements;
             warnings.push(Self::NotConverged { optimality: report.optimality, tolerance, steps });
@@ -223,19 +273,51 @@ impl FitWarning {
 
     /// Returns a warning if noise decides a large part of the coefficients. If n samples have independent noise of
     /// standard deviation s, the combination of coefficients that they determine worst has the standard deviation `s
-    /// condition sqrt(4 pi / n)`, up to a factor that depends on how evenly the samples are distributed.
-    fn of_amplified(report: &LsqReport, functions: usize) -> Option<Self> {
+    /// condition sqrt(4 pi / n)`, up to a factor that depends on how evenly the samples are distributed. `mean_square`
+    /// is the mean square of the residual, weighted if the weights are inverse variances.
+    pub(crate) fn of_amplified(report: &LsqReport, mean_square: f64) -> Option<Self> {
+        let functions = spharm_harmonics::basis_size(report.max_degree);
         let free = report.rows.checked_sub(functions).filter(|&free| free > 0 && report.smoothness == 0.0)?;
-        let mean_square = report.residuals.iter().map(|residual| residual.mean_square).reduce(f64::max)?;
         let deviation = (mean_square * report.rows as f64 / free as f64).sqrt();
         let amplified = deviation * report.condition * (4.0 * std::f64::consts::PI / report.rows as f64).sqrt();
         let (max_degree, condition, share) = (report.max_degree, report.condition, amplified / report.norm);
-        (share > LARGEST_AMPLIFIED && condition.is_finite()).then_some(Self::Amplified { max_degree, condition, share })
+        let poor = condition > POOR && condition.is_finite();
+        (poor && share > LARGEST_AMPLIFIED).then_some(Self::Amplified { max_degree, condition, share })
     }
 
-    /// Returns a warning if a large part of the removed noise is detail.
-    pub(crate) fn of_denoised(left_out: f64, sigma: f64, max_degree: usize) -> Option<Self> {
-        (left_out > DETAIL * sigma).then_some(Self::Detail { max_degree, left_out, sigma })
+    /// Returns a warning if the noise of poorly sampled places hides the signal, or if a large part of the removed
+    /// noise is detail. `sigma` is the noise in the unit of the detail.
+    pub(crate) fn of_denoised(
+        (noise, gain): (f64, &[f64]),
+        left_out: Option<f64>,
+        sigma: f64,
+        max_degree: usize,
+    ) -> Option<Self> {
+        let hidden = Self::of_noise(noise, gain, max_degree);
+        let left_out = left_out.unwrap_or(0.0);
+        let detail = || (left_out > DETAIL * sigma).then_some(Self::Detail { max_degree, left_out, sigma });
+        hidden.or_else(detail)
+    }
+
+    /// Returns a warning if the noise of poorly sampled places hides the signal: if `noise`, the power of the noise in
+    /// degree 1 relative to an even sampling, is large, and the signal of degree 1 isn't clearly above it.
+    pub(crate) fn of_noise(noise: f64, gain: &[f64], max_degree: usize) -> Option<Self> {
+        let gain = *gain.get(1)?;
+        (noise > LARGEST_NOISE && gain < CLEAR_GAIN).then_some(Self::NoiseOfGaps { max_degree, noise, gain })
+    }
+
+    /// Returns a warning if the weights are so uneven that a fit of the vertices loses the values of small weight. Some
+    /// function is zero at all but the vertices of small weight, so the normal matrix's condition number is at least
+    /// the ratio of the largest weight to their sum. Iterations that begin at zero don't notice such functions.
+    pub(crate) fn of_weights(weights: &[f64], max_degree: usize) -> Option<Self> {
+        let functions = spharm_harmonics::basis_size(max_degree);
+        if functions > weights.len() {
+            return None;
+        }
+        let mut weights = weights.to_vec();
+        let (larger, nth, smaller) = weights.select_nth_unstable_by(functions - 1, |a, b| b.total_cmp(a));
+        let ratio = larger.iter().copied().fold(*nth, f64::max) / (*nth + smaller.iter().sum::<f64>());
+        (ratio.is_finite() && ratio > LARGEST_WEIGHT).then_some(Self::UnevenWeights { functions, ratio })
     }
 
     /// Returns a warning for each block that the sampling doesn't determine.

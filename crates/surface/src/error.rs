@@ -203,13 +203,14 @@ pub enum SurfaceError {
 
     /// The output format can't represent a number.
     #[error(
-        "{}: {value} at vertex {vertex} does not fit the 32-bit floats of this format: {remedy}",
+        "{}: {value:?} at vertex {vertex} does not fit the 32-bit floats of this format: {remedy}",
         path.display()
     )]
     NotRepresentable {
         /// Path of the file.
         path: PathBuf,
-        /// The first vertex with such a number, counted from 0.
+        /// The first vertex with a number that is too large, counted from 0; if all numbers are too small, the vertex
+        /// with the largest.
         vertex: usize,
         /// The number.
         value: f64,

@@ -33,7 +33,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     let members = files.coefficients(if template.refined { REFERENCES } else { COMPARED })?;
     let surfaces: Vec<&Surface> = cli.shard.unwrap_or_default().of(surfaces).collect();
     let mut params = CorrespondParams::up_to(template.mean.max_degree()).with_refinement(None);
-    params.pose = cli.poses();
+    (params.pose, params.keep_poses) = cli.poses();
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, Some(members.len()), cli.resources.both())?;
     template.begin_folder(&cli.output_dir)?;
@@ -43,8 +43,7 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     });
     let existing: Vec<Existing> = existing.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
     let pool = cli.resources.threads.pool()?;
-    let joining =
-        pool.install(|| Joining::new(template.clone(), &members, params.pose, params.register.clone(), monitor))?;
+    let joining = pool.install(|| Joining::new(template.clone(), &members, &params, monitor))?;
     let one = |surface: &&Surface| -> Result<Option<Added>> {
         spharm::Monitor::check(monitor)?;
         let found = added(cli, surface, (&joining, &existing), monitor);

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Error, Result, anyhow, bail};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use spharm::correspond::{Group, GuideLandmarks, GuideReport};
@@ -79,6 +79,22 @@ pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[Pat
         None => bail!("{}: with --guide, the template must be one of the surfaces", file.display()),
     };
     Ok(GuideLandmarks { members: marks.points.clone(), template: template.map(of_template).transpose()? })
+}
+
+/// Returns the error about a landmark that is too far from its surface to guide, with the landmark's name. Returns
+/// `None` if `error` has another cause.
+pub(super) fn far(
+    error: &spharm::Error,
+    guide: Option<&GuideLandmarks>,
+    names: &[String],
+    surfaces: &[Surface],
+) -> Option<Error> {
+    let spharm::Error::Member { index, source } = error else { return None };
+    let spharm::Error::Setting { what, expected, .. } = &**source else { return None };
+    let surface = surfaces.get(*index)?;
+    let far = guide?.far(*index, &surface.read().ok()?)?;
+    let found = far.described(names.get(far.landmark)?);
+    Some(anyhow!("{}: {what} needs {expected}, found {found}", surface.path.display()))
 }
 
 /// Carries the landmarks of each member to at most [`OTHERS`] other members, and measures the errors. Warns about

@@ -129,7 +129,8 @@ pub(super) struct Cli {
     ///
     /// With `any`, every rotation of a surface is tried, so a surface that looks nearly the same after a half turn may
     /// end up turned over. With `near`, only the surface's own pose is improved; use it for surfaces in one
-    /// coordinate system, such as scans in template space.
+    /// coordinate system, such as scans in template space. With `given`, the surface stays where it is, so no
+    /// alignment spreads a local change over the whole surface. `given` can't be combined with --scale or --mirror.
     #[arg(long, value_name = "POSE", value_enum, default_value_t = Poses::Any, help_heading = METHOD)]
     pose: Poses,
     /// Scale surfaces to a common size
@@ -168,16 +169,19 @@ enum Poses {
     Any,
     /// The surfaces' own poses, improved
     Near,
+    /// The surfaces' own poses, unchanged
+    Given,
 }
 
 impl Cli {
-    /// Returns the settings for computing poses.
-    fn poses(&self) -> PoseParams {
+    /// Returns the settings for computing poses, and whether the given poses are kept.
+    fn poses(&self) -> (PoseParams, bool) {
         let search = match self.pose {
             Poses::Any => PoseSearch::Any,
-            Poses::Near => PoseSearch::Near,
+            Poses::Near | Poses::Given => PoseSearch::Near,
         };
-        PoseParams { search, scale: self.scale, mirror: self.mirror, ..PoseParams::default() }
+        let params = PoseParams { search, scale: self.scale, mirror: self.mirror, ..PoseParams::default() };
+        (params, self.pose == Poses::Given)
     }
 }
 
@@ -239,7 +243,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
         let (weights, of) = (cli.with.iter().map(|with| with.weight).collect(), Arc::clone(surfaces));
         params.signals = Some(Signals { weights, read: Arc::new(move |index| of[index].read_signals()) });
     }
-    params.pose = cli.poses();
+    (params.pose, params.keep_poses) = cli.poses();
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, None, cli.resources.both())?;
     let marks = marks::read(landmarks, surfaces)?;
@@ -262,7 +266,11 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     }
     let of = |index: usize| surfaces[index].read();
     let group = pool.install(|| correspond(surfaces.len(), &of, &params, monitor));
-    let group = group.map_err(|error| surfaces::named(error, surfaces))?;
+    let names = marks.as_ref().map_or(&[][..], |marks| &marks.names);
+    let group = group.map_err(|error| {
+        let far = marks::far(&error, params.guide.as_ref(), names, surfaces);
+        far.unwrap_or_else(|| surfaces::named(error, surfaces))
+    })?;
     let mut warnings = volume_warnings(surfaces.iter());
     for warning in &group.report.warnings {
         let member = warning.member();

@@ -24,10 +24,15 @@ pub enum RunError {
     #[error(transparent)]
     Output(#[from] Refusal),
     /// An output has the path of an input.
-    #[error("{}: this file is the input; choose another name for the output", .path.display())]
+    #[error(
+        "{}: this file is an input, but {what} would be written to it; choose another name for the output",
+        .path.display()
+    )]
     OutputIsInput {
         /// Path of the file.
         path: PathBuf,
+        /// What would be written: the model, or a file beside it.
+        what: &'static str,
     },
     /// A label is given for a mesh, or for a surface over a sphere.
     #[error(

@@ -11,6 +11,17 @@ use crate::files::{ModelFiles, Replace};
 use crate::reader::SurfaceReader;
 use crate::rerun::{Decision, Request};
 
+/// Contents of the files that may be written beside a model.
+const BESIDE: [&str; 7] = [
+    "the table of coefficients (--coefficients-csv)",
+    "the standard errors (--stderr)",
+    "the sphere",
+    "the surface of the label",
+    "the values of the model on the sphere (--evaluate-on)",
+    "the surface with its handles cut",
+    "the repaired surface",
+];
+
 /// One surface to fit, and the paths of its outputs.
 pub(super) struct Item {
     pub(super) files: ModelFiles,
@@ -48,14 +59,16 @@ impl Item {
             // If models are kept, the repaired mesh isn't required to exist: a mesh without defects has no such file.
             (repaired && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
         ];
-        let beside: Vec<PathBuf> = beside.into_iter().flatten().collect();
+        let named = BESIDE.into_iter().zip(beside).filter_map(|(what, file)| Some((what, file?)));
+        let (names, beside): (Vec<&str>, Vec<PathBuf>) = named.unzip();
         // Outputs must never replace the inputs of the row.
         let inputs =
             [Some(&row.surface), row.sphere.as_ref(), row.weights.as_ref(), row.region.as_ref(), options.mask.as_ref()];
         let inputs = inputs.into_iter().flatten().map(PathBuf::as_path);
         let outputs = std::iter::once(&files.model).chain(&beside).map(PathBuf::as_path);
         if let Some(path) = spharm_files::first_input(inputs, outputs) {
-            return Err(RunError::OutputIsInput { path: path.to_owned() });
+            let what = beside.iter().position(|file| file == path).map_or("the model", |at| names[at]);
+            return Err(RunError::OutputIsInput { path: path.to_owned(), what });
         }
         let region = row.region.as_deref().map(FileRecord::of).transpose()?;
         let request = Request {

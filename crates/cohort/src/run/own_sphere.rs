@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 use spharm::parametrize::{Input, Warning};
-use spharm::{Error, FitParams, Monitor, ParametrizeError, check_surface};
+use spharm::{Error, FitParams, Monitor, ParametrizeError, SurfaceError, check_surface};
 
 use super::error::RunError;
 use super::event::{Event, Mapping, RowFit};
@@ -148,7 +148,16 @@ impl Work<'_> {
         }
         let reuse = self.params.if_exists.keeps();
         let mapped = item.files.map(surface, &item.record, params, reuse, item.replace, monitor);
-        let mapped = mapped.map_err(|error| RunError::from(error).of(&item.record))?;
+        let mapped = mapped.map_err(|error| match error {
+            // The file has a name that the user didn't give, so name the model that it belongs to.
+            Error::Surface(SurfaceError::OutputExists { .. }) => {
+                let model = item.files.model.display();
+                let context =
+                    format!("{model}: a file beside this model exists, perhaps of another process that fits it");
+                RunError::from(error).of(context)
+            }
+            error => RunError::from(error).of(&item.record),
+        })?;
         let report = &mapped.surface.parametrized.map.report;
         let reused = mapped.written.is_empty();
         observer.event(&Event::Mapped { row, sphere: &item.files.sphere(), report, reused });

@@ -42,6 +42,9 @@ const IN_MEMORY: &str = "the volume";
 const CONTRADICTION: f64 = 0.01;
 /// Ratio of a voxel's longest side to its shortest side from which the voxel size is probably wrong.
 const LARGEST_RATIO: f64 = 10.0;
+/// Ratio of a voxel's longest side to its shortest side above which a volume is refused, because no surface around its
+/// labels can be mapped to a sphere.
+const IMPOSSIBLE_RATIO: f64 = 1e6;
 
 /// Settings for reading a volume from a file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -68,7 +71,8 @@ impl LabelVolume {
     /// [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its voxels;
     /// [`SeveralImages`](ParametrizeError::SeveralImages) for a file of several channels or times;
     /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its header says,
-    /// a file with more than three dimensions, or a NIfTI file in an invalid unit of length;
+    /// a file with more than three dimensions, a NIfTI file in an invalid unit of length, or voxels whose sides differ
+    /// by a factor of more than 1,000,000;
     /// [`NotLabels`](ParametrizeError::NotLabels) for values that aren't 32-bit integers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
@@ -97,6 +101,11 @@ impl LabelVolume {
         let (found, replaced) = read(&Source { path, voxel_size, values, image, axes, monitor })?;
         monitor.check()?;
         let size = found.affine.voxel_size();
+        if ratio(size) > IMPOSSIBLE_RATIO {
+            let expected = "voxels whose sides differ by a factor of at most 1,000,000";
+            let found = format!("the voxel size {size:?}; correct the spacing in the file, or give the voxel size");
+            return Err(ParametrizeError::NotAVolume { path: path.to_owned(), expected, found });
+        }
         let replaced = replaced.filter(|file| (0..3).any(|axis| (size[axis] / file[axis] - 1.0).abs() > CONTRADICTION));
         Ok(Self { replaced, ..Self::of(path.to_owned(), found, values) })
     }

@@ -129,6 +129,7 @@ fn nrrd_attached_and_detached() {
         ("encoding: raw\n", "doesn't record the voxel size"),
         ("encoding: raw\nspacings: 1 1\n", "doesn't record the voxel size"),
         ("encoding: raw\nspacings: 1 nan 1\n", "voxels of finite, nonzero volume"),
+        ("encoding: raw\nspacings: 1 1e20 1\n", "the voxel size [1.0, 1e20, 1.0]; correct the spacing"),
         ("encoding: raw\nspacings: 1 1 1\nline skip: 3\n", "directly after the header"),
         ("encoding: raw\nspacings: 1 1 1\ndata file: ../values.raw\n", "in the header's folder"),
         ("encoding: raw\nspacings: 1 1 1\ndata file: LIST\n", "a single data file"),

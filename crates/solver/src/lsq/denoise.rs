@@ -147,6 +147,14 @@ impl NoisePower {
         self.residual / self.columns
     }
 
+    /// Returns the power in degree 1, relative to its power on an even sampling whose precisions have the sum `weight`.
+    /// It is much larger than 1 if places with few samples raise the noise of all degrees; 1 without degree 1.
+    #[must_use]
+    pub fn relative_to_even(&self, weight: f64) -> f64 {
+        let even = order_count(1) as f64 * 4.0 * std::f64::consts::PI / weight;
+        self.by_degree().get(1).map_or(1.0, |power| power / even)
+    }
+
     /// Estimates noise, gains and penalties from the coefficients (K, c) and the [`residual_square`] of a target's
     /// plain fit.
     ///

@@ -46,6 +46,10 @@ pub struct Gcv {
     pub tried: Vec<[f64; 3]>,
     /// Whether the minimum is at the lower end of the range: the targets then need no penalty at all.
     pub at_the_end: bool,
+    /// The lambda of each channel, if each channel was searched alone; the other entries are then those of the channel
+    /// with the largest lambda. Empty if all columns share lambda.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_channel: Vec<f64>,
 }
 
 /// Chooses the smoothness lambda for a problem given by its moments; all columns share lambda. Trying 23 values costs
@@ -201,7 +205,7 @@ pub fn choose_smoothness_by<E>(
         }
     }
     monitor.end();
-    Ok(Gcv { smoothness: least(&tried)[0], tried, at_the_end })
+    Ok(Gcv { smoothness: least(&tried)[0], tried, at_the_end, by_channel: Vec::new() })
 }
 
 /// Returns the terms of GCV for a problem with the right-hand sides `adjoint` (K, c).

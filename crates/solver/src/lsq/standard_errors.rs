@@ -4,7 +4,7 @@ use ndarray::{Array2, ArrayView1};
 use spharm_harmonics::basis_size;
 use spharm_monitor::Monitor;
 
-use super::solver::LsqSolver;
+use super::solver::{LsqSolver, Source};
 use crate::SolverError;
 
 impl LsqSolver<'_> {
@@ -14,7 +14,8 @@ impl LsqSolver<'_> {
     ///
     /// # Errors
     ///
-    /// [`SolverError::Underdetermined`] if the samples don't determine the coefficients, [`SolverError::NoGram`] if
+    /// [`SolverError::Underdetermined`] if the samples don't determine the coefficients,
+    /// [`SolverError::UnderdeterminedWithPenalty`] if a penalty leaves them undetermined, [`SolverError::NoGram`] if
     /// there is neither a factor nor a Gram matrix, [`SolverError::Interrupted`] if the monitor cancels the
     /// computation, and the errors of computing a factor.
     pub fn standard_errors(
@@ -41,16 +42,30 @@ impl LsqSolver<'_> {
         }
         self.make_factor(true, monitor)?;
         if self.stored.is_none() && self.made.as_ref().is_some_and(|made| made.shift > 0.0) {
-            return Err(SolverError::Underdetermined { rows, columns });
+            return Err(self.undetermined(rows, columns));
         }
         let diagonal = self.factor()?.inverse_diagonal(monitor)?;
         // The trace of the hat matrix is tr H = K - tr(P N^-1), and P is diagonal.
         let penalised = self.penalty.iter().flatten().zip(&diagonal).map(|(p, d)| p * d).sum::<f64>();
         let degrees_of_freedom = rows as f64 - (columns as f64 - penalised);
         if degrees_of_freedom <= 0.0 {
-            return Err(SolverError::Underdetermined { rows, columns });
+            return Err(self.undetermined(rows, columns));
         }
         let sigma: Vec<f64> = squares.iter().map(|square| (square / degrees_of_freedom).sqrt()).collect();
         Ok(Array2::from_shape_fn((columns, squares.len()), |(k, c)| sigma[c] * diagonal[k].max(0.0).sqrt()))
+    }
+
+    /// Returns the error for coefficients that aren't determined, with the advice for the penalty.
+    fn undetermined(&self, rows: usize, columns: usize) -> SolverError {
+        let Some(penalty) = &self.penalty else { return SolverError::Underdetermined { rows, columns } };
+        let sampled = match (self.source, &self.params.weights) {
+            (Source::Moments(problem), _) => problem.weight(),
+            (_, Some(weights)) => weights.iter().sum(),
+            (_, None) => rows as f64,
+        };
+        let largest = penalty.iter().copied().fold(0.0, f64::max);
+        // The diagonal of A^T W A is about the sum of the weights, divided by 4 pi.
+        let needed = if largest > sampled / (4.0 * std::f64::consts::PI) { "smaller" } else { "larger" };
+        SolverError::UnderdeterminedWithPenalty { rows, columns, needed }
     }
 }

@@ -80,17 +80,24 @@ fn coefficients_scatter_by_their_standard_errors() {
 
 #[test]
 fn standard_errors_of_what_is_not_determined_are_refused() {
-    let refused = |sampling: &Sampling, max_degree: usize| {
+    let refused = |sampling: &Sampling, max_degree: usize, smoothness: f64| {
         let targets = Random(1).normals(sampling.directions.len(), 1);
         let operator = transforms(&sampling.directions, max_degree);
         let gram = || Ok(Box::new(moment_gram(&sampling.directions, None, max_degree)?) as Box<dyn GramMatrix>);
-        let mut solver = LsqSolver::new(&operator, Some(&gram), params(Strategy::Auto)).unwrap();
+        let params = LsqParams { smoothness, ..params(Strategy::Auto) };
+        let mut solver = LsqSolver::new(&operator, Some(&gram), params).unwrap();
         let fit = solver.fit(&targets, std::slice::from_ref(&(0..1)), &Silent).unwrap();
         solver.standard_errors(&fit.residual, &Silent).unwrap_err()
     };
     for (sampling, max_degree) in [(even(80), 9), (cap(400, 0.3), 9)] {
-        let error = refused(&sampling, max_degree);
+        let error = refused(&sampling, max_degree, 0.0);
         assert!(matches!(error, SolverError::Underdetermined { columns: 100, .. }), "{error}");
         assert!(error.to_string().contains("smoothness"), "{error}");
+    }
+    // A penalty that is too large or too small gets another advice.
+    for (sampling, smoothness, expected) in [(even(400), 1e14, "smaller"), (cap(400, 0.3), 1e-22, "larger")] {
+        let error = refused(&sampling, 9, smoothness);
+        let right = matches!(error, SolverError::UnderdeterminedWithPenalty { needed, .. } if needed == expected);
+        assert!(right, "{error}");
     }
 }

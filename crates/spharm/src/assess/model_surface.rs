@@ -7,6 +7,8 @@
 //! icosphere with about twice as many vertices as a fit of its degree has samples. Distances are measured both ways:
 //! from points spread over each surface to the nearest point of the other surface.
 
+use std::f64::consts::PI;
+
 use ndarray::ArrayView2;
 use serde::Serialize;
 use spharm_harmonics::{Directions, basis_size};
@@ -73,6 +75,10 @@ const LEVELS: [u32; 2] = [4, 8];
 /// Accuracy of the model's values on the icosphere, relative to its coefficients.
 const ACCURACY: f64 = 1e-9;
 
+/// Smallest distance of a model's mean position from the origin along an axis at which distances are measured about the
+/// mean position, relative to the bounding box's size.
+const FAR: f64 = 1000.0;
+
 /// An icosphere on which models of one degree are evaluated, to compare the models with their surfaces.
 pub(crate) struct ModelSurface {
     sphere: Mesh,
@@ -133,9 +139,19 @@ impl ModelSurface {
         monitor: &dyn Monitor,
     ) -> Result<Option<SurfaceDistances>, Error> {
         let Some(scale) = scale else { return Ok(None) };
-        let points = |rows: ArrayView2<'_, f64>| rows.rows().into_iter().map(|row| [row[0], row[1], row[2]]).collect();
-        let surface = Mesh::new(points(vertices), read.faces.clone());
-        let model = self.sphere.with_vertices(points(self.transform.synthesis(coefficients)?.view()));
+        // The transform's errors are relative to the coefficients, of which the position is the largest far from the
+        // origin. There, distances are measured about the model's mean position.
+        let mean: [f64; 3] = std::array::from_fn(|k| {
+            let value = coefficients[[0, k]] / (4.0 * PI).sqrt();
+            if value.abs() > FAR * scale { value } else { 0.0 }
+        });
+        let mut centred = coefficients.to_owned();
+        centred.row_mut(0).iter_mut().zip(mean).for_each(|(value, mean)| *value -= mean * (4.0 * PI).sqrt());
+        let points = |rows: ArrayView2<'_, f64>, mean: [f64; 3]| -> Vec<[f64; 3]> {
+            rows.rows().into_iter().map(|row| std::array::from_fn(|k| row[k] - mean[k])).collect()
+        };
+        let surface = Mesh::new(points(vertices, mean), read.faces.clone());
+        let model = self.sphere.with_vertices(points(self.transform.synthesis(centred.view())?.view(), [0.0; 3]));
         let params = SurfaceDistanceParams { samples: self.points };
         let found = match surface_distance(&surface, &model, &params, &OnlyCancel(monitor)) {
             // The surface has no area in floating point, for example because one vertex is 1e300 times as far away as

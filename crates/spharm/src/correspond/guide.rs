@@ -2,9 +2,11 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
-use spharm_monitor::Monitor;
+use spharm_monitor::{Monitor, number};
 use spharm_register::{Guide, RegisterParams, Registered, Subject, Template, register};
-use spharm_surface::geometry::{Vec3, cross, dot, sub};
+use spharm_surface::geometry::{Vec3, bounds, cross, dot, sub};
+use spharm_surface::io::landmarks::unit_factor;
+use spharm_surface::nearest::TriangleTree;
 use spharm_surface::pose::{PoseParams, PoseSurface, differ, improved};
 use spharm_surface::{Mesh, Place, Similarity};
 
@@ -15,6 +17,10 @@ use crate::Error;
 const TURN: usize = 3;
 /// Number of parts into which landmarks are divided, so that each part can be left out once.
 const PARTS: usize = 5;
+/// Largest distance of a guiding landmark from its surface, as a fraction of the surface's extent.
+const FAR: f64 = 0.5;
+/// Largest distance, as a fraction of the surface's extent, at which all landmarks are in the surface's unit.
+const NEAR: f64 = 0.05;
 
 /// Corresponding points of all members, known before the registration.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,6 +31,28 @@ pub struct GuideLandmarks {
     pub template: Option<Vec<Vec3>>,
 }
 
+/// A landmark that can't guide, because it is far from its surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FarGuide {
+    /// Index of the member's farthest landmark.
+    pub landmark: usize,
+    /// Distance of this landmark from the surface.
+    pub distance: f64,
+    /// Factor by which the member's landmarks must be multiplied to lie on the surface, if they are in another unit.
+    pub factor: Option<f64>,
+}
+
+impl FarGuide {
+    /// Returns a description with the landmark's `name`.
+    #[must_use]
+    pub fn described(&self, name: &str) -> String {
+        let unit = self.factor.map_or_else(String::new, |factor| {
+            format!("; multiplied by {factor}, the landmarks lie on the surface, so they seem to be in another unit")
+        });
+        format!("{name} at a distance of {}{unit}", number(self.distance))
+    }
+}
+
 /// Distances between guiding landmarks and their corresponding points, averaged over the members, in the group's unit.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GuideReport {
@@ -33,6 +61,9 @@ pub struct GuideReport {
     /// Distance of each of the p landmarks when it is left out of the last registration. It estimates the error away
     /// from landmarks.
     pub left_out: Vec<f64>,
+    /// The distances of the left-out landmarks for each member, before averaging.
+    #[serde(skip)]
+    pub by_member: Vec<Vec<f64>>,
 }
 
 impl GuideLandmarks {
@@ -58,6 +89,32 @@ impl GuideLandmarks {
             (Some(_), false) => refused("a template, because landmarks for a template are given", "none".to_owned()),
             _ => Ok(()),
         }
+    }
+
+    /// Returns a landmark of a member that can't guide, because it is farther from the member's surface than half the
+    /// surface's extent, or in another unit. `surface` is in the member's own frame.
+    #[must_use]
+    pub fn far(&self, member: usize, surface: &Mesh) -> Option<FarGuide> {
+        let points = self.members.get(member)?;
+        let tree = TriangleTree::new(surface);
+        let off = |point: &Vec3| tree.nearest(*point).map(|found| found.distance);
+        let distances = points.iter().map(off).collect::<Option<Vec<f64>>>()?;
+        let (landmark, distance) = distances.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (low, high) = bounds(surface.vertices.iter().copied());
+        let extent = dot(sub(high, low), sub(high, low)).sqrt();
+        // Nearly all members' landmarks are near; [`unit_factor`] would measure them a second time.
+        let factor = (distance > NEAR * extent).then(|| unit_factor(points, surface)).flatten();
+        (factor.is_some() || distance > FAR * extent).then_some(FarGuide { landmark, distance, factor })
+    }
+
+    /// Refuses landmarks of a member that can't guide.
+    pub(super) fn check_near(&self, member: usize, surface: &Mesh) -> Result<(), Error> {
+        let Some(far) = self.far(member, surface) else { return Ok(()) };
+        Err(Error::Setting {
+            what: "guiding by landmarks",
+            expected: "landmarks near the surface, in its unit and frame",
+            found: far.described(&format!("landmark {} (counted from 0)", far.landmark)),
+        })
     }
 
     /// Returns the template's landmarks, in the frame in which the template is mapped.
@@ -93,8 +150,8 @@ impl GuideLandmarks {
         } else {
             motion(own, theirs, None, params.scale, params.mirror)
         };
-        let (similarity, distance) = improved(moving, fixed, &by_landmarks, params);
-        if differ(&similarity, found) { Verdict::Other(similarity, distance) } else { Verdict::Confirmed }
+        let (similarity, _) = improved(moving, fixed, &by_landmarks, params);
+        if differ(&similarity, found) { Verdict::Other(similarity) } else { Verdict::Confirmed }
     }
 }
 
@@ -104,12 +161,12 @@ pub(super) enum Verdict {
     Undetermined,
     /// The landmarks give the same rotation.
     Confirmed,
-    /// The landmarks give another rotation: the pose, and the distance between the surfaces.
-    Other(Similarity, f64),
+    /// The landmarks give another rotation, in this pose.
+    Other(Similarity),
 }
 
 /// Returns the positions of points relative to their mean.
-fn about_their_mean(points: &[Vec3]) -> Vec<Vec3> {
+pub(super) fn about_their_mean(points: &[Vec3]) -> Vec<Vec3> {
     let share = 1.0 / points.len() as f64;
     let mean: Vec3 = std::array::from_fn(|k| share * points.iter().map(|point| point[k]).sum::<f64>());
     points.iter().map(|point| sub(*point, mean)).collect()
@@ -199,7 +256,7 @@ impl<'a> Guided<'a> {
             self.of(index, &similarities[index]).iter().map(|guide| apart(guide, places)).collect()
         };
         let found: Vec<Vec<f64>> = places.iter().enumerate().map(of).collect();
-        GuideReport { guided: mean(&found), left_out: mean(left_out) }
+        GuideReport { guided: mean(&found), left_out: mean(left_out), by_member: left_out.to_vec() }
     }
 }
 

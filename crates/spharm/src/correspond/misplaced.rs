@@ -1,5 +1,8 @@
 //! Finds landmarks of members that aren't at the places of the same landmarks on the other members.
 
+mod few;
+mod left_out;
+
 use rayon::prelude::*;
 use spharm_monitor::number;
 use spharm_surface::Similarity;
@@ -7,7 +10,7 @@ use spharm_surface::geometry::{Vec3, bounds, dot, sub};
 use spharm_surface::nearest::TriangleTree;
 
 use super::Group;
-use super::together::{mean, mesh_of};
+use super::together::{mean, mesh_of, motion};
 use crate::Error;
 
 /// Minimum distance of a misplaced landmark from its usual place, relative to the median distance over the members, of
@@ -22,8 +25,26 @@ const OFF: f64 = 0.05;
 const MENDED: f64 = 0.3;
 /// Minimum number of members: median distances over fewer members are often much too small.
 const LEAST: usize = 4;
+/// Minimum numbers of landmarks, and of landmarks at unusual places, at which a wrong pose is considered: an exchange
+/// of two landmarks, or of few landmarks, may be a rotation.
+const OF_POSE: [usize; 2] = [4, 3];
 /// Maximum number of landmarks that a message lists.
 const LISTED: usize = 5;
+
+/// Probable cause of landmarks at unusual places.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum LandmarkCause {
+    /// Wrong names or positions of the member's landmarks.
+    Landmarks,
+    /// Wrong names of landmarks of this or another member: the group is too small to tell which.
+    SomeMember,
+    /// A wrong pose of the member, or landmarks in another coordinate system: another pose brings its landmarks to
+    /// their usual places.
+    Pose,
+    /// Wrong names or positions of landmarks that guide: left out of the guiding, they are far from their places.
+    Guiding,
+}
 
 /// Warning that landmarks of a member aren't at their usual places, the median places on all members.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,10 +55,15 @@ pub struct MisplacedLandmarks {
     pub swapped: Vec<[usize; 2]>,
     /// Further landmarks that are far from their usual places.
     pub far: Vec<usize>,
-    /// Largest distance of these landmarks from their usual places, in the group's unit.
+    /// Largest distance of these landmarks from their usual places, in the group's unit. In a group of fewer than four
+    /// members: largest distance between the members' positions of the same landmark.
     pub distance: f64,
-    /// Median over the members of the distance of the same landmark from its usual place.
+    /// Median over the members of the distance of the same landmark from its usual place. For swaps in a group of fewer
+    /// than four members: the largest distance after the exchange. For a wrong pose: the largest distance in the pose
+    /// that the landmarks give. For guiding landmarks: median over all members and landmarks.
     pub usual: f64,
+    /// Probable cause.
+    pub cause: LandmarkCause,
 }
 
 impl MisplacedLandmarks {
@@ -49,19 +75,36 @@ impl MisplacedLandmarks {
         for [a, b] in self.swapped.iter().take(LISTED) {
             found.push(format!("the landmarks {} and {} seem to be swapped", name(*a), name(*b)));
         }
-        if !self.far.is_empty() {
-            let mut names: Vec<String> = self.far.iter().take(LISTED).map(|landmark| name(*landmark)).collect();
-            if self.far.len() > LISTED {
-                names.push(format!("{} more", self.far.len() - LISTED));
-            }
-            found.push(format!("landmarks far from their positions on the other members: {}", names.join(", ")));
+        let mut far: Vec<String> = self.far.iter().copied().take(LISTED).map(&name).collect();
+        if self.far.len() > LISTED {
+            far.push(format!("{} more", self.far.len() - LISTED));
         }
-        format!(
-            "{}; the largest distance is {} (median over members: {}); check the names and positions of the landmarks",
-            found.join("; "),
-            number(self.distance),
-            number(self.usual)
-        )
+        let (far, distance, usual) = (far.join(", "), number(self.distance), number(self.usual));
+        if !far.is_empty() {
+            found.push(format!("landmarks far from their positions on the other members: {far}"));
+        }
+        let found = found.join("; ");
+        match self.cause {
+            LandmarkCause::Landmarks => format!(
+                "{found}; the largest distance is {distance} (median over members: {usual}); check the names and \
+                 positions of the landmarks"
+            ),
+            LandmarkCause::SomeMember => format!(
+                "{found}, on this surface or on another; the largest distance between the members' landmarks is \
+                 {distance}, and {usual} after the exchange; check the names of the landmarks"
+            ),
+            LandmarkCause::Pose => format!(
+                "the pose is probably wrong, or the landmarks are in another coordinate system (LPS, RAS): the \
+                 landmarks are up to {distance} away from their positions on the other members, but at most {usual} in \
+                 the pose computed from the landmarks; check the coordinate systems, or guide the registration by the \
+                 landmarks (--guide, in Python guide=True)"
+            ),
+            LandmarkCause::Guiding => format!(
+                "landmarks far from the positions that the other landmarks give: {far}; the largest distance is \
+                 {distance} (median: {usual}); check the names and positions of the landmarks on this surface and on \
+                 the template"
+            ),
+        }
     }
 
     /// Adds a warning with swaps for the same member. Landmarks that the swaps explain are no longer listed as far.
@@ -89,7 +132,8 @@ impl Group {
     /// Compares the landmarks of each member with the same landmarks of the other members, at corresponding points.
     /// `landmarks` has the p landmarks of each member, in the member's own frame. Returns a warning for each member
     /// with landmarks that are much farther from their usual places than on most members. Landmarks far from their
-    /// surfaces aren't compared, and a group of fewer than four members gives no warnings.
+    /// surfaces aren't compared. In a group of fewer than four members, returns at most one warning about swaps, which
+    /// may be on any member. If nothing is found, warns of guiding landmarks that the other landmarks contradict.
     ///
     /// # Errors
     ///
@@ -101,21 +145,45 @@ impl Group {
             let found = landmarks.iter().map(Vec::len).collect::<Vec<_>>();
             return Err(refused("the same number of landmarks for each member", format!("{found:?}")));
         }
-        if self.places.len() < LEAST {
-            return Ok(Vec::new());
+        let not_finite = || refused("finite coordinates", "NaN or infinity".to_owned());
+        let in_space = self.in_space(landmarks);
+        if !in_space.iter().flatten().flatten().all(|value| value.is_finite()) {
+            return Err(not_finite());
         }
         let mean = mean(&self.places);
         let (low, high) = bounds(mean.iter().copied());
         let extent = length(sub(high, low));
-        let positions = landmarks.par_iter().enumerate().map(|(member, own)| self.on_mean(member, own, &mean, extent));
-        let positions = positions
-            .collect::<Option<Vec<_>>>()
-            .ok_or_else(|| refused("finite coordinates", "NaN or infinity".to_owned()))?;
         let far = FAR * extent;
+        let mut found: Vec<MisplacedLandmarks> = if self.places.len() < LEAST {
+            few::swapped(&in_space, far).into_iter().collect()
+        } else {
+            let of = |(member, own): (usize, &Vec<Vec3>)| self.on_mean(member, own, &mean, extent);
+            let positions = in_space.par_iter().enumerate().map(of).collect::<Option<Vec<_>>>();
+            self.at_unusual_places(positions.ok_or_else(not_finite)?, in_space, far)
+        };
+        if found.is_empty()
+            && let Some(guide) = &self.report.guide
+        {
+            found = left_out::contradicted(&guide.by_member, extent);
+        }
+        Ok(found)
+    }
+
+    /// Compares the landmarks of each member in a group of at least four members: their `positions` on the mean
+    /// surface, and in space.
+    fn at_unusual_places(
+        &self,
+        positions: Vec<Positions>,
+        in_space: Vec<Vec<Vec3>>,
+        far: f64,
+    ) -> Vec<MisplacedLandmarks> {
+        let count = positions.first().map_or(0, Vec::len);
+        let known = in_space.into_iter().map(|own| own.into_iter().map(Some).collect::<Positions>());
+        let in_space = Compared::new(known.collect(), count);
         let mut found = Compared::new(positions, count).misplaced(far);
         // Landmarks that guide take the corresponding points along, so swapped landmarks of the template are only
         // visible in space.
-        for more in Compared::new(self.in_space(landmarks), count).misplaced(far) {
+        for more in in_space.misplaced(far) {
             if more.swapped.is_empty() {
                 continue;
             }
@@ -126,25 +194,33 @@ impl Group {
             }
         }
         found.sort_by_key(|of| of.member);
-        Ok(found)
+        // Poses of a guided group are the landmarks' poses.
+        if self.report.guide.is_none() {
+            for of in &mut found {
+                if let Some(pose) = in_space.of_pose(of) {
+                    *of = pose;
+                }
+            }
+        }
+        found
     }
 
     /// Returns the positions of the members' landmarks in the group's frame.
-    fn in_space(&self, landmarks: &[Vec<Vec3>]) -> Vec<Positions> {
-        let of = |(own, similarity): (&Vec<Vec3>, &Similarity)| -> Positions {
-            own.iter().map(|landmark| Some(similarity.apply(*landmark))).collect()
+    fn in_space(&self, landmarks: &[Vec<Vec3>]) -> Vec<Vec<Vec3>> {
+        let of = |(own, similarity): (&Vec<Vec3>, &Similarity)| -> Vec<Vec3> {
+            own.iter().map(|landmark| similarity.apply(*landmark)).collect()
         };
         landmarks.iter().zip(&self.similarities).map(of).collect()
     }
 
-    /// Returns the positions on the mean surface that correspond to a member's landmarks; `None` if a landmark isn't
-    /// finite. A position is `None` if it is a guess: the landmark is far from the surface, compared with the surface's
-    /// `extent`, or the member has no counterpart of the template there.
+    /// Returns the positions on the mean surface that correspond to a member's landmarks in the group's frame; `None`
+    /// if a landmark isn't finite. A position is `None` if it is a guess: the landmark is far from the surface,
+    /// compared with the surface's `extent`, or the member has no counterpart of the template there.
     fn on_mean(&self, member: usize, landmarks: &[Vec3], mean: &[Vec3], extent: f64) -> Option<Positions> {
         let faces = &self.template.sphere.faces;
         let tree = TriangleTree::new(&mesh_of(self.places[member].clone(), faces));
         let position = |landmark: &Vec3| {
-            let found = tree.nearest(self.similarities[member].apply(*landmark))?;
+            let found = tree.nearest(*landmark)?;
             let corners = faces[found.triangle as usize].map(|v| v as usize);
             let place: Vec3 = std::array::from_fn(|k| (0..3).map(|i| found.barycentric[i] * mean[corners[i]][k]).sum());
             let known = found.distance <= OFF * extent && corners.iter().all(|v| self.reached[member][*v]);
@@ -191,9 +267,35 @@ impl Compared {
                     None => alone.push(k),
                 }
             }
-            Some(MisplacedLandmarks { member, swapped, far: alone, distance, usual: usual[farthest] })
+            let (usual, cause) = (usual[farthest], LandmarkCause::Landmarks);
+            Some(MisplacedLandmarks { member, swapped, far: alone, distance, usual, cause })
         };
         (0..self.positions.len()).filter_map(of_member).collect()
+    }
+
+    /// Returns a warning about a member's pose if another pose brings the member's landmarks near their usual places
+    /// without an exchange of names.
+    fn of_pose(&self, found: &MisplacedLandmarks) -> Option<MisplacedLandmarks> {
+        let pairs = self.positions[found.member].iter().copied().zip(self.places.iter().copied());
+        let (own, places): (Vec<Vec3>, Vec<Vec3>) = pairs.filter_map(|(own, place)| Some((own?, place?))).unzip();
+        let [least, unusual] = OF_POSE;
+        if own.len() < least || 2 * found.swapped.len() + found.far.len() < unusual {
+            return None;
+        }
+        let posed = motion(&own, &places, None, true, false);
+        let before: Vec<f64> = own.iter().zip(&places).map(|(own, place)| length(sub(*own, *place))).collect();
+        let after: Vec<f64> =
+            own.iter().zip(&places).map(|(own, place)| length(sub(posed.apply(*own), *place))).collect();
+        let squares = |distances: &[f64]| distances.iter().map(|distance| distance * distance).sum::<f64>();
+        let largest = |distances: &[f64]| distances.iter().copied().fold(0.0, f64::max);
+        (squares(&after) <= MENDED * MENDED * squares(&before)).then(|| MisplacedLandmarks {
+            member: found.member,
+            swapped: Vec::new(),
+            far: Vec::new(),
+            distance: largest(&before),
+            usual: largest(&after),
+            cause: LandmarkCause::Pose,
+        })
     }
 }
 
@@ -251,15 +353,39 @@ mod tests {
 
     #[test]
     fn misplaced_landmarks_are_named_beside_swaps_in_space() {
-        let swaps = MisplacedLandmarks { member: 1, swapped: vec![[0, 3]], far: vec![5], distance: 4.0, usual: 0.1 };
+        let cause = LandmarkCause::Landmarks;
+        let swaps =
+            MisplacedLandmarks { member: 1, swapped: vec![[0, 3]], far: vec![5], distance: 4.0, usual: 0.1, cause };
         let mut found =
-            MisplacedLandmarks { member: 1, swapped: vec![], far: vec![2, 3, 5], distance: 6.0, usual: 0.2 };
+            MisplacedLandmarks { member: 1, swapped: vec![], far: vec![2, 3, 5], distance: 6.0, usual: 0.2, cause };
         found.add_swaps(swaps.clone());
         let both = MisplacedLandmarks { far: vec![2, 5], distance: 6.0, usual: 0.2, ..swaps.clone() };
         assert_eq!(found, both);
         found = MisplacedLandmarks { swapped: vec![], far: vec![0], distance: 3.0, ..both };
         found.add_swaps(swaps.clone());
         assert_eq!(found, swaps);
+    }
+
+    #[test]
+    fn a_wrong_pose_is_told_from_swapped_names() {
+        let places = [[20.0, 1.0, 0.0], [-19.0, 2.0, 1.0], [3.0, 9.0, 0.0], [1.0, -8.0, 2.0], [0.0, 1.0, 6.0]];
+        let of = |member: usize| places.map(|[x, y, z]| Some([x + 0.1 * member as f64, y, z])).to_vec();
+        let mut given: Vec<Positions> = (0..5).map(of).collect();
+        // A half turn about the third axis, at 9/10 of the size.
+        given[3] = places.map(|[x, y, z]| Some([-0.9 * x, 0.5 - 0.9 * y, 0.9 * z])).to_vec();
+        given[1].swap(0, 3);
+        let compared = Compared::new(given, 5);
+        let found = compared.misplaced(0.2);
+        let [named, turned] = &found[..] else { panic!("{found:?}") };
+        assert!(named.swapped == [[0, 3]] && compared.of_pose(named).is_none(), "{named:?}");
+        assert!(!turned.swapped.is_empty(), "{turned:?}");
+        let turned = compared.of_pose(turned).expect("another pose");
+        assert!(turned.member == 3 && turned.cause == LandmarkCause::Pose && turned.swapped.is_empty(), "{turned:?}");
+        assert!(turned.distance > 35.0 && turned.usual < 1.0, "{turned:?}");
+        let text = turned.of_member(|landmark| format!("L{landmark}"));
+        assert!(text.starts_with("the pose is probably wrong") && text.contains("--guide"), "{text}");
+        // The half turn is also that from LPS to RAS.
+        assert!(text.contains("in another coordinate system (LPS, RAS)"), "{text}");
     }
 
     #[test]

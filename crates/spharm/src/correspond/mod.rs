@@ -28,6 +28,7 @@
 mod carry;
 pub mod files;
 mod fits;
+mod frames;
 mod guide;
 mod member;
 mod misplaced;
@@ -51,9 +52,9 @@ use crate::Error;
 
 pub use carry::Carried;
 pub use files::{GroupFiles, MemberOrigin};
-pub use guide::{GuideLandmarks, GuideReport};
+pub use guide::{FarGuide, GuideLandmarks, GuideReport};
 pub use member::{Joining, NewMember};
-pub use misplaced::MisplacedLandmarks;
+pub use misplaced::{LandmarkCause, MisplacedLandmarks};
 pub use params::CorrespondParams;
 pub use report::{CorrespondReport, CorrespondWarning, IDENTICAL_TO, MemberReport};
 pub use resume::Resume;

@@ -42,6 +42,9 @@ pub struct CorrespondParams {
     pub refinement: Option<GroupwiseParams>,
     /// Settings for computing poses.
     pub pose: PoseParams,
+    /// Whether the members keep their given poses in the group; `false` by default. Poses then only serve to find the
+    /// corresponding points.
+    pub keep_poses: bool,
     /// Settings for registering the template.
     pub register: RegisterParams,
     /// Folder in which registrations are stored, so that an interrupted run can be resumed; none by default.
@@ -69,6 +72,7 @@ impl CorrespondParams {
             rounds: 2,
             refinement: Some(GroupwiseParams::default()),
             pose: PoseParams::default(),
+            keep_poses: false,
             register: RegisterParams::default(),
             resume: None,
             memory: None,
@@ -103,6 +107,13 @@ impl CorrespondParams {
         }
         if !self.mirrored.is_empty() && self.mirrored.len() != count {
             return refused("the list of mirrored surfaces", "one value per surface", self.mirrored.len());
+        }
+        if self.keep_poses && (self.pose.scale || self.pose.mirror) {
+            return Err(Error::Setting {
+                what: "the pose `given`",
+                expected: "settings without scaling or mirror images",
+                found: if self.pose.scale { "scaling" } else { "mirror images" }.to_owned(),
+            });
         }
         if let Some(guide) = &self.guide {
             guide.check(count, self.template.is_some())?;

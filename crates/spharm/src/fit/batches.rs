@@ -12,9 +12,10 @@ use spharm_solver::ResidualNorms;
 use spharm_surface::range::times;
 use spharm_surface::{Kind, Sphere, SurfaceError, Target};
 
+use super::change::Change;
 use super::denoise::parts;
 use super::job::Job;
-use super::range::{Exponents, distances_of_mixed, into_range, restore, restore_batch};
+use super::range::{distances_of_mixed, restore, restore_batch};
 use crate::assess::{Distances, ModelSurface, ReadSurface, SurfaceDistances, scale_of};
 use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitWarning, Objective};
@@ -43,19 +44,18 @@ pub(crate) struct Run<'a, T, E> {
     ready: VecDeque<Ready>,
 }
 
-/// A target that was read: its index, its values divided by powers of two so that their squares are finite, and the
-/// exponents of these powers.
-type Ready = (usize, Target, Exponents);
+/// A target that was read: its index, its values as they are fitted, and the changes made to them.
+type Ready = (usize, Target, Change);
 
 /// A target's index and the result of reading it.
-type Found<E> = (usize, Result<(Target, Exponents), E>);
+type Found<E> = (usize, Result<(Target, Change), E>);
 
 /// Targets that are fitted together, and the range of each target's columns.
 pub(crate) struct Batch {
     numbers: Vec<usize>,
     targets: Vec<Target>,
-    /// Exponents of the powers of two by which each target was divided.
-    pub(crate) exponents: Vec<Exponents>,
+    /// Changes made to each target.
+    pub(crate) changes: Vec<Change>,
     pub(crate) groups: Vec<Range<usize>>,
 }
 
@@ -94,11 +94,11 @@ impl Batch {
             end - target.channels..end
         });
         let groups = groups.collect();
-        let mut batch = Self { numbers: Vec::new(), targets: Vec::new(), exponents: Vec::new(), groups };
-        for (number, target, exponents) in taken {
+        let mut batch = Self { numbers: Vec::new(), targets: Vec::new(), changes: Vec::new(), groups };
+        for (number, target, change) in taken {
             batch.numbers.push(number);
             batch.targets.push(target);
-            batch.exponents.push(exponents);
+            batch.changes.push(change);
         }
         batch
     }
@@ -241,7 +241,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         match (solved, &batch.numbers[..]) {
             (Ok(mut solved), _) => {
                 self.results.extend(self.hand_over(&batch, &solved)?);
-                restore_batch(&mut solved.report, &batch.exponents, self.job.weight_exponent);
+                let exponents = batch.changes.iter().map(|change| &change.exponents);
+                restore_batch(&mut solved.report, exponents, self.job.weight_exponent);
                 self.batches.push(solved.report);
                 self.targets.push(batch.numbers);
             }
@@ -249,8 +250,8 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
                 self.results.push((number, (self.done)(number, Err(error.into()))?));
             }
             (Err(Error::NotConverged(_)), _) => {
-                for ((number, target), exponents) in batch.numbers.into_iter().zip(batch.targets).zip(batch.exponents) {
-                    self.solve(Batch::new(vec![(number, target, exponents)]), solve)?;
+                for ((number, target), change) in batch.numbers.into_iter().zip(batch.targets).zip(batch.changes) {
+                    self.solve(Batch::new(vec![(number, target, change)]), solve)?;
                 }
                 return Ok(());
             }
@@ -265,11 +266,11 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         let (read, job) = (self.read, &self.job);
         let (sphere, unread) = (job.sphere, job.unread.as_deref());
         let one = |number: usize| -> Found<E> {
-            let checked = |mut target: Target| -> Result<(Target, Exponents), E> {
+            let checked = |mut target: Target| -> Result<(Target, Change), E> {
                 check(&target, sphere)?;
                 hide(&mut target, unread)?;
-                let exponents = into_range(&mut target);
-                Ok((target, exponents))
+                let change = Change::of(&mut target, job);
+                Ok((target, change))
             };
             (number, read(number).and_then(checked))
         };
@@ -280,7 +281,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
             self.next = end;
             for (number, target) in found {
                 match target {
-                    Ok((target, exponents)) => self.ready.push_back((number, target, exponents)),
+                    Ok((target, change)) => self.ready.push_back((number, target, change)),
                     Err(error) => self.results.push((number, (self.done)(number, Err(error))?)),
                 }
             }
@@ -294,9 +295,9 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
         let (mut taken, mut width): (Vec<Ready>, usize) = (Vec::new(), 0);
         let surface = self.next_is_surface()?;
         while self.next_is_surface()? == surface {
-            let Some((_, target, exponents)) = self.ready.front() else { break };
+            let Some((_, target, change)) = self.ready.front() else { break };
             if let Some((_, _, others)) = taken.last()
-                && (width + target.channels > columns || exponents != others)
+                && (width + target.channels > columns || change.exponents != others.exponents)
             {
                 break;
             }
@@ -318,7 +319,7 @@ impl<'a, T: Send, E: From<Error> + Send> Run<'a, T, E> {
 
 /// Returns the assessed fit of one target of a batch.
 fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result<Fit, Error> {
-    let (target, group, exponents) = (&batch.targets[index], batch.groups[index].clone(), &batch.exponents[index]);
+    let (target, group, change) = (&batch.targets[index], batch.groups[index].clone(), &batch.changes[index]);
     let scale = scale_of(target);
     let mut passes: Vec<Distances> = solved
         .sweeps
@@ -327,19 +328,19 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
             Distances::new(residuals[index].mean_square, residuals[index].max_square, *refinement, scale)
         })
         .collect();
-    let coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
+    let mut coefficients: Array2<f64> = solved.coefficients.slice(s![.., group.clone()]).to_owned();
     let (directions, unread) = (&job.sphere.directions, job.unread.as_deref());
-    let mixed = distances_of_mixed(directions, unread, exponents, values(target), coefficients.view())?;
-    if let Some(distances) = mixed {
-        passes = vec![distances];
-    }
+    let mixed = distances_of_mixed(directions, unread, &change.exponents, values(target), coefficients.view())?;
+    passes = mixed.map_or(passes, |distances| vec![distances]);
     let mut warnings = solved.warnings.clone();
     let per_target = solved.per_target.get(index);
     warnings.extend(per_target.iter().flat_map(|of_target| of_target.warnings.iter().cloned()));
+    warnings.extend(job.uneven_weights.clone().filter(|_| !job.fits_surface(target.kind)));
     let denoise = solved.denoised.get(index).cloned().unwrap_or_default();
     let detail = |of: &Denoised| {
         let sigma = times(of.noise.sigma, job.weight_exponent / 2);
-        FitWarning::of_denoised(of.left_out?, sigma, job.params.max_degree)
+        let noise = (of.relative_noise, &of.noise.gain[..]);
+        FitWarning::of_denoised(noise, of.left_out, sigma, job.params.max_degree)
     };
     warnings.extend(denoise.iter().find_map(detail));
     let assess =
@@ -368,6 +369,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         held_out,
         denoise,
         smoothness: solved.report.smoothness(),
+        smoothness_by_channel: solved.report.smoothness_by_channel().to_vec(),
         optimality: per_target.map(|of_target| of_target.optimality).or(solved.report.optimality()),
         warnings,
         settings: Settings {
@@ -388,8 +390,9 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         },
     };
     let standard_errors = solved.standard_errors.as_ref().map(|errors| errors.slice(s![.., group]).to_owned());
+    change.add_middles(&mut coefficients);
     let mut fit = Fit { coefficients: Coefficients::new(coefficients)?, standard_errors, report };
-    restore(&mut fit, exponents, job.weight_exponent);
+    restore(&mut fit, &change.exponents, job.weight_exponent);
     match fit.coefficients.values().indexed_iter().find(|(_, value)| !value.is_finite()) {
         Some(((row, channel), &found)) => Err(Error::NotFinite { row, channel, found }),
         None => Ok(fit),

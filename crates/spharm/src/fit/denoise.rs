@@ -19,6 +19,8 @@ pub(crate) struct Denoiser {
     power: NoisePower,
     /// Precisions of the n vertices, if they differ.
     precision: Option<Vec<f64>>,
+    /// Power of the noise in degree 1, relative to an even sampling.
+    relative_noise: f64,
 }
 
 impl Denoiser {
@@ -51,7 +53,9 @@ impl Denoiser {
                 power.add(coefficients, residual_square(residual, precision.as_deref()));
             }
         }
-        Ok(Self { power, precision })
+        let total = precision.as_ref().map_or(vertices as f64, |precision| precision.iter().sum());
+        let relative_noise = power.relative_to_even(total);
+        Ok(Self { power, precision, relative_noise })
     }
 
     /// Estimates the noise of a target, or of one of its channels, from the coefficients (K, c) and the residual (n, c)
@@ -69,7 +73,7 @@ impl Denoiser {
         monitor: &dyn Monitor,
     ) -> Result<Denoised, Error> {
         let left_out = left_out(job, self.precision.as_deref(), target, &noise, monitor)?;
-        Ok(Denoised { noise, left_out })
+        Ok(Denoised { noise, left_out, relative_noise: self.relative_noise })
     }
 }
 

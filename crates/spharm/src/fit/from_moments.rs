@@ -5,11 +5,8 @@ use serde::Serialize;
 use spharm_harmonics::{Coefficients, basis_size};
 use spharm_model::{Fitted, Provenance, Settings};
 use spharm_moments::Moments;
-use spharm_monitor::{Level, Monitor, OnlyCancel};
-use spharm_solver::lsq::{
-    Denoise, Gcv, LsqReport, LsqWarning, MomentFit, MomentProblem, NoisePower, choose_smoothness_by_moments,
-    determined, solve_moments,
-};
+use spharm_monitor::{Level, Monitor};
+use spharm_solver::lsq::{Denoise, Gcv, LsqReport, MomentFit, MomentProblem, NoisePower, solve_moments};
 use spharm_solver::{LsqParams, MomentNormal, SolverError};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Kind;
@@ -17,9 +14,10 @@ use spharm_surface::range::{times, times_within};
 use spharm_transform::MomentGram;
 
 use super::denoise::{merge, parts, set_columns};
-use super::in_pool;
 use super::range::{restore_moments, smoothness_into_range, sums_into_range};
 use super::shared::{check_auto, converged, strategy};
+use super::undetermined;
+use super::{by_channel, in_pool};
 use crate::{Error, FitParams, FitWarning, Model, Smoothness};
 
 /// A fit from moments.
@@ -70,9 +68,6 @@ pub struct MomentsReport {
     /// Possible problems of the fit.
     pub warnings: Vec<FitWarning>,
 }
-
-/// Condition number of the basis at the samples above which some functions of the degree are treated as undetermined.
-const UNDETERMINED: f64 = 1e6;
 
 /// Fits samples, given by their moments, to any degree up to that of the moments. Of `params`, only degree, smoothness,
 /// denoising, standard errors, tolerance, iterations, preconditioner, strictness, memory and threads are used.
@@ -130,7 +125,8 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let mut gcv = match params.smoothness {
         Smoothness::Auto => {
             check_auto(problem.rows(), max_degree)?;
-            let chosen = choose_smoothness_by_moments(&problem, monitor);
+            let kind = if is_surface(&moments.channels) { Kind::Surface } else { Kind::Signal };
+            let chosen = by_channel::choose(&problem, &parts(&(0..channels), kind), monitor);
             Some(chosen.map_err(|error| refused(error, "smoothness auto", moments))?)
         }
         _ => None,
@@ -150,26 +146,27 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         gram_bytes: MomentGram::bytes(max_degree),
         ..LsqParams::default()
     };
-    let mut found = solve_moments(&problem, &solver, params.standard_errors && !params.denoise, monitor)
+    let lambdas: &[f64] = match &gcv {
+        Some(gcv) => &gcv.by_channel,
+        None => &[],
+    };
+    let mut found = by_channel::solve(&problem, &solver, lambdas, params.standard_errors && !params.denoise, monitor)
         .map_err(|error| refused(error, "stderr", moments))?;
+    let squares = found.residual_squares.iter().zip(&found.lost).filter(|(_, lost)| !**lost).map(|(sum, _)| sum);
+    let amplified = FitWarning::of_amplified(&found.report, squares.sum::<f64>() / sums.weight);
     // Denoising adds the times of its own fits to the report.
     let has_factor = found.report.seconds.factor > 0.0;
-    let mut denoised =
-        if params.denoise { denoise(&problem, &solver, params, &mut found, moments, monitor)? } else { Vec::new() };
+    let (mut denoised, relative_noise) = match params.denoise {
+        true => denoise(&problem, &solver, params, &mut found, moments, monitor)?,
+        false => (Vec::new(), 1.0),
+    };
     let largest_gap = moments.occupied.largest_gap().to_degrees();
     let resolved = (max_degree > 0).then(|| 180.0 / max_degree as f64);
     let mut warnings = FitWarning::of_lsq(&found.report, params.tolerance, None);
-    let few = found.report.warnings.iter().any(|warning| matches!(warning, LsqWarning::Underdetermined { .. }));
-    let poor = found.report.shift > 0.0 || few || found.report.condition > UNDETERMINED;
-    // Samples at few places, or with wide gaps, can leave functions undetermined that iterations don't notice. The
-    // condition number of a factor reveals these functions without a further fit.
-    let sparse = resolved.is_some_and(|resolved| largest_gap > resolved || moments.occupied.count() < functions);
-    let unsure = sparse && !has_factor;
-    let poor = smoothness == 0.0 && (poor || (unsure && !recovers(&problem, &solver, monitor)?));
-    if let (true, Some(resolved)) = (poor, resolved) {
-        let samples = moments.sums.count;
-        warnings.push(FitWarning::Gap { max_degree, samples, functions, largest_gap, resolved });
-    }
+    let gap = undetermined::warning(moments, &problem, &solver, (&found.report, has_factor), monitor)?;
+    let amplified = amplified.filter(|_| !params.denoise && gap.is_none() && found.report.shift == 0.0);
+    let hidden = |removed: &Denoise| FitWarning::of_noise(relative_noise, &removed.gain, max_degree);
+    warnings.extend(gap.into_iter().chain(amplified).chain(denoised.iter().find_map(hidden)));
     warnings.extend(doubts(moments, &found.lost));
     let converged = converged(params, &warnings)?;
     let text = format_args!("{} iterations, optimality {:.1e}", found.report.iterations, found.report.optimality);
@@ -184,7 +181,9 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         removed.sigma = times(removed.sigma, e + weight_exponent / 2);
     }
     if let Some(gcv) = &mut gcv {
-        gcv.smoothness = times_within(gcv.smoothness, weight_exponent);
+        for smoothness in gcv.by_channel.iter_mut().chain([&mut gcv.smoothness]) {
+            *smoothness = times_within(*smoothness, weight_exponent);
+        }
         let exponent = exponents.iter().copied().max().unwrap_or(0);
         for [smoothness, score, _] in &mut gcv.tried {
             *smoothness = times_within(*smoothness, weight_exponent);
@@ -210,12 +209,6 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         warnings,
     };
     Ok(MomentsFit { coefficients: found.coefficients, standard_errors: found.standard_errors, report, provenance })
-}
-
-/// Returns whether a fit recovers known coefficients from the same samples.
-fn recovers(problem: &MomentProblem, solver: &LsqParams, monitor: &dyn Monitor) -> Result<bool, Error> {
-    monitor.note(Level::Info, format_args!("checks whether the samples determine the fit"));
-    determined(problem, solver, &OnlyCancel(monitor)).map_err(Error::from)
 }
 
 /// Returns warnings about residuals that rounding errors hide, and about missing shards.
@@ -260,7 +253,8 @@ fn is_surface(channels: &[String]) -> bool {
     matches!(channels, [x, y, z] if [x, y, z] == ["x", "y", "z"])
 }
 
-/// Replaces the plain fit by penalised fits: one for a surface, or one for each channel. Returns the removed noise.
+/// Replaces the plain fit by penalised fits: one for a surface, or one for each channel. Returns the removed noise,
+/// and its power in degree 1 relative to an even sampling.
 fn denoise(
     problem: &MomentProblem,
     solver: &LsqParams,
@@ -268,7 +262,7 @@ fn denoise(
     found: &mut MomentFit,
     moments: &Moments,
     monitor: &dyn Monitor,
-) -> Result<Vec<Denoise>, Error> {
+) -> Result<(Vec<Denoise>, f64), Error> {
     if let Some(column) = found.lost.iter().position(|&lost| lost) {
         return Err(refused(SolverError::LostResidual { column }, "denoise", moments));
     }
@@ -292,7 +286,7 @@ fn denoise(
     }
     found.coefficients = Coefficients::new(coefficients)?;
     found.standard_errors = errors;
-    Ok(denoised)
+    Ok((denoised, power.relative_to_even(problem.weight())))
 }
 
 fn provenance(params: &FitParams, report: &LsqReport, converged: bool) -> Provenance {

@@ -8,7 +8,7 @@ use spharm_surface::{Kind, Sphere};
 use super::planned::PlannedSphere;
 use super::range::{smoothness_into_range, weights_into_range};
 use crate::assess::{HoldOut, OffVertex};
-use crate::{Error, FitParams, Method, Smoothness, Weights, defaults};
+use crate::{Error, FitParams, FitWarning, Method, Smoothness, Weights, defaults};
 
 /// Settings of a call, resolved for the call's sphere.
 pub(crate) struct Job<'a> {
@@ -19,6 +19,8 @@ pub(crate) struct Job<'a> {
     /// Weights of the n vertices, divided by 2^`weight_exponent`. They are 0 at held-out vertices.
     pub(crate) weights: Option<Vec<f64>>,
     pub(crate) weight_exponent: i32,
+    /// A warning of fits of vertices if the weights are too uneven for the degree.
+    pub(crate) uneven_weights: Option<FitWarning>,
     /// Marks the vertices of weight 0, whose values are never read; `None` if all vertices are read. Held-out vertices
     /// aren't marked.
     pub(crate) unread: Option<Vec<bool>>,
@@ -68,6 +70,7 @@ impl<'a> Job<'a> {
             sphere,
             planned: planned.filter(|planned| planned.serves(params.max_degree)),
             params,
+            uneven_weights: weights.as_ref().and_then(|w| FitWarning::of_weights(w, params.max_degree)),
             weights,
             weight_exponent,
             off_vertex: OffVertex::new(sphere, unread.as_deref(), basis_size(params.max_degree))?,

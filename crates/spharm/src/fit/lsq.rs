@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use ndarray::{Array2, s};
+use spharm_harmonics::basis_size;
 use spharm_monitor::{Level, Monitor};
 use spharm_solver::lsq::{Gcv, LsqFit, LsqReport, MakeGram, MakeMoments, PROBES, moments_pay};
 use spharm_solver::{
@@ -15,6 +16,7 @@ use spharm_store::factor::{factors, open_factor};
 use spharm_store::{FactorSpec, Scalar, SchemeKey, WeightsHash};
 
 use super::batches::{Batch, PerTarget, Run, Solved};
+use super::by_channel::{merge_channels, merge_searches};
 use super::denoise::{Denoiser, merge, set_columns};
 use super::job::Job;
 use super::lsq_plan::{LsqPlan, Sizes, transform};
@@ -106,7 +108,8 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         job.params.denoise.then(|| Denoiser::new(job, together * channels, monitor, fit_noise)).transpose()?;
     run.readers = readers;
     run.seconds.plan += mark.elapsed().as_secs_f64();
-    run.each_batch(together * channels, |job, batch| {
+    let columns = if automatic { 1 } else { together * channels };
+    run.each_batch(columns, |job, batch| {
         let solved = if automatic {
             equations.choose_and_solve(batch)
         } else {
@@ -150,13 +153,43 @@ impl<'a> Equations<'a> {
         })
     }
 
-    /// Fits a target with the smoothness that cross-validation chooses for it.
+    /// Fits a target with the smoothness that cross-validation chooses for it, or for each channel of a signal.
     fn choose_and_solve(&self, batch: &Batch) -> Result<Solved, Error> {
         let targets = batch.side_by_side();
+        let parts = batch.parts().next().unwrap_or_default();
+        if parts.len() > 1 {
+            return self.choose_by_channel(&targets, &parts);
+        }
         let mut solver = self.unfactored(self.solver.clone())?;
         let chosen = solver.choose_smoothness(&targets, &NestedMonitor(self.monitor))?;
         solver.set_smoothness(chosen.smoothness)?;
         self.solve(&mut solver, batch, None, Some(chosen))
+    }
+
+    /// Fits the channels of a signal (n, c), each with its own smoothness.
+    fn choose_by_channel(&self, targets: &Array2<f64>, parts: &[Range<usize>]) -> Result<Solved, Error> {
+        let within = NestedMonitor(self.monitor);
+        let mut coefficients = Array2::<f64>::zeros((basis_size(self.params.max_degree), targets.ncols()));
+        let mut standard_errors = self.params.standard_errors.then(|| Array2::zeros(coefficients.dim()));
+        let mut residual = Array2::<f64>::zeros(targets.dim());
+        let (mut merged, mut searches) = (None, Vec::new());
+        for part in parts {
+            let (own, group) = (targets.slice(s![.., part.clone()]).to_owned(), 0..part.len());
+            let mut solver = self.unfactored(self.solver.clone())?;
+            let chosen = solver.choose_smoothness(&own, &within)?;
+            solver.set_smoothness(chosen.smoothness)?;
+            let fit = solver.fit(&own, &[group], &within)?;
+            if let Some(all) = &mut standard_errors {
+                set_columns(all, part, solver.standard_errors(&fit.residual, &within)?.view());
+            }
+            set_columns(&mut coefficients, part, fit.coefficients.values().view());
+            set_columns(&mut residual, part, fit.residual.view());
+            merged = Some(merge_channels(merged, fit.report));
+            searches.push(chosen);
+        }
+        let mut report = merged.expect("the signal has channels");
+        report.residuals = vec![ResidualNorms::without(residual.view(), self.solver.unread.as_deref())];
+        self.finish(coefficients, (standard_errors, Vec::new()), report, merge_searches(searches))
     }
 
     fn solve(
@@ -181,8 +214,22 @@ impl<'a> Equations<'a> {
             }
             None => {}
         }
+        self.finish(coefficients, (standard_errors, denoised), report, gcv)
+    }
+
+    /// Returns the solution of a batch, with its warnings.
+    fn finish(
+        &self,
+        coefficients: Array2<f64>,
+        (standard_errors, denoised): Removed,
+        report: LsqReport,
+        gcv: Option<Gcv>,
+    ) -> Result<Solved, Error> {
         let mut warnings = self.warnings.clone();
-        warnings.extend(FitWarning::of_lsq(&report, self.params.tolerance, self.smooth_by_default));
+        let mut of_lsq = FitWarning::of_lsq(&report, self.params.tolerance, self.smooth_by_default);
+        // The plain fit amplifies noise; denoising removes it.
+        of_lsq.retain(|warning| denoised.is_empty() || !matches!(warning, FitWarning::Amplified { .. }));
+        warnings.extend(of_lsq);
         converged(self.params, &warnings)?;
         note_solution(&report, self.monitor);
         let of_target = |&optimality: &f64| PerTarget { optimality, warnings: Vec::new() };

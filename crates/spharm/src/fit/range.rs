@@ -77,7 +77,9 @@ fn largest(exponents: &[i32]) -> i32 {
 
 /// Converts a target's fit back to the target's unit.
 pub(crate) fn restore(fit: &mut Fit, exponents: &[i32], weights: i32) {
-    fit.report.smoothness = times_within(fit.report.smoothness, weights);
+    for smoothness in fit.report.smoothness_by_channel.iter_mut().chain([&mut fit.report.smoothness]) {
+        *smoothness = times_within(*smoothness, weights);
+    }
     let all = largest(exponents);
     for denoised in fit.report.denoise.iter_mut().zip(exponents.iter().copied().chain(std::iter::repeat(0))) {
         restore_denoised(denoised, weights);
@@ -158,8 +160,12 @@ pub(crate) fn distances_of_mixed(
 }
 
 /// Converts a batch's report back to the unit of the targets, which all have the same exponents.
-pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], weights: i32) {
-    let exponent = exponents.iter().map(|of_target| largest(of_target)).max().unwrap_or(0);
+pub(crate) fn restore_batch<'a>(
+    report: &mut BatchReport,
+    exponents: impl Iterator<Item = &'a Exponents>,
+    weights: i32,
+) {
+    let exponent = exponents.map(|of_target| largest(of_target)).max().unwrap_or(0);
     if exponent == 0 && weights == 0 {
         return;
     }
@@ -176,7 +182,9 @@ pub(crate) fn restore_batch(report: &mut BatchReport, exponents: &[Exponents], w
             restore(&mut report.residuals);
             restore_solution(report, exponent, weights);
             if let Some(gcv) = gcv {
-                gcv.smoothness = times_within(gcv.smoothness, weights);
+                for smoothness in gcv.by_channel.iter_mut().chain([&mut gcv.smoothness]) {
+                    *smoothness = times_within(*smoothness, weights);
+                }
                 for [smoothness, score, _] in &mut gcv.tried {
                     *smoothness = times_within(*smoothness, weights);
                     *score = times_within(*score, 2 * exponent + weights);

@@ -84,8 +84,12 @@ impl Fitter<'_> {
         monitor.end();
         let freedom = vertices as f64 - trace;
         // The estimated trace has an uncertainty of a few tenths of a percent.
-        if vertices <= functions && solver.smoothness == 0.0 && solver.penalty.is_none() || freedom < 1.0 {
-            return Err(SolverError::Underdetermined { rows: vertices, columns: functions }.into());
+        let (rows, columns, penalised) = (vertices, functions, solver.smoothness > 0.0 || solver.penalty.is_some());
+        if freedom < 1.0 && penalised {
+            return Err(SolverError::UnderdeterminedWithPenalty { rows, columns, needed: "larger" }.into());
+        }
+        if (vertices <= functions && !penalised) || freedom < 1.0 {
+            return Err(SolverError::Underdetermined { rows, columns }.into());
         }
         let sigma = self.squares(residual).map(|square| (square / freedom).sqrt());
         Ok(Array2::from_shape_fn((functions, sigma.len()), |(k, c)| sigma[c] * variances[k].sqrt()))

@@ -100,26 +100,33 @@ pub(crate) fn signal_with_gaps(path: &Path, signal: &Signal) -> Result<(), Surfa
     Ok(())
 }
 
-/// Checks that positions stay finite when rounded to 32-bit floats. The loss of digits is accepted.
+/// Checks that positions stay finite when rounded to 32-bit floats, and that not all of them become 0. The loss of
+/// digits is accepted.
 pub(super) fn fits_f32(path: &Path, vertices: &[[f64; 3]], format: &FormatSpec) -> Result<(), SurfaceError> {
     let values = vertices.as_flattened();
     fits(path, values, 3, format)
 }
 
-/// Checks that a signal's finite values stay finite when rounded to 32-bit floats.
+/// Checks that a signal's finite values stay finite when rounded to 32-bit floats, and that not all of them become 0.
 pub(super) fn values_fit_f32(path: &Path, signal: &Signal, format: &FormatSpec) -> Result<(), SurfaceError> {
     fits(path, &signal.values, signal.channels, format)
 }
 
 fn fits(path: &Path, values: &[f64], channels: usize, format: &FormatSpec) -> Result<(), SurfaceError> {
-    match values.iter().enumerate().find(|(_, x)| x.is_finite() && !(**x as f32).is_finite()) {
+    let finite = || values.iter().enumerate().filter(|(_, x)| x.is_finite());
+    let too_large = finite().find(|(_, x)| !(**x as f32).is_finite());
+    let all_too_small = || {
+        let largest = finite().max_by(|(_, a), (_, b)| a.abs().total_cmp(&b.abs()));
+        largest.filter(|(_, x)| **x != 0.0 && **x as f32 == 0.0)
+    };
+    match too_large.or_else(all_too_small) {
         None => Ok(()),
         Some((i, &value)) => Err(SurfaceError::NotRepresentable {
             path: path.to_owned(),
             vertex: i / channels,
             value,
             remedy: match format.precision {
-                Precision::Choice => "write 64-bit floats",
+                Precision::Choice => "write 64-bit floats (--double, in Python double=True)",
                 _ => "write another format, such as .surf.gii with 64-bit floats",
             },
         }),

@@ -121,6 +121,24 @@ fn signals_with_gaps() {
 }
 
 #[test]
+fn a_surface_too_small_for_32_bits_is_refused_rather_than_written_as_zeros() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mesh, double) = (awkward(), WriteOptions { double: true, ..WriteOptions::default() });
+    let tiny = mesh.with_vertices(mesh.vertices.iter().map(|v| v.map(|x| 1e-100 * x)).collect());
+    for name in ["a.gii", "lh.b", "c.ply", "d.stl", "e.glb"] {
+        let error = write_mesh(folder.path().join(name), &tiny, &WriteOptions::default()).unwrap_err();
+        assert!(matches!(error, SurfaceError::NotRepresentable { .. }), "{name}: {error}");
+        let remedy = if name.ends_with("gii") || name.ends_with("ply") { "--double" } else { ".surf.gii" };
+        assert!(error.to_string().contains(remedy), "{name}: {error}");
+    }
+    let signal = |value: f64| Signal::new(vec![value, 0.0, -value], 3, 1);
+    assert!(write_signal(folder.path().join("a.func.gii"), &signal(1e-100), &WriteOptions::default()).is_err());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing was written");
+    write_mesh(folder.path().join("a.gii"), &tiny, &double).unwrap();
+    write_signal(folder.path().join("a.func.gii"), &signal(0.0), &WriteOptions::default()).unwrap();
+}
+
+#[test]
 fn a_number_beyond_32_bits_is_refused_rather_than_written_as_infinity() {
     let folder = tempfile::tempdir().unwrap();
     let mut mesh = awkward();

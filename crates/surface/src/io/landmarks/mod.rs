@@ -5,12 +5,13 @@
 //! | 3D Slicer's markups | `.mrk.json` | `coordinateSystem` of each list, LPS or RAS |
 //! | 3D Slicer's former fiducials | `.fcsv` | `# CoordinateSystem = `, LPS, RAS, 0 (RAS) or 1 (LPS) |
 //! | a list of `{"id": "A", "coordinates": [x, y, z]}` | `.json` | not specified |
-//! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a heading line | not specified |
+//! | table | `.csv`, `.tsv` of `name,x,y,z`, with or without a heading line; `.csv` also with `;` | not specified |
 //!
 //! Positions are read as stored, in the file's unit, like those of surfaces. The frame is read if the file specifies
 //! it. Slicer writes landmarks and meshes in LPS, so they agree. A surface from another program may be in RAS, as
 //! GIfTI and FreeSurfer surfaces are. [`Landmarks::in_frame`] converts landmarks to a given frame;
-//! [`Landmarks::laid_on`] converts them only if that brings them much nearer to a surface.
+//! [`Landmarks::laid_on`] converts them only if that brings them much nearer to a surface. Landmarks without a position
+//! are left out: undefined points of Slicer, and rows of a table whose coordinates are all empty, `NA` or `NaN`.
 
 mod json;
 mod placed;
@@ -20,7 +21,7 @@ use std::collections::{HashMap, HashSet};
 use std::io::Write;
 use std::path::Path;
 
-pub use placed::Placed;
+pub use placed::{Placed, unit_factor};
 
 use super::atomic::write_new;
 use super::flaw::{Flaw, shown};
@@ -131,7 +132,7 @@ impl Landmarks {
         let found = match format {
             Format::Markups | Format::List => json::read(&text),
             Format::Fiducials => table::read_fiducials(&text),
-            Format::Csv => table::read(&text, b','),
+            Format::Csv => table::read(&text, table::separator(&text)),
             Format::Tsv => table::read(&text, b'\t'),
         };
         let found = found.map_err(|flaw| flaw.at(path, format.title()))?;

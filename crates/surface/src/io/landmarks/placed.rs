@@ -1,12 +1,20 @@
 //! Determines from the distances between landmarks and a surface whether both have the same frame, LPS or RAS.
 
 use super::Landmarks;
+use crate::geometry::{Vec3, bounds, dot, scale, sub};
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
 /// Factor by which a conversion must reduce the landmarks' median distance from the surface. In the wrong frame the
 /// signs of x and y are reversed, so landmarks of a scan are typically off by a hundred millimetres.
 const NEARER: f64 = 4.0;
+/// Median distance of landmarks from their surface above which another unit is considered, and below which landmarks
+/// are on the surface, as a fraction of the surface's extent.
+const OFF: f64 = 0.05;
+/// Minimum number of landmarks that show a unit: fewer may lie on the surface by chance.
+const LEAST: usize = 3;
+/// Ratios of units of length, such as metres and millimetres.
+const FACTORS: [f64; 6] = [10.0, 100.0, 1000.0, 0.1, 0.01, 0.001];
 
 /// Landmarks and their distances from a surface.
 #[derive(Debug, Clone)]
@@ -19,6 +27,25 @@ pub struct Placed {
     /// least four times smaller in the other frame. Callers should report a conversion, since it means that the files
     /// of the surface and the landmarks have different frames.
     pub turned: bool,
+}
+
+/// Returns the factor that brings points onto the surface that they belong to, a power of ten, if the points seem to be
+/// in another unit. Returns `None` if the points are near the surface, or far from it in every unit.
+#[must_use]
+pub fn unit_factor(points: &[Vec3], surface: &Mesh) -> Option<f64> {
+    let tree = TriangleTree::new(surface);
+    let off = |factor: f64| {
+        let distance = |point: &Vec3| tree.nearest(scale(*point, factor)).map_or(f64::INFINITY, |found| found.distance);
+        median(&points.iter().map(distance).collect::<Vec<_>>())
+    };
+    let (low, high) = bounds(surface.vertices.iter().copied());
+    let least = OFF * dot(sub(high, low), sub(high, low)).sqrt();
+    let stored = off(1.0);
+    if points.len() < LEAST || stored <= least {
+        return None;
+    }
+    let best = FACTORS.into_iter().map(|factor| (factor, off(factor))).min_by(|a, b| a.1.total_cmp(&b.1));
+    best.filter(|(_, there)| *there <= least && NEARER * there < stored).map(|(factor, _)| factor)
 }
 
 impl Landmarks {

@@ -1,6 +1,7 @@
 //! Reads and writes landmarks as tables: `name,x,y,z`, and 3D Slicer's former fiducials, whose header is in comments.
 //!
-//! A cell that contains the separator or a quotation mark is quoted as in RFC 4180.
+//! Spreadsheets of some languages write semicolons in place of commas. A cell that contains the separator or a
+//! quotation mark is quoted as in RFC 4180.
 
 use super::{Frame, Gathered, Landmarks};
 use crate::geometry::Vec3;
@@ -33,6 +34,17 @@ fn rows(text: &str, separator: u8) -> impl Iterator<Item = (usize, Vec<String>)>
         let cells = reader.records().next().and_then(Result::ok).unwrap_or_default();
         (number + 1, cells.iter().map(|cell| cell.trim().to_owned()).collect())
     })
+}
+
+/// Returns the separator of a .csv table: a semicolon if the first line has semicolons and no comma.
+pub(super) fn separator(text: &str) -> u8 {
+    let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+    if first.contains(';') && !first.contains(',') { b';' } else { b',' }
+}
+
+/// Returns whether a cell states that a coordinate is missing, as tables of R and pandas do.
+fn is_missing(cell: &str) -> bool {
+    cell.is_empty() || cell.eq_ignore_ascii_case("na") || cell.eq_ignore_ascii_case("nan")
 }
 
 /// Reads a table of `name,x,y,z`. The first line is treated as headings if it has a cell `x` and fewer than three
@@ -98,6 +110,9 @@ fn header(cells: &[String], line: usize) -> Result<Columns, Flaw> {
 fn row(found: &mut Gathered, columns: &Columns, cells: &[String], line: usize) -> Result<(), Flaw> {
     if cells.len() != columns.count {
         return Err(Flaw::new(format!("{} cells on line {line}", columns.count), cells.len().to_string()));
+    }
+    if columns.at.iter().all(|&column| is_missing(&cells[column])) {
+        return Ok(());
     }
     let mut point: Vec3 = [0.0; 3];
     for (x, &column) in point.iter_mut().zip(&columns.at) {

@@ -38,6 +38,10 @@ fn every_format_is_read() {
     for (name, text) in [
         ("a.csv", "A,1,2,3\nB,4,5,6\n"),
         ("a.tsv", "name\tx\ty\tz\r\nA\t1\t2\t3\r\n\r\nB\t4\t5\t6"),
+        ("a.csv", "name;x;y;z\r\nA ;1;2;3\r\nB;4;5;6\r\n"),
+        ("a.csv", "A;1;2;3\nB;4;5;6\n"),
+        ("a.csv", "name,x,y,z\nA,1,2,3\nC,NA,NA,NA\nB,4,5,6\nD,,,\n,,,\n"),
+        ("a.tsv", "E\tnan\tNaN\tNA\nA\t1\t2\t3\nB\t4\t5\t6\n"),
         ("a.json", r#"[{"id": "A", "coordinates": [1, 2, 3]}, {"name": "B", "coordinates": [4, 5, 6]}]"#),
     ] {
         assert_eq!(read(name, text).unwrap(), named, "{name}");
@@ -74,6 +78,9 @@ fn what_is_no_landmark_is_named_by_its_place() {
         ("a.csv", "1,2,3\n", "4 cells on line 1, found 3"),
         ("a.csv", "A,1,2,3\nB,1,x,3\n", "a coordinate in cell 3 of line 2, found \"x\""),
         ("a.csv", "A,1,2,nan\n", "finite coordinates in line 1, found NaN"),
+        ("a.csv", "A,1,NA,\n", "a coordinate in cell 3 of line 1, found \"NA\""),
+        ("a.csv", "A,NA,NA,NA\n", "at least one landmark"),
+        ("a.csv", "name;x;y;z\nA;1,5;2;3\n", "a coordinate in cell 2 of line 2, found \"1,5\""),
         ("a.csv", "name,x,y\nA,1,2\n", "a column named z on line 1"),
         ("a.csv", ",1,2,3\n", "a name in line 1"),
         ("a.csv", "\n\n", "at least one landmark"),
@@ -154,6 +161,21 @@ fn landmarks_of_another_frame_are_turned_onto_the_surface() {
     assert_eq!(placed.landmarks.frame, Some(Frame::Ras));
     let unsaid = Landmarks { frame: None, ..said };
     assert!(!unsaid.laid_on(&far).turned && unsaid.laid_on(&far).distances[0] > 100.0);
+}
+
+#[test]
+fn another_unit_is_named_by_its_factor() {
+    let sphere = icosphere(3);
+    let body = Mesh::new(sphere.vertices.iter().map(|v| v.map(|x| 50.0 * x)).collect(), sphere.faces.clone());
+    let points: Vec<Vec3> = body.vertices.iter().step_by(100).copied().collect();
+    let times = |factor: f64| points.iter().map(|point| point.map(|x| factor * x)).collect::<Vec<_>>();
+    assert_eq!(unit_factor(&points, &body), None);
+    assert_eq!(unit_factor(&times(0.001), &body), Some(1000.0));
+    assert_eq!(unit_factor(&times(0.1), &body), Some(10.0));
+    assert_eq!(unit_factor(&times(100.0), &body), Some(0.01));
+    // Landmarks at a wrong place, and too few landmarks, show no unit.
+    assert_eq!(unit_factor(&times(0.3), &body), None);
+    assert_eq!(unit_factor(&times(0.1)[..2], &body), None);
 }
 
 #[test]

@@ -1,0 +1,78 @@
+//! Changes targets before a fit: values are scaled (see [`super::range`]), and values far from zero are fitted about
+//! their middle.
+//!
+//! The solver's tolerance is relative to the values. If the values of a channel lie close together far from zero, such
+//! as coordinates in a national grid, the tolerance would allow errors that are large beside their differences. A
+//! least-squares fit of a constant is exact and the penalties of smoothness don't apply to it, so the middle of the
+//! values is subtracted before the fit, and added to the coefficient of degree 0 afterwards. All values are within a
+//! factor of 2 of the middle, so the subtraction is exact. Other methods and denoising aren't changed.
+
+use std::f64::consts::PI;
+
+use ndarray::Array2;
+use spharm_harmonics::basis_size;
+use spharm_surface::Target;
+
+use super::job::Job;
+use super::range::{Exponents, into_range};
+use crate::Method;
+
+/// Smallest size of the middle of a channel's values that is subtracted, relative to the difference between the largest
+/// and the smallest value.
+const FAR: f64 = 1000.0;
+
+/// The changes made to a target.
+pub(crate) struct Change {
+    /// Exponents of the powers of two by which the channels were divided.
+    pub(crate) exponents: Exponents,
+    /// The values subtracted from the channels afterwards; empty if none were.
+    middles: Vec<f64>,
+}
+
+impl Change {
+    /// Changes a target whose unread values have been replaced. Returns the changes.
+    pub(crate) fn of(target: &mut Target, job: &Job<'_>) -> Self {
+        let exponents = into_range(target);
+        let least_squares = job.params.method == Method::Lsq && !job.params.denoise;
+        // If the vertices don't determine the coefficients, the solution of smallest norm depends on the constant.
+        let enough = || job.vertices_with_weight() >= basis_size(job.params.max_degree);
+        let mut middles = if least_squares { far_middles(target) } else { Vec::new() };
+        if !middles.is_empty() {
+            if job.fits_surface(target.kind) || enough() {
+                subtract(target, &middles);
+            } else {
+                middles.clear();
+            }
+        }
+        Self { exponents, middles }
+    }
+
+    /// Adds the subtracted values to the coefficients (K, c) of a fit.
+    pub(crate) fn add_middles(&self, coefficients: &mut Array2<f64>) {
+        for (channel, middle) in self.middles.iter().enumerate() {
+            coefficients[[0, channel]] += middle * (4.0 * PI).sqrt();
+        }
+    }
+}
+
+/// Returns the middle of each channel's values that lie close together far from zero, 0 for other channels; empty if
+/// there are no such channels.
+fn far_middles(target: &Target) -> Vec<f64> {
+    let channels = target.channels;
+    let middle = |channel: usize| {
+        let values = target.values.iter().skip(channel).step_by(channels);
+        let (low, high) =
+            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+        let (middle, difference) = (0.5 * low + 0.5 * high, high - low);
+        if difference > 0.0 && middle.abs() > FAR * difference { middle } else { 0.0 }
+    };
+    let middles: Vec<f64> = (0..channels).map(middle).collect();
+    if middles.iter().all(|&middle| middle == 0.0) { Vec::new() } else { middles }
+}
+
+/// Subtracts a value from each channel.
+fn subtract(target: &mut Target, middles: &[f64]) {
+    for row in target.values.chunks_exact_mut(target.channels) {
+        row.iter_mut().zip(middles).for_each(|(value, middle)| *value -= middle);
+    }
+}
