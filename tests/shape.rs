@@ -344,6 +344,11 @@ fn models_are_grouped_by_their_shapes() {
     for line in lines {
         assert_eq!(line.split(',').nth(1), Some(if line.contains("x,") { "1" } else { "2" }), "{table}");
     }
+    // Models of other degrees are compared at the lowest one, with a warning.
+    site.write("c5x", ellipsoid());
+    let mixed = ["c0x", "c1y", "c2x", "c5x"];
+    let report = json(&succeed(&mut site.shape("cluster", &mixed, &["--json", "-o", "e.csv"])));
+    assert!(report["warnings"][0].as_str().is_some_and(|text| text.contains("degrees from 1 to 8")), "{report}");
     let error = fail(&mut site.shape("cluster", &models[..2], &["-o", "d.csv"]));
     assert!(error.contains("expected three models or more, found 2"), "{error}");
 }

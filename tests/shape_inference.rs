@@ -40,6 +40,13 @@ fn visits_in_blocks_are_the_paired_test() {
         let (a, b) = (map(site, "blocks", name), map(site, "paired", name));
         assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs().max(1e-3)), "{name}: {a:?} {b:?}");
     }
+    // The subjects contain the effect of the scanner, but not the scanner's interaction with the year.
+    let nested =
+        ["--table", "visits.csv", "--effect", "scanner:year", "--covariates", "subject", "--blocks", "subject"];
+    let output = finish(test(site, &nested).args(["-o", "nested"]));
+    let printed = text(&output);
+    assert!(output.status.success() && printed.contains("scanner is left out of the design"), "{printed}");
+    assert!(printed.contains("20 in 10 blocks"), "{printed}");
     let wrong = ["--table", "visits.csv", "--effect", "scanner", "--blocks", "subject", "-o", "wrong"];
     let error = error_line(&finish(&mut test(site, &wrong)));
     assert!(error.contains("in these blocks"), "{error}");

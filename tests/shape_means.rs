@@ -157,6 +157,18 @@ fn numbers_that_may_be_codes_and_repeated_subjects_are_named() {
     assert!(warnings.contains("5 of 5 subjects have more than one row (participant_id p0 has 2)"), "{warnings}");
     let about = fs::read_to_string(site.join("twice/test.json")).expect("a file");
     assert!(about.contains("have more than one row"), "{about}");
+    // Columns of subjects have other names, too. A case with two values is a group.
+    let table = |name: &str, each: usize| {
+        let row = |s: usize| format!("p{},year1/s{s}.spharm.npz,{}\n", s / each, if s < 4 { "a" } else { "b" });
+        let rows: String = (0..10).map(row).collect();
+        fs::write(site.join("named.csv"), format!("{name},model,group\n{rows}")).expect("a table");
+        report(site, &["--table", "named.csv", "--effect", "group"], name)["warnings"].to_string()
+    };
+    for name in ["Subj", "PTID", "RID", "child", "Patient ID"] {
+        let warnings = table(name, 2);
+        assert!(warnings.contains(&format!("have more than one row ({name} p0 has 2)")), "{warnings}");
+    }
+    assert!(!table("case", 5).contains("more than one row"));
 }
 
 #[test]

@@ -137,14 +137,24 @@ fn a_study_finds_the_bump_of_its_second_group() {
     let line = [&contour[..], &["test/p-fwe.shape.gii", "--dpi", "300", "-o", "line.svg"]].concat();
     succeed(&mut run(site.path(), &line));
     let svg = std::fs::read_to_string(at("line.svg")).expect("a picture");
-    assert!(svg.contains(">line: p-fwe = 0.05</text>") && svg.contains("width=\"81.280mm\""), "{}", &svg[..300]);
+    let small = p.iter().filter(|p| **p <= 0.05).count();
+    let beyond = format!("0.05; at most 0.05 at {small} of {} vertices", p.len());
+    // A long text has several lines.
+    let texts = |svg: &str| -> String {
+        let lines: Vec<&str> = svg.split("</text>").filter_map(|part| Some(part.rsplit_once('>')?.1)).collect();
+        lines.join(" ")
+    };
+    assert!(svg.contains("width=\"81.280mm\""), "{}", &svg[..300]);
+    assert!(texts(&svg).contains(&format!("line: p-fwe = {beyond}")), "{}", texts(&svg));
     // A test's result in one command: the texts say what was subtracted from what, and which p values are shown.
     let shown = succeed(&mut run(site.path(), &["picture", "--test", "test", "--dpi", "300", "-o", "test.svg"]));
     assert!(shown.contains("4 panels"), "{shown}");
     let svg = std::fs::read_to_string(at("test.svg")).expect("a picture");
-    for text in ["a - b, positive outward", "t of a - b", "-log10 family-wise p", "line: family-wise p = 0.05"] {
+    for text in ["a - b, positive outward", "t of a - b", "-log10 family-wise p"] {
         assert!(svg.contains(&format!(">{text}</text>")), "{text}");
     }
+    // The line's text says on which side of it p is small.
+    assert!(texts(&svg).contains(&format!("line: family-wise p = {beyond}")), "{}", texts(&svg));
     succeed(&mut run(site.path(), &["picture", "--test", "positions", "--dpi", "300", "-o", "positions.svg"]));
     let svg = std::fs::read_to_string(at("positions.svg")).expect("a picture");
     assert!(

@@ -11,6 +11,7 @@ use spharm_cli::Usage;
 use spharm_cli::monitor::ConsoleMonitor;
 use spharm_cli::output::{OutputFile, prepare, write_json};
 use spharm_cli::paths::shown;
+use spharm_exchange::Format;
 use spharm_monitor::number;
 use spharm_surface::Similarity;
 use spharm_surface::io::{Output, WriteOptions, read_mesh, to_write_mesh, write_mesh};
@@ -43,13 +44,20 @@ struct Found {
 ///
 /// # Errors
 ///
-/// If the files include both kinds.
+/// If the files include both kinds, or coefficients of another package.
 pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Result<bool> {
     let is_model = |path: &Path| {
         let name = path.to_string_lossy().to_ascii_lowercase();
         [".npz", ".sphz"].iter().any(|ending| name.ends_with(ending))
     };
     let (models, meshes): (Vec<&Path>, Vec<&Path>) = files.into_iter().partition(|path| is_model(path));
+    if let Some(path) = meshes.iter().find(|path| are_coefficients(path)) {
+        bail!(
+            "{}: expected a model or a mesh, found a file of another package's coefficients (by its name); make a \
+             model of it with `spharm import`",
+            path.display()
+        );
+    }
     match (models.first(), meshes.first()) {
         (Some(model), Some(mesh)) => bail!(
             "expected only models or only meshes, found both: {} and {}; make meshes of models with `spharm \
@@ -59,6 +67,13 @@ pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Resul
         ),
         (_, meshes) => Ok(meshes.is_some()),
     }
+}
+
+/// Returns whether a file holds coefficients of another package, by its name. Other packages' files have endings that
+/// files of points or meshes may have, too, such as `.txt`.
+fn are_coefficients(path: &Path) -> bool {
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    [Format::Pdm, Format::Mat].iter().flat_map(|format| format.endings()).any(|ending| name.ends_with(ending))
 }
 
 /// Runs `shape align` of meshes.

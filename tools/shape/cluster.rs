@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Result, bail};
 use clap::Args;
 use serde_json::json;
-use spharm::shape::{Clusters, Descriptors, Library};
+use spharm::shape::{Clusters, Library};
 use spharm_cli::Usage;
 use spharm_cli::help::{self, METHOD, OUTPUT};
 use spharm_cli::monitor::ConsoleMonitor;
@@ -16,7 +16,7 @@ use spharm_cli::paths::{model_name, shown};
 use spharm_monitor::number;
 
 use super::args::{By, Models, ReportArgs, Resources, read_all};
-use super::describe::of;
+use super::describe::{common_degree, of};
 use super::outputs::{TABLES, check, finish, short, table_for, write_text};
 use super::plan::Plan;
 
@@ -26,6 +26,9 @@ use super::plan::Plan;
 /// step by step (Ward's linkage). The table has each model's cluster (cluster 1 is the largest) and silhouette: near 1
 /// if the model is much nearer to its own cluster than to the next, near 0 if it lies between two clusters, below 0 if
 /// it is nearer to another cluster.
+///
+/// Fit meshes with `spharm fit --area 0`: by default, maps also depend on the triangles, and clusters may group models
+/// by the resolution of their meshes instead of by shape.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -50,8 +53,9 @@ pub(super) struct Cli {
     unit_size: bool,
     /// Quantity by which models are compared
     ///
-    /// distance: a lower bound of the distance between the surfaces; low degrees contribute most. standardized: each
-    /// singular value is divided by its standard deviation, so that fine detail weighs as much as coarse shape.
+    /// distance: a lower bound of the distance at equal directions, in any pose; low degrees contribute most.
+    /// standardized: each singular value is divided by its standard deviation, so that fine detail weighs as much as
+    /// coarse shape, and so do small differences between maps.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Table to write
@@ -89,18 +93,18 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     plan.check(needed, [])?;
     let pool = cli.resources.threads.pool()?;
     let found = pool.install(|| read_all(&paths, monitor, |model, path| of(model, path, cli.max_degree)))?;
-    let degree = found.iter().map(Descriptors::max_degree).min().unwrap_or(0);
+    let (degree, warning) = common_degree(&found);
+    let mut warnings: Vec<String> = warning.into_iter().collect();
     let library = Library::new(&found, cli.unit_size)?;
     let found = pool.install(|| library.distances(cli.metric.metric())).clusters(cli.clusters)?;
-    let mut warnings = Vec::new();
     if found.mean < HARDLY {
         warnings.push(format!(
             "the mean silhouette is {:.2}: the models hardly form clusters, so the clusters found may be due to \
              chance",
             found.mean
         ));
-        warnings.iter().for_each(|warning| monitor.console().warn(warning));
     }
+    warnings.iter().for_each(|warning| monitor.console().warn(warning));
     write_text(&cli.output, cli.report.force, &table(cli, &paths, &found))?;
     let sizes = sizes(&found);
     let silhouette = |cluster: usize| {

@@ -21,8 +21,8 @@ use super::plan::Plan;
 ///
 /// One row per model: its size (root mean square distance from its mean position), the power of each degree and the
 /// singular values of each degree's coefficients. These numbers don't change if the surface is rotated, reflected or
-/// translated, or if its sphere is rotated, but they depend on the parameterisation. Without --output, the table is
-/// printed.
+/// translated, or if its sphere is rotated, but they depend on the map to the sphere. To compare models, fit their
+/// meshes with `spharm fit --area 0`: other maps also depend on the triangles. Without --output, the table is printed.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -65,6 +65,17 @@ enum Kind {
 pub(super) fn of(model: &Model, path: &Path, degree: Option<usize>) -> Result<Descriptors> {
     let coefficients = to_degree(model, path, degree)?;
     descriptors(&coefficients).with_context(|| path.display().to_string())
+}
+
+/// Returns the lowest degree of models, at which they are compared, and a warning if others have more degrees.
+pub(super) fn common_degree<'a>(models: impl IntoIterator<Item = &'a Descriptors>) -> (usize, Option<String>) {
+    let degrees: Vec<usize> = models.into_iter().map(Descriptors::max_degree).collect();
+    let lowest = degrees.iter().copied().min().unwrap_or(0);
+    let highest = degrees.into_iter().max().unwrap_or(0);
+    let warning = (highest > lowest).then(|| {
+        format!("the models have degrees from {lowest} to {highest}; they are compared up to degree {lowest}")
+    });
+    (lowest, warning)
 }
 
 /// Runs the subcommand.

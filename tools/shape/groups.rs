@@ -80,6 +80,7 @@ pub(super) fn read_group(
     }
     warnings.extend(poses.map(|poses| format!("{poses} (align with `spharm shape align --group`)")));
     warnings.extend(equal_models(&members, paths, |path| path.display().to_string()));
+    warnings.extend(mean_among(paths));
     warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();
     Ok(Group { names, members, degree, hemispheres, warnings })
@@ -95,4 +96,36 @@ pub(super) fn distances_from_mean(members: &[Coefficients], degree: usize) -> Re
     let centred = centred.collect::<Result<Vec<_>, _>>()?;
     let mean = mean(&centred)?;
     Ok(centred.iter().map(|member| rmsd(member, &mean)).collect::<Result<_, _>>()?)
+}
+
+/// Returns a warning if the files include members of a group and the mean that `shape correspond` writes beside them.
+fn mean_among(paths: &[PathBuf]) -> Option<String> {
+    let of_group = |path: &Path| {
+        path.file_name().is_some_and(|name| name == "mean.spharm.npz") && path.with_file_name("group.json").is_file()
+    };
+    let mean = paths.iter().find(|path| of_group(path))?;
+    let beside = paths.iter().any(|path| path != mean && path.parent() == mean.parent());
+    beside.then(|| {
+        format!(
+            "{}: the group's mean is counted as a member; leave it out, or give the group's folder, which stands for \
+             its members",
+            mean.display()
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_among_the_members_of_its_group_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let files = ["a", "mean"].map(|name| folder.path().join(format!("{name}.spharm.npz")));
+        assert_eq!(mean_among(&files), None);
+        std::fs::write(folder.path().join("group.json"), "{}").unwrap();
+        assert!(mean_among(&files).is_some_and(|warning| warning.contains("mean.spharm.npz: the group's mean")));
+        assert_eq!(mean_among(&files[..1]), None);
+        assert_eq!(mean_among(&[files[1].clone(), PathBuf::from("elsewhere/b.spharm.npz")]), None);
+    }
 }

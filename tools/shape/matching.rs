@@ -16,16 +16,19 @@ use spharm_cli::paths::shown;
 use spharm_monitor::number;
 
 use super::args::{By, Models, ReportArgs, Resources, files, read_all};
-use super::describe::of;
+use super::describe::{common_degree, of};
 use super::outputs::{TABLES, check, exact, finish, table_for, write_text};
 use super::plan::Plan;
 
 /// Find the models that are nearest to a given one
 ///
 /// Models are first ranked by the singular values of each degree, which don't depend on pose. The distance between the
-/// singular values of two models is a lower bound of the root mean square distance of the surfaces in any pose, mirror
-/// images included. Then the candidates with the smallest bounds are aligned, and ordered by the distance that remains,
-/// in the surfaces' unit. Signals aren't aligned.
+/// singular values of two models is a lower bound of the root mean square distance between their points at equal
+/// directions, in any pose and for any rotation of the sphere, mirror images included. Then the candidates with the
+/// smallest bounds are aligned, and ordered by this distance, in the surfaces' unit. Signals aren't aligned.
+///
+/// These distances depend on the maps to the sphere. Fit meshes with `spharm fit --area 0`: by default, maps also
+/// depend on the triangles, and models of meshes of equal resolution may be nearer than models of equal shape.
 #[derive(Debug, Args)]
 #[command(after_long_help = help::examples(
     &[
@@ -52,7 +55,8 @@ pub(super) struct Cli {
     /// Quantity by which models are ordered
     ///
     /// standardized divides each singular value by its standard deviation over the searched models, so that high
-    /// degrees, whose values are small, weigh as much as low degrees.
+    /// degrees, whose values are small, weigh as much as low degrees. Small differences between maps then count, too:
+    /// even with --area 0, use it only for meshes of about the same resolution.
     #[arg(long, value_enum, value_name = "METRIC", default_value_t = By::Distance, help_heading = METHOD)]
     metric: By,
     /// Maximum number of candidates to align; 0 for none
@@ -89,15 +93,9 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
     let (of_queries, of_library) = (read(&queries)?, read(&among)?);
     let reading = started.elapsed().as_secs_f64();
     // Compare all models at the lowest degree among the queries and the library.
-    let degree = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).min().unwrap_or(0);
-    let highest = of_queries.iter().chain(&of_library).map(Descriptors::max_degree).max().unwrap_or(0);
-    let mut warnings = Vec::new();
-    if highest > degree {
-        warnings.push(format!(
-            "the models have degrees from {degree} to {highest}; they are compared up to degree {degree}"
-        ));
-        warnings.iter().for_each(|warning| monitor.console().warn(warning));
-    }
+    let (degree, warning) = common_degree(of_queries.iter().chain(&of_library));
+    let warnings: Vec<String> = warning.into_iter().collect();
+    warnings.iter().for_each(|warning| monitor.console().warn(warning));
     let of_library: Vec<Descriptors> = of_library.iter().map(|model| model.up_to(degree)).collect();
     let library = Library::new(&of_library, cli.unit_size)?;
     let started = Instant::now();

@@ -192,9 +192,9 @@ pub(crate) fn files_of(manifest: &Manifest, column: &str, table: &Path) -> Resul
     files.collect::<Result<_>>().map(Some)
 }
 
-/// Returns the finite number in a cell; `None` if the cell has other text.
+/// Returns the finite number in a cell; `None` if the cell has other text. The minus sign U+2212 is read as a hyphen.
 pub(crate) fn finite(cell: &str) -> Option<f64> {
-    cell.trim().parse().ok().filter(|number: &f64| number.is_finite())
+    cell.trim().replace('\u{2212}', "-").parse().ok().filter(|number: &f64| number.is_finite())
 }
 
 /// Returns a column of numbers or of levels. If most cells are numbers, a cell that isn't a number is an error,

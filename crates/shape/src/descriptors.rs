@@ -10,13 +10,17 @@
 //! multiplies it from the right. Neither changes the power or the singular values. A reflection doesn't change them
 //! either, so the descriptors can't detect it (M. Kazhdan, T. Funkhouser and S. Rusinkiewicz, "Rotation invariant
 //! spherical harmonic representation of 3D shape descriptors", SGP 2003, on the power; the singular values also
-//! describe how a degree is distributed over the axes). The descriptors depend on the parameterisation. Degree 0,
+//! describe how a degree is distributed over the axes). The descriptors depend on the parameterisation: for
+//! comparisons, map surfaces with equal areas (`area` 0), because other maps also depend on the triangles. Degree 0,
 //! which is the position, is excluded.
 //!
-//! The distance between the singular values of two surfaces never exceeds the root mean square distance between the
-//! surfaces, however they are rotated, mirrored and moved (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) -
-//! sigma_i(B))^2 <= |A - B|^2`, for each degree). Retrieval by singular values is therefore exact; see
-//! [`retrieval`](crate::retrieval).
+//! `Model.spectrum` of Python is the sum of the squares of the coefficients of the degrees 0 to L: 4 pi P_l.
+//!
+//! The distance between the singular values of two surfaces never exceeds the root mean square distance between their
+//! points at equal directions, however the surfaces are rotated, mirrored and moved and their spheres rotated
+//! (L. Mirsky, Q. J. Math. 11 (1960): `sum (sigma_i(A) - sigma_i(B))^2 <= |A - B|^2`, for each degree). Retrieval by
+//! this distance is therefore exact; see [`retrieval`](crate::retrieval). It isn't a bound of the distance between the
+//! surfaces themselves: models of one surface over two maps differ.
 //!
 //! Cost: about 100 flops per coefficient.
 

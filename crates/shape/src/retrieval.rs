@@ -2,9 +2,9 @@
 //!
 //! A [`Library`] holds the singular values of its models ([`descriptors`](mod@crate::descriptors)). The distance
 //! between the singular values of a model and of the query is a lower bound of the distance between the aligned
-//! surfaces. [`Library::nearest`] sorts by that bound. [`Library::refined`] aligns candidates in the order of their
-//! bounds, until the next bound exceeds the distances found. If the alignment finds the best rotation, the result is
-//! the same as after aligning every model, at the cost of aligning only a few.
+//! surfaces at equal directions. [`Library::nearest`] sorts by that bound. [`Library::refined`] aligns candidates in
+//! the order of their bounds, until the next bound exceeds the distances found. If the alignment finds the best
+//! rotation, the result is the same as after aligning every model, at the cost of aligning only a few.
 //!
 //! [`Metric::Standardized`] first divides each singular value by its standard deviation over the library, so that high
 //! degrees, whose singular values are small, weigh as much as low ones. This metric recognises a shape among many if
@@ -21,7 +21,8 @@ use crate::error::ShapeError;
 /// Criterion by which models are sorted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Metric {
-    /// Distance between the singular values, in the models' unit: a lower bound of the distance between the surfaces.
+    /// Distance between the singular values, in the models' unit: a lower bound of the distance between the surfaces at
+    /// equal directions, in any pose.
     #[default]
     Distance,
     /// Distance between the singular values, each divided by its standard deviation over the library; it has no unit.
@@ -46,7 +47,8 @@ pub struct Library {
 pub struct Match {
     /// Index of the model in the library, from 0.
     pub index: usize,
-    /// Distance between the singular values, which is at most the root mean square distance between the surfaces.
+    /// Distance between the singular values, which is at most the root mean square distance between the surfaces at
+    /// equal directions, in any pose.
     pub bound: f64,
     /// Value by which the models were sorted: `bound`, unless another [`Metric`] was requested.
     pub score: f64,

@@ -18,11 +18,13 @@
 //! | [`design`] | [`Design`], [`Contrast`]: the model and the hypothesis |
 //! | [`study`], [`terms`] | designs from tables of subjects |
 //! | `contrasts` | parsing of contrasts |
+//! | `nested` | main effects that a covariate contains |
 //! | [`linear`] | statistics, p values, effects and their confidence intervals at each vertex |
 //! | [`welch`] | two groups of unequal variance |
 //! | `variances` | warning about unequal variances |
 //! | `aspin_welch` | groups of observations with unequal variances, in any design |
 //! | [`blocks`] | observations that depend on each other |
+//! | `own_effects` | effects that differ between blocks |
 //! | [`spatial`] | TFCE and clusters |
 //! | [`permutation`] | family-wise p values, from the largest statistics of relabelled studies |
 //! | `resampling` | the choice between permutations of subjects and sign flips |
@@ -57,6 +59,8 @@ pub mod distributions;
 mod explained;
 pub mod fdr;
 pub mod linear;
+mod nested;
+mod own_effects;
 pub mod permutation;
 mod projection;
 mod resampling;
@@ -204,6 +208,40 @@ pub enum TestWarning {
         /// The two levels.
         levels: [String; 2],
     },
+    /// A number is so far from the other numbers of its column that it may be a code of a missing value.
+    #[error(
+        "{column}: the number {value:?} in row {row} (counted from 1) is far from the others, whose median is {median}; if \
+         it is a code of a missing value, leave out the row"
+    )]
+    FarValue {
+        /// Name of the column.
+        column: String,
+        /// Row of the number, counted from 1.
+        row: usize,
+        /// The number.
+        value: f64,
+        /// Median of the column.
+        median: f64,
+    },
+    /// An effect differs between blocks, but relabellings within blocks assume that it doesn't.
+    #[error(
+        "the effect differs between blocks (F = {f:.1}, p = {p:.2e}), but relabellings within blocks assume that it is equal \
+         in all blocks: p values are probably too small; compute one slope or difference from the values of each block, \
+         and test these"
+    )]
+    UnequalEffects {
+        /// Ratio of the variance between the effects of blocks to the variance of the errors.
+        f: f64,
+        /// P value of the ratio.
+        p: f64,
+    },
+    /// Several columns vary within whole blocks and don't tell which rows of two blocks correspond.
+    #[error(
+        "rows of whole blocks correspond by their order, because several columns vary within blocks and have different \
+         values in each block: p values by relabelling depend on the order of the rows; sort the rows of each block by \
+         visit or age, or give the visit as a covariate"
+    )]
+    RowsByOrder,
     /// Rows of a block depend on each other, and the design doesn't account for it.
     #[error(
         "p, q and margins assume independent rows, but the rows of a block depend on each other: use the p values from \
@@ -227,6 +265,9 @@ pub enum TestWarning {
         exact: bool,
     },
 }
+
+/// P value of equal effects of blocks below which a test warns.
+const UNEQUAL_EFFECTS: f64 = 0.01;
 
 /// Checks the design and the settings of a test before its values are available. `components` is the number of
 /// components per vertex, d.
@@ -296,6 +337,12 @@ pub fn test(
     if params.blocks.as_ref().is_some_and(|blocks| !blocks.are_in(design)) {
         warnings.push(TestWarning::DependentRows);
     }
+    let within = params.blocks.as_ref().filter(|blocks| blocks.exchange() == Exchange::Within);
+    if let (Some(blocks), Some(_)) = (within, &params.permutations) {
+        let differ = own_effects::differ(values, design, &model, blocks);
+        let unequal = differ.filter(|[_, p]| *p < UNEQUAL_EFFECTS);
+        warnings.extend(unequal.map(|[f, p]| TestWarning::UnequalEffects { f, p }));
+    }
     let mut family_wise = None;
     if let Some(asked) = &params.permutations {
         let compared = match (&groups, &prepared) {
@@ -312,6 +359,12 @@ pub fn test(
         }
         if let Some(found) = &mut family_wise {
             flat.iter().for_each(|v| (found.p[*v], found.pointwise[*v]) = (1.0, 1.0));
+        }
+        // Sign flips don't exchange rows of different blocks.
+        let exchanges = family_wise.as_ref().is_some_and(|found| found.resampling != Resampling::SignFlips);
+        let whole = params.blocks.as_ref().filter(|blocks| exchanges && blocks.exchange() == Exchange::Whole);
+        if whole.is_some_and(|blocks| blocks::aligned(blocks.sets(), design.matrix()).1) {
+            warnings.push(TestWarning::RowsByOrder);
         }
         match &family_wise {
             Some(FamilyWise { floor, relabellings, exact, .. }) if *floor > params.level => {

@@ -137,13 +137,15 @@ pub(crate) struct Cli {
     /// members of a family: relabellings stay within these blocks
     ///
     /// With an effect within blocks and the blocks as a categorical covariate, the test is the paired test or the test
-    /// of repeated measurements.
+    /// of repeated measurements. The test assumes that the effect is equal in all blocks. If it may differ, such as the
+    /// rate of growth, compute one slope or difference for each block and test these.
     #[arg(long, value_name = "COLUMN", requires = "table", conflicts_with = "minus", help_heading = METHOD)]
     pub(super) blocks: Option<String>,
     /// Exchange whole blocks of the same size rather than observations within blocks
     ///
-    /// Observations of two blocks are matched by the columns of the design that vary within blocks, such as the visit,
-    /// or else by their order in the table.
+    /// Observations of two blocks are matched by the columns of the design that vary within blocks, such as the visit;
+    /// if the blocks' values differ, by the rank of the one column that varies, such as the age; for several such
+    /// columns, by their order in the table, with a warning.
     #[arg(long, requires = "blocks", help_heading = METHOD)]
     pub(super) whole_blocks: bool,
     /// Column of the table whose levels may differ in variance: the statistic is Aspin and Welch's v, or G for more
@@ -163,6 +165,8 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "P", value_parser = probability, help_heading = METHOD)]
     pub(super) cluster: Option<f64>,
     /// Number of random relabellings; 0 for none
+    ///
+    /// If at most 20,000 relabellings are possible, all of them are used instead.
     #[arg(long, value_name = "N", default_value_t = 10_000, value_parser = relabellings, help_heading = METHOD)]
     pub(super) permutations: usize,
     /// Seed of the relabellings

@@ -164,7 +164,7 @@ impl Cli {
 }
 
 impl Study {
-    /// Returns notes on columns of numbers that may be codes of levels.
+    /// Returns notes on columns of numbers that may be codes of levels, and on columns that are left out of the design.
     pub(super) fn notes(&self) -> Vec<String> {
         let codes = self.question.codes.iter();
         let note = |(column, values): &(String, Vec<f64>)| {
@@ -181,7 +181,10 @@ impl Study {
                 values.join(", ")
             )
         };
-        codes.map(note).collect()
+        let contained = self.question.contained().into_iter().map(|[name, other]| {
+            format!("{name} is left out of the design, because the effects of {other} already contain its effect")
+        });
+        codes.map(note).chain(contained).collect()
     }
 }
 
@@ -207,29 +210,82 @@ fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
     Ok(())
 }
 
-/// Names of columns that identify subjects.
-const SUBJECTS: [&str; 5] = ["participant_id", "participant", "subject", "subject_id", "subject_label"];
+/// Names of columns that identify subjects, in lowercase and without `_`, `-`, `.` and spaces.
+const SUBJECTS: [&str; 14] = [
+    "participant",
+    "participantid",
+    "subject",
+    "subjectid",
+    "subjectlabel",
+    "subj",
+    "subjid",
+    "sub",
+    "subid",
+    "ptid",
+    "rid",
+    "patientid",
+    "childid",
+    "animalid",
+];
+
+/// Names of columns that identify subjects, but that columns of groups also have, such as `case` with yes and no.
+const SUBJECTS_OR_GROUPS: [&str; 7] = ["patient", "child", "animal", "case", "caseid", "person", "individual"];
+
+/// Number of different cells from which a column with one of these names identifies subjects.
+const FEWEST_SUBJECTS: usize = 5;
+/// Average number of rows of each cell up to which such a column identifies subjects; groups, such as species in a
+/// column `animal`, have more.
+const MOST_ROWS: usize = 4;
+
+/// Returns whether a column with this name and these cells identifies subjects.
+fn are_subjects<'a>(name: &str, cells: impl Iterator<Item = &'a str>) -> bool {
+    let name: String = name.to_lowercase().chars().filter(|c| !matches!(c, '_' | '-' | '.' | ' ')).collect();
+    if SUBJECTS.contains(&name.as_str()) {
+        return true;
+    }
+    let cells: Vec<&str> = cells.collect();
+    let different = cells.iter().collect::<HashSet<_>>().len();
+    SUBJECTS_OR_GROUPS.contains(&name.as_str()) && different >= FEWEST_SUBJECTS && cells.len() <= MOST_ROWS * different
+}
 
 /// Returns a warning about subjects with several rows, unless a covariate identifies the subjects.
 fn repeated(table: &Table, covariates: &[Term]) -> Option<String> {
-    let is_subject = |name: &str| SUBJECTS.iter().any(|other| name.eq_ignore_ascii_case(other));
-    let identifies = |term: &Term| matches!(term, Term::Column(name, Column::Levels(_)) if is_subject(name));
+    let identifies = |term: &Term| match term {
+        Term::Column(name, Column::Levels(levels)) => are_subjects(name, levels.iter().map(String::as_str)),
+        _ => false,
+    };
     if covariates.iter().any(identifies) {
         return None;
     }
-    table.names().filter(|name| is_subject(name)).find_map(|name| {
-        let cells = table.cells(name).ok()?;
+    table.names().find_map(|name| {
+        let cells = table.cells(name).ok().filter(|cells| are_subjects(name, cells.iter().copied()))?;
         let mut seen = HashSet::new();
         let twice: HashSet<&str> = cells.iter().copied().filter(|cell| !seen.insert(*cell)).collect();
         let first = cells.iter().find(|cell| twice.contains(*cell))?;
         Some(format!(
             "{} of {} subjects {} more than one row ({name} {first} has {}), but the test assumes independent rows, so p \
              values are too small; test the differences between two models of each subject (--minus), or, for an effect \
-             within subjects, add the subjects as a covariate (--covariates {name} --categorical {name})",
+             within subjects that is equal in all of them, add the subjects as a covariate (--covariates {name} \
+             --categorical {name}); if the effect differs between \
+             subjects, compute a slope for each subject and test the slopes",
             twice.len(),
             seen.len(),
             if twice.len() == 1 { "has" } else { "have" },
             cells.iter().filter(|cell| *cell == first).count(),
         ))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::are_subjects;
+
+    #[test]
+    fn columns_of_groups_are_not_taken_for_subjects() {
+        let cells = |levels: usize, each: usize| ["a", "b", "c", "d", "e"][..levels].repeat(each);
+        let found = |name, levels, each| are_subjects(name, cells(levels, each).into_iter());
+        assert!(found("Animal ID", 2, 9) && found("subject", 5, 9));
+        // Five species of eight animals each, and five animals of four scans each.
+        assert!(!found("animal", 5, 8) && found("animal", 5, 4) && !found("case", 2, 2));
+    }
 }

@@ -233,7 +233,10 @@ pub(super) fn lines(found: &Test, study: &Study, cli: &Cli) -> Vec<Vec<String>> 
     let mut lines = vec![
         pair("tested", question.meaning.clone()),
         pair("accounted for", if covariates.is_empty() { "nothing".to_owned() } else { covariates.join(", ") }),
-        pair("subjects", question.design.subjects().to_string()),
+        match &study.blocks {
+            Some(blocks) => pair("rows", format!("{} in {} blocks", blocks.observations(), blocks.count())),
+            None => pair("subjects", question.design.subjects().to_string()),
+        },
         pair(&format!("largest {name}"), format!("{} with {freedom} degrees of freedom", number(largest))),
         pair("least p", count(&found.p)),
         pair("least q", count(&found.q)),

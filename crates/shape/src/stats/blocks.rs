@@ -11,7 +11,7 @@ use std::hash::Hash;
 
 use ndarray::{ArrayView2, Axis};
 
-use super::design::{Design, orthonormalise};
+use super::design::{Design, dot, orthonormalise};
 
 /// Relabellings that blocks allow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,7 +20,8 @@ pub enum Exchange {
     Within,
     /// Whole blocks of the same size are exchanged, and all signs of a block are flipped together. Observations
     /// correspond by the columns of the design that vary within blocks, such as the visit, if the blocks have equal
-    /// values there; otherwise by their order in the table.
+    /// values there; otherwise by the rank of the column that varies within blocks, such as the age; if several columns
+    /// vary, by their order in the table.
     Whole,
 }
 
@@ -64,6 +65,11 @@ impl Blocks {
         self.exchange
     }
 
+    /// Returns the index of each observation's block (n), counted from 0.
+    pub(crate) fn of(&self) -> &[usize] {
+        &self.of
+    }
+
     /// Returns whether the design has a level for each block of several observations, so that its errors don't contain
     /// the blocks' differences.
     pub(crate) fn are_in(&self, design: &Design) -> bool {
@@ -91,25 +97,66 @@ impl Blocks {
 }
 
 /// Sorts the observations of whole blocks, so that corresponding observations of all blocks have the same position. `x`
-/// (n, p) is the design.
-pub(crate) fn aligned(mut sets: Vec<Vec<Unit>>, x: ArrayView2<'_, f64>) -> Vec<Vec<Unit>> {
-    let varies = |column: &usize| {
-        let differs = |unit: &Unit| unit.iter().any(|i| x[[*i as usize, *column]] != x[[unit[0] as usize, *column]]);
-        sets.iter().flatten().any(differs)
-    };
+/// (n, p) is the design. Also returns whether observations of a set correspond only by their order, though the design
+/// varies within its blocks.
+pub(crate) fn aligned(mut sets: Vec<Vec<Unit>>, x: ArrayView2<'_, f64>) -> (Vec<Vec<Unit>>, bool) {
+    let varies = |column: &usize| sets.iter().flatten().any(|unit| varies_in(unit, x, *column));
     let columns: Vec<usize> = (0..x.ncols()).filter(varies).collect();
     // If each level has a slope, its column is zero for other levels; the columns' sum doesn't depend on the level.
     let sum = |i: u32| vec![columns.iter().map(|column| x[[i as usize, *column]]).sum::<f64>()];
+    let mut by_order = false;
     for set in &mut sets {
-        // Columns whose values differ between blocks, such as the age, don't say which observations correspond.
-        let shared: Vec<usize> = columns.iter().copied().filter(|column| has_equal_values(set, x, *column)).collect();
-        if shared.is_empty() {
-            sort_by(set, sum);
+        let varying =
+            |unit: &Unit| columns.iter().copied().filter(|column| varies_in(unit, x, *column)).collect::<Vec<usize>>();
+        let varying: Vec<Vec<usize>> = set.iter().map(varying).collect();
+        if set.len() == 1 || varying.iter().all(Vec::is_empty) {
+            continue;
+        }
+        // Columns whose values differ between blocks, such as the age, don't say which observations correspond; nor do
+        // columns that vary only in blocks of other sizes.
+        let is_shared = |column: &usize| {
+            varying.iter().any(|columns| columns.contains(column)) && has_equal_values(set, x, *column)
+        };
+        let shared: Vec<usize> = columns.iter().copied().filter(is_shared).collect();
+        let is_sorted = if shared.is_empty() {
+            sort_by(set, sum) || sort_by_rank(set, x, &varying)
         } else {
-            sort_by(set, |i| shared.iter().map(|column| x[[i as usize, *column]]).collect());
+            sort_by(set, |i| shared.iter().map(|column| x[[i as usize, *column]]).collect())
+        };
+        by_order |= !is_sorted;
+    }
+    (sets, by_order)
+}
+
+fn varies_in(unit: &Unit, x: ArrayView2<'_, f64>, column: usize) -> bool {
+    unit.iter().any(|i| x[[*i as usize, column]] != x[[unit[0] as usize, column]])
+}
+
+/// Sorts the observations of each unit by the column that varies in the unit, such as the age; each group may have such
+/// a column of its own. Of several columns, the others must be proportional to the first one, as its interactions with
+/// columns that are constant in the unit are. Returns whether this is so.
+fn sort_by_rank(set: &mut [Unit], x: ArrayView2<'_, f64>, varying: &[Vec<usize>]) -> bool {
+    let first = varying[0].first();
+    let is_common = varying.iter().all(|columns| columns.first() == first);
+    let is_ranked = set.iter().zip(varying).all(|(unit, columns)| match columns[..] {
+        [_] => true,
+        [first, ref others @ ..] => is_common && others.iter().all(|other| is_proportional(unit, x, [first, *other])),
+        [] => false,
+    });
+    if is_ranked {
+        for (unit, columns) in set.iter_mut().zip(varying) {
+            unit.sort_by(|a, b| x[[*a as usize, columns[0]]].total_cmp(&x[[*b as usize, columns[0]]]));
         }
     }
-    sets
+    is_ranked
+}
+
+/// Returns whether two columns are proportional within a unit. They aren't centred, because two numbers are always
+/// proportional to two others after centring.
+fn is_proportional(unit: &Unit, x: ArrayView2<'_, f64>, columns: [usize; 2]) -> bool {
+    let [a, b] = columns.map(|column| unit.iter().map(|i| x[[*i as usize, column]]).collect::<Vec<_>>());
+    let (ratio, tolerance) = (dot(&a, &b) / dot(&a, &a), 1e-9 * dot(&b, &b).sqrt());
+    a.iter().zip(&b).all(|(a, b)| (b - ratio * a).abs() <= tolerance)
 }
 
 /// Returns whether all units have the same values in a column, in any order.
@@ -127,8 +174,8 @@ fn close(a: f64, b: f64) -> bool {
     (a - b).abs() <= 1e-9 * a.abs().max(1.0)
 }
 
-/// Sorts the observations of each unit by a key, if the units have equal keys.
-fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) {
+/// Sorts the observations of each unit by a key, if the units have equal keys. Returns whether this is so.
+fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) -> bool {
     let order = |a: &Vec<f64>, b: &Vec<f64>| {
         a.iter().zip(b).map(|(a, b)| a.total_cmp(b)).find(|order| order.is_ne()).unwrap_or(std::cmp::Ordering::Equal)
     };
@@ -142,9 +189,11 @@ fn sort_by(set: &mut [Unit], key: impl Fn(u32) -> Vec<f64>) {
         .collect();
     let all_close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| close(*a, *b));
     let equal = |unit: &Vec<(Vec<f64>, u32)>| unit.iter().zip(&sorted[0]).all(|(a, b)| all_close(&a.0, &b.0));
-    if sorted.iter().all(equal) {
+    let are_equal = sorted.iter().all(equal);
+    if are_equal {
         set.iter_mut().zip(sorted).for_each(|(unit, sorted)| *unit = sorted.into_iter().map(|(_, i)| i).collect());
     }
+    are_equal
 }
 
 /// Numbers names from 0 in the order of their first occurrence, for example to define variance groups.
@@ -198,16 +247,45 @@ mod tests {
         let matrix = |rows: [[f64; 2]; 6]| Array2::from_shape_fn((6, 2), |(i, k)| rows[i][k]);
         // The first column is the group, the second one the visit.
         let visits = matrix([[1.0, 0.5], [1.0, -0.5], [0.0, -0.5], [0.0, 0.5], [0.0, 0.5], [0.0, -0.5]]);
-        assert_eq!(aligned(sets(), visits.view()), [vec![vec![1, 0], vec![2, 3], vec![5, 4]]]);
+        let by_visit = (vec![vec![vec![1, 0], vec![2, 3], vec![5, 4]]], false);
+        assert_eq!(aligned(sets(), visits.view()), by_visit);
         // Each column is the slope of a group.
         let slopes = matrix([[1.0, 0.0], [-1.0, 0.0], [0.0, -1.0], [0.0, 1.0], [0.0, 1.0], [0.0, -1.0]]);
-        assert_eq!(aligned(sets(), slopes.view()), [vec![vec![1, 0], vec![2, 3], vec![5, 4]]]);
+        assert_eq!(aligned(sets(), slopes.view()), by_visit);
         // The first column is the visit, the second one the age.
         let aged = matrix([[0.5, 33.0], [-0.5, 30.0], [-0.5, 51.0], [0.5, 54.0], [0.5, 70.0], [-0.5, 67.0]]);
-        assert_eq!(aligned(sets(), aged.view()), [vec![vec![1, 0], vec![2, 3], vec![5, 4]]]);
-        // With values of their own, the blocks keep the order of the table.
+        assert_eq!(aligned(sets(), aged.view()), by_visit);
+        // Rows whose ages differ between all blocks correspond by their rank, also if each group has a slope, or if
+        // another column is the product of the group and the age.
         let ages = matrix([[1.0, 33.0], [1.0, 30.0], [0.0, 51.0], [0.0, 54.0], [0.0, 70.0], [0.0, 71.0]]);
-        assert_eq!(aligned(sets(), ages.view()), sets());
+        let by_rank = (vec![vec![vec![1, 0], vec![2, 3], vec![4, 5]]], false);
+        assert_eq!(aligned(sets(), ages.view()), by_rank);
+        let slopes = matrix([[3.0, 0.0], [0.0, 0.0], [0.0, 51.0], [0.0, 54.0], [0.0, 70.0], [0.0, 71.0]]);
+        assert_eq!(aligned(sets(), slopes.view()), by_rank);
+        let product = matrix([[33.0, 9.9], [30.0, 9.0], [51.0, -51.0], [54.0, -54.0], [70.0, 7.0], [71.0, 7.1]]);
+        assert_eq!(aligned(sets(), product.view()), by_rank);
+        // Blocks of two rows are all in one group, blocks of three rows in the other.
+        let slopes = ndarray::array![
+            [33.0, 0.0],
+            [30.0, 0.0],
+            [40.0, 0.0],
+            [47.0, 0.0],
+            [0.0, 51.0],
+            [0.0, 54.0],
+            [0.0, 57.0],
+            [0.0, 70.0],
+            [0.0, 60.0],
+            [0.0, 65.0]
+        ];
+        let by_size = Blocks::new(["a", "a", "b", "b", "c", "c", "c", "d", "d", "d"], Exchange::Whole).sets();
+        let sorted = vec![vec![vec![1, 0], vec![2, 3]], vec![vec![4, 5, 6], vec![8, 9, 7]]];
+        assert_eq!(aligned(by_size, slopes.view()), (sorted, false));
+        // Two columns that vary in different ways leave the order of the table, also in blocks of two rows.
+        let doses = matrix([[33.0, 2.0], [30.0, 9.0], [51.0, 4.0], [54.0, 1.0], [70.0, 7.0], [71.0, 3.0]]);
+        assert_eq!(aligned(sets(), doses.view()), (sets(), true));
+        let doses = matrix([[33.0, 2.0], [30.0, 9.0], [31.0, 4.0], [51.0, 4.0], [54.0, 1.0], [57.0, 7.0]]);
+        let sets = || Blocks::new(["a", "a", "a", "b", "b", "b"], Exchange::Whole).sets();
+        assert_eq!(aligned(sets(), doses.view()), (sets(), true));
     }
 
     #[test]

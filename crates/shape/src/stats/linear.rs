@@ -85,8 +85,8 @@ pub struct Effect {
     pub standard_error: Array2<f64>,
     /// Half the widths of the estimates' confidence intervals (V, d).
     pub margin: Array2<f64>,
-    /// Effect sizes (V): the estimate divided by the errors' standard deviation. This is Cohen's d for two groups, and
-    /// the Mahalanobis distance for d > 1. NaN at vertices without variance.
+    /// Effect sizes (V): the estimate divided by the errors' standard deviation. This is Cohen's d for two groups
+    /// without covariates, and the Mahalanobis distance for d > 1. NaN at vertices without variance.
     pub size: Vec<f64>,
 }
 

@@ -117,7 +117,7 @@ pub(crate) fn family_wise(
     }
     let blocks = test.blocks.as_ref();
     let sets = match blocks {
-        Some(blocks) if blocks.exchange() == Exchange::Whole => aligned(blocks.sets(), design.matrix()),
+        Some(blocks) if blocks.exchange() == Exchange::Whole => aligned(blocks.sets(), design.matrix()).0,
         Some(blocks) => blocks.sets(),
         None => free(values.nrows()),
     };
@@ -150,6 +150,17 @@ pub(crate) fn family_wise(
     }
     let asked = blocks.is_some() || test.errors.is_some();
     if asked && resampling == Resampling::Permutations && units_are_equal(&sets, &model.tested) {
+        // Blocks of the same size only help if blocks of different sizes have different values.
+        let differ = sets.iter().any(|set| !are_equal(&set[0], &sets[0][0], model.tested.view()));
+        if differ && blocks.is_some_and(|blocks| blocks.exchange() == Exchange::Whole) {
+            let sizes: Vec<String> = sets.iter().map(|set| set[0].len().to_string()).collect();
+            return Err(ShapeError::Setting {
+                name: "the number of rows of a whole block",
+                found: sizes.join(" or "),
+                expected: "only blocks of the same size can be exchanged, but blocks of the same size don't differ in \
+                           the tested columns; give blocks of the same size, or test one value of each block",
+            });
+        }
         return Err(ShapeError::NoRelabelling { resampling, blocks: blocks.is_some() });
     }
     let arrangements = Arrangements::new(rows.view(), sets, resampling, params.count, params.exact_up_to, params.seed);

@@ -6,8 +6,9 @@ use ndarray::Array2;
 
 use super::TestWarning;
 use super::design::{Contrast, Design};
+use super::nested::{container, leave_out};
 use super::projection::{Projection, contrast_in_basis};
-use super::terms::{Coded, Column, Term, centred, check_varies, coded, distinct, indicator, times};
+use super::terms::{Coded, Column, Term, centred, check_varies, coded, distinct, far, indicator, times};
 use crate::ShapeError;
 use crate::product::product;
 
@@ -34,6 +35,17 @@ pub struct Question {
 }
 
 impl Question {
+    /// Returns the columns whose effects aren't in the design, because the effects of another column contain them, and
+    /// the names of these other columns: `["group", "subject"]`.
+    pub fn contained(&self) -> Vec<[String; 2]> {
+        let mut found: Vec<[String; 2]> = Vec::new();
+        for (name, column) in self.covariates.iter().flat_map(Term::columns) {
+            let pair = container(name, column, &self.covariates).map(|other| [name.to_owned(), other.to_owned()]);
+            found.extend(pair.filter(|pair| !found.contains(pair)));
+        }
+        found
+    }
+
     /// Replaces the contrast by one or more combinations of the design's columns, such as `patient - control`; see
     /// [`Design::contrast`]. The statistic is t for one combination, and F for several.
     ///
@@ -96,9 +108,10 @@ struct Tested {
 /// | numbers, numbers | `mean`, both, and their product | the product's slope |
 ///
 /// Levels are in the order `order`, by default sorted. For an interaction, `order` applies to its first column of
-/// levels. Numbers are centred. A covariate of levels has a centred column for each level except the first, and
-/// interactions of covariates are products of such columns. The design includes the columns of an interaction even if
-/// they aren't listed as covariates.
+/// levels. If a covariate such as the subject contains the main effect of one column of an interaction, the design has
+/// no columns for this main effect; see [`Question::contained`]. Numbers are centred. A covariate of levels has a
+/// centred column for each level except the first, and interactions of covariates are products of such columns. The
+/// design includes the columns of an interaction even if they aren't listed as covariates.
 ///
 /// # Errors
 ///
@@ -112,8 +125,8 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
     let terms: Vec<&Term> = std::iter::once(effect).chain(covariates).collect();
     check(n, &terms)?;
     let codes = codes_of(Some(effect), covariates);
-    let warnings = similar_levels(&terms);
-    let tested = match effect {
+    let warnings = doubts(&terms);
+    let mut tested = match effect {
         Term::Column(name, Column::Numbers(numbers)) => Tested {
             base: constant(n),
             slopes: vec![(name.clone(), centred(numbers))],
@@ -149,6 +162,9 @@ pub fn question(effect: &Term, order: &[String], covariates: &[Term]) -> Result<
         return Err(ShapeError::Setting { name: "the order of levels", found, expected });
     }
     let [own, covariates] = expanded(Some(effect), covariates);
+    if let Term::Interaction(columns) = effect {
+        leave_out((&mut tested.base, &mut tested.slopes, &mut tested.weights[..]), columns, &covariates);
+    }
     let design = assemble(tested.base, tested.slopes, &covariates)?;
     let covariates = [own, covariates].concat();
     let columns = design.matrix().ncols();
@@ -172,7 +188,7 @@ pub fn mean_question(subjects: usize, covariates: &[Term]) -> Result<Question, S
     let terms: Vec<&Term> = covariates.iter().collect();
     check(subjects, &terms)?;
     let codes = codes_of(None, covariates);
-    let warnings = similar_levels(&terms);
+    let warnings = doubts(&terms);
     let [_, covariates] = expanded(None, covariates);
     let design = assemble(constant(subjects), Vec::new(), &covariates)?;
     let contrast = Contrast::column(design.matrix().ncols(), 0);
@@ -291,7 +307,8 @@ fn expanded(effect: Option<&Term>, covariates: &[Term]) -> [Vec<Term>; 2] {
     for term in covariates {
         for part in parts(term) {
             let tested = effect == Some(&part);
-            if !(tested || covariates.contains(&part) || included.contains(&part)) {
+            let is_contained = matches!(&part, Term::Column(name, of) if container(name, of, covariates).is_some());
+            if !(tested || is_contained || covariates.contains(&part) || included.contains(&part)) {
                 included.push(part);
             }
         }
@@ -344,11 +361,24 @@ fn codes_of(effect: Option<&Term>, covariates: &[Term]) -> Vec<(String, Vec<f64>
     codes
 }
 
-/// Returns warnings about levels of a column that differ only in case or in surrounding spaces.
-fn similar_levels(terms: &[&Term]) -> Vec<TestWarning> {
+/// Returns warnings about levels of a column that differ only in case or in surrounding spaces, and about numbers far
+/// from all others.
+fn doubts(terms: &[&Term]) -> Vec<TestWarning> {
     let mut found: Vec<TestWarning> = Vec::new();
     for (name, column) in terms.iter().flat_map(|term| term.columns()) {
-        let Column::Levels(of) = column else { continue };
+        let of = match column {
+            Column::Levels(of) => of,
+            Column::Numbers(numbers) => {
+                let warning = far(numbers).map(|(row, median)| TestWarning::FarValue {
+                    column: name.to_owned(),
+                    row: row + 1,
+                    value: numbers[row],
+                    median,
+                });
+                found.extend(warning.filter(|warning| !found.contains(warning)));
+                continue;
+            }
+        };
         let mut before = BTreeMap::new();
         for level in distinct(of) {
             let Some(other) = before.insert(level.trim().to_lowercase(), level.clone()) else { continue };

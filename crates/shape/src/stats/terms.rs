@@ -15,7 +15,8 @@ pub enum Column {
 }
 
 impl Column {
-    /// Parses the cells of a column: numbers if all cells are finite numbers, otherwise levels.
+    /// Parses the cells of a column: numbers if all cells are finite numbers, otherwise levels. The minus sign U+2212
+    /// is read as a hyphen.
     ///
     /// ```
     /// use spharm_shape::stats::Column;
@@ -24,7 +25,8 @@ impl Column {
     /// ```
     pub fn of<'a>(cells: impl IntoIterator<Item = &'a str>) -> Self {
         let cells: Vec<&str> = cells.into_iter().map(str::trim).collect();
-        let number = |cell: &&str| cell.parse::<f64>().ok().filter(|number| number.is_finite());
+        let number =
+            |cell: &&str| cell.replace('\u{2212}', "-").parse::<f64>().ok().filter(|number| number.is_finite());
         let numbers: Option<Vec<f64>> = cells.iter().map(number).collect();
         numbers.map_or_else(|| Self::Levels(cells.into_iter().map(str::to_owned).collect()), Self::Numbers)
     }
@@ -137,6 +139,37 @@ pub(crate) fn check_varies(name: &str, column: &Column) -> Result<(), ShapeError
         }
         _ => Ok(()),
     }
+}
+
+/// Fewest numbers whose quartiles show whether one of them is far from the others.
+const FEWEST: usize = 8;
+/// Distance from the median, in interquartile ranges, beyond which a number is far from the others.
+const FAR: f64 = 20.0;
+
+/// Smallest absolute value of numbers such as 1e30 and the largest number of a type, which are used as codes.
+const HUGE: f64 = 1e30;
+
+/// Returns whether a number looks like a code of a missing value: -1, digits that are all 7, 8 or 9, such as -999 and
+/// 99.9, or a huge number. Of skewed data, the largest numbers may be far from the others, too.
+fn is_like_code(number: f64) -> bool {
+    let digits: Vec<char> = number.abs().to_string().chars().filter(|digit| *digit != '.').collect();
+    let repeats = ['7', '8', '9'].contains(&digits[0]) && digits.iter().all(|digit| *digit == digits[0]);
+    number == -1.0 || repeats || number.abs() >= HUGE
+}
+
+/// Returns the row of the number that is farthest from the median, and the median, if the number is so far away that it
+/// may be a code of a missing value, such as -999, and looks like one.
+pub(crate) fn far(numbers: &[f64]) -> Option<(usize, f64)> {
+    let n = numbers.len();
+    if n < FEWEST {
+        return None;
+    }
+    let mut sorted = numbers.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let (range, median) = (sorted[3 * n / 4] - sorted[n / 4], sorted[n / 2]);
+    let distance = |row: &usize| (numbers[*row] - median).abs();
+    let row = (0..n).max_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    (range > 0.0 && distance(&row) > FAR * range && is_like_code(numbers[row])).then_some((row, median))
 }
 
 /// Names and values of columns of a design.

@@ -84,6 +84,70 @@ fn covariates_may_interact_and_bring_their_columns() {
     assert_eq!(question(&group, &[], &listed).unwrap().design.names().len(), 4);
 }
 
+/// If the subjects are a covariate, they contain the effect of the group. The interaction is the same as in a design of
+/// the subjects' levels and the interaction's own columns.
+#[test]
+fn main_effects_that_subjects_contain_are_left_out() {
+    let (group, age) = ("a a a a b b b b", "1 2 2 4 9 6 7 8");
+    let subject = column("subject", "s1 s1 s2 s2 s3 s3 s4 s4");
+    let estimate = |asked: &Question, values: &Array2<f64>| {
+        let (basis, u) = contrast_in_basis(&asked.design, &asked.contrast);
+        product(u.t(), product(basis.t(), values.view()).view())[[0, 0]]
+    };
+    let of_subject = [5.0, -2.0, 11.0, 3.0];
+    let ages = [1.0, 2.0, 2.0, 4.0, 9.0, 6.0, 7.0, 8.0];
+    let slopes = question(&interaction(("group", group), ("age", age)), &[], std::slice::from_ref(&subject)).unwrap();
+    assert_eq!(slopes.design.names()[..3], ["mean", "a:age", "b:age"]);
+    assert_eq!(slopes.contained(), [["group", "subject"].map(str::to_owned)]);
+    let slope = |i: usize| if i < 4 { 0.5 } else { -0.25 };
+    let values = Array2::from_shape_fn((8, 1), |(i, _)| of_subject[i / 2] + slope(i) * ages[i]);
+    assert!((estimate(&slopes, &values) - 0.75).abs() < 1e-12);
+    // Each subject has the visits x, y or y, x.
+    let visit = "x y y x x y y x";
+    let is_x = |i: usize| visit.as_bytes()[2 * i] == b'x';
+    let change = |i: usize| if is_x(i) { 3.0 * slope(i) } else { 0.0 };
+    let values = Array2::from_shape_fn((8, 1), |(i, _)| of_subject[i / 2] + change(i));
+    for (first, second, own) in [
+        (("group", group), ("visit", visit), ["mean", "a:y", "b:y"]),
+        (("visit", visit), ("group", group), ["mean", "y:a", "y:b"]),
+    ] {
+        let cells = question(&interaction(first, second), &[], std::slice::from_ref(&subject)).unwrap();
+        assert_eq!(cells.design.names()[..3], own);
+        assert!((estimate(&cells, &values) - 2.25).abs() < 1e-12, "{}", cells.meaning);
+    }
+    let numbers =
+        question(&interaction(("dose", "1 1 2 2 4 4 9 9"), ("age", age)), &[], std::slice::from_ref(&subject));
+    assert_eq!(numbers.unwrap().design.names()[..3], ["mean", "age", "dose:age"]);
+    // As a covariate, the interaction doesn't add the group, either.
+    let covariates = [subject.clone(), interaction(("group", group), ("age", age))];
+    let found = question(&column("age", age), &[], &covariates).unwrap();
+    assert_eq!(found.design.names().len(), 6);
+    assert_eq!(found.contained(), [["group", "subject"].map(str::to_owned)]);
+    // A group without other ages within subjects has no slope.
+    let constant = interaction(("group", group), ("age", "1 2 2 4 9 9 7 7"));
+    assert!(matches!(question(&constant, &[], &[subject]), Err(ShapeError::Rank { .. })));
+}
+
+#[test]
+fn numbers_far_from_all_others_are_doubted() {
+    let age = column("age", "31 42 55 61 -999 33 40 52 66 71");
+    let expected = TestWarning::FarValue { column: "age".to_owned(), row: 5, value: -999.0, median: 52.0 };
+    let found = question(&column("group", "a a a a a b b b b b"), &[], std::slice::from_ref(&age)).unwrap();
+    assert_eq!(found.warnings, [expected.clone()]);
+    assert_eq!(question(&age, &[], &[]).unwrap().warnings, [expected]);
+    // The largest numbers of skewed data are far from the others, but don't look like codes.
+    for (volumes, warnings) in [
+        ("1 2 3 4 5 9 17 33 65 129", 0),
+        ("1 2 3 4 5 9 17 33 65 1290.5", 0),
+        ("1 2 3 4 5 9 17 33 65 999.9", 1),
+        ("1 2 3 4 5 9 17 33 65 1e30", 1),
+        ("4001 4002 4003 4004 4005 4009 4017 4033 4065 -1", 1),
+    ] {
+        assert_eq!(question(&column("volume", volumes), &[], &[]).unwrap().warnings.len(), warnings, "{volumes}");
+    }
+    assert_eq!(Column::of(["\u{2212}1", "2"]), Column::Numbers(vec![-1.0, 2.0]));
+}
+
 #[test]
 fn contrasts_replace_the_default_one() {
     let group = column("group", "a a a b b b c c c");

@@ -181,3 +181,65 @@ fn rows_of_blocks_may_be_in_any_order() {
     let (a, b) = (a.family_wise.unwrap(), b.family_wise.unwrap());
     assert_eq!((a.relabellings, a.exact, &a.p, &a.pointwise), (b.relabellings, b.exact, &b.p, &b.pointwise));
 }
+
+/// Ten subjects of three rows, whose slopes differ between subjects by `spread`.
+fn growth(spread: f64) -> (Design, Array2<f64>, Blocks) {
+    let (own, errors) = (noise(10, 40, 31), noise(30, 40, 7));
+    let start = noise(10, 1, 3);
+    let age = |i: usize| 5.0 * start[[i / 3, 0]] + [0.0, 1.3, 3.1][i % 3];
+    let x = Array2::from_shape_fn((30, 11), |(i, k)| if k == 0 { age(i) } else { f64::from(i / 3 == k - 1) });
+    let y = Array2::from_shape_fn((30, 40), |(i, v)| errors[[i, v]] + spread * own[[i / 3, v]] * age(i));
+    (Design::new(x, Vec::new()).unwrap(), y, Blocks::new((0..30).map(|i| i / 3), Exchange::Within))
+}
+
+#[test]
+fn slopes_that_differ_between_blocks_are_warned_of() {
+    let warnings = |spread: f64| {
+        let (design, y, blocks) = growth(spread);
+        let permutations = Some(PermutationParams { count: 99, ..PermutationParams::default() });
+        let params = TestParams { blocks: Some(blocks), permutations, ..TestParams::default() };
+        test(y.view(), 1, &design, &Contrast::column(11, 0), &params, &Silent).unwrap().warnings
+    };
+    let found = warnings(2.0);
+    assert!(matches!(found[..], [TestWarning::UnequalEffects { f, p }] if f > 3.0 && p < 1e-3), "{found:?}");
+    assert!(warnings(0.0).is_empty(), "{:?}", warnings(0.0));
+    // Two rows of a block don't show whether effects differ.
+    let params = TestParams { blocks: Some(pairs(7, Exchange::Within)), ..TestParams::default() };
+    let found = test(noise(14, 9, 5).view(), 1, &paired(7), &Contrast::column(8, 0), &params, &Silent).unwrap();
+    assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+}
+
+#[test]
+fn whole_blocks_of_different_sizes_are_refused_by_their_sizes() {
+    let design = Design::groups(&[9, 6]).unwrap();
+    let blocks = Blocks::new((0..15).map(|i| if i < 9 { i / 3 } else { 3 + (i - 9) / 2 }), Exchange::Whole);
+    let params = TestParams { blocks: Some(blocks), ..TestParams::default() };
+    let error = test(noise(15, 3, 5).view(), 1, &design, &Contrast::difference(2, 0, 1), &params, &Silent).unwrap_err();
+    assert!(error.to_string().starts_with("the number of rows of a whole block is 2 or 3; only blocks"), "{error}");
+}
+
+#[test]
+fn blocks_of_different_sizes_without_an_effect_between_them_are_refused_for_the_effect() {
+    // The effect is the visit, which is equal in all blocks.
+    let visit = Array2::from_shape_fn((15, 1), |(i, _)| f64::from(if i < 9 { i % 3 == 1 } else { (i - 9) % 2 == 1 }));
+    let design = Design::groups(&[15]).unwrap().with_covariates(visit.view(), &[]).unwrap();
+    let blocks = Blocks::new((0..15).map(|i| if i < 9 { i / 3 } else { 3 + (i - 9) / 2 }), Exchange::Whole);
+    let params = TestParams { blocks: Some(blocks), ..TestParams::default() };
+    let error = test(noise(15, 3, 5).view(), 1, &design, &Contrast::column(2, 1), &params, &Silent).unwrap_err();
+    assert!(matches!(error, ShapeError::NoRelabelling { blocks: true, .. }), "{error}");
+}
+
+#[test]
+fn the_order_of_rows_is_warned_of_only_if_rows_are_exchanged() {
+    // Age and dose vary within blocks in different ways.
+    let (ages, doses) = (noise(16, 1, 3), noise(16, 1, 9));
+    let x = ndarray::concatenate![Axis(1), ages, doses];
+    let design = Design::groups(&[8, 8]).unwrap().with_covariates(x.view(), &[]).unwrap();
+    let found = |errors| {
+        let params = TestParams { blocks: Some(pairs(8, Exchange::Whole)), errors, ..TestParams::default() };
+        let contrast = Contrast::row(&[1.0, -1.0, 0.0, 0.0]);
+        test(noise(16, 3, 5).view(), 1, &design, &contrast, &params, &Silent).unwrap().warnings
+    };
+    assert!(found(None).contains(&TestWarning::RowsByOrder));
+    assert!(!found(Some(Resampling::SignFlips)).contains(&TestWarning::RowsByOrder));
+}

@@ -1,0 +1,84 @@
+//! Leaves out the main effects of an interaction that a covariate contains, such as the effect of the group if the
+//! subjects are a covariate: each subject is in one group.
+//!
+//! The remaining columns span the same space, and the interaction has the same meaning.
+
+use std::collections::HashMap;
+
+use super::terms::{Coded, Column, Term, distinct};
+
+/// Returns the name of a covariate with levels within each of which the column is constant, if there is one.
+pub(crate) fn container<'a>(name: &str, column: &Column, covariates: &'a [Term]) -> Option<&'a str> {
+    covariates.iter().find_map(|term| match term {
+        Term::Column(other, Column::Levels(of)) if other != name && is_constant(column, of) => Some(other.as_str()),
+        _ => None,
+    })
+}
+
+fn is_constant(column: &Column, of: &[String]) -> bool {
+    fn once_each<T: PartialEq>(values: &[T], of: &[String]) -> bool {
+        let mut first = HashMap::new();
+        values.iter().zip(of).all(|(value, level)| *first.entry(level).or_insert(value) == value)
+    }
+    match column {
+        Column::Numbers(numbers) => once_each(numbers, of),
+        Column::Levels(levels) => once_each(levels, of),
+    }
+}
+
+/// Removes the columns and weights of a main effect that a covariate contains from the design of an interaction of two
+/// columns. The base consists of the columns of levels or of the constant.
+pub(crate) fn leave_out(
+    (base, slopes, weights): (&mut Coded, &mut Coded, &mut [Vec<f64>]),
+    columns: &[(String, Column); 2],
+    covariates: &[Term],
+) {
+    let [(first, a), (second, b)] = columns;
+    let contained = [container(first, a, covariates).is_some(), container(second, b, covariates).is_some()];
+    let n = a.len();
+    let levels = base.len();
+    // Of two contained effects, the interaction is contained, too, which the design reports.
+    let kept: Vec<bool> = match (a, b, contained) {
+        (Column::Levels(_), Column::Levels(of), [true, false]) => {
+            let count = distinct(of).len();
+            (0..levels).map(|cell| cell % count > 0).collect()
+        }
+        (Column::Levels(_), Column::Levels(of), [false, true]) => {
+            let count = distinct(of).len();
+            (0..levels).map(|cell| cell >= count).collect()
+        }
+        (Column::Levels(_), Column::Numbers(_), [true, false])
+        | (Column::Numbers(_), Column::Levels(_), [false, true]) => {
+            (0..levels + slopes.len()).map(|at| at >= levels).collect()
+        }
+        (Column::Levels(_), Column::Numbers(_), [false, true])
+        | (Column::Numbers(_), Column::Levels(_), [true, false]) => {
+            (0..levels + slopes.len()).map(|at| at != levels).collect()
+        }
+        (Column::Numbers(_), Column::Numbers(_), [true, false]) => vec![true, false, true, true],
+        (Column::Numbers(_), Column::Numbers(_), [false, true]) => vec![true, true, false, true],
+        _ => return,
+    };
+    let is_kept = |at: usize| kept.get(at).copied().unwrap_or(true);
+    let mut at = 0;
+    let mut keep = || {
+        at += 1;
+        is_kept(at - 1)
+    };
+    base.retain(|_| keep());
+    slopes.retain(|_| keep());
+    let with_constant = base.len() < levels;
+    if with_constant {
+        base.insert(0, ("mean".to_owned(), vec![1.0; n]));
+    }
+    for row in weights {
+        let mut at = 0;
+        row.retain(|_| {
+            at += 1;
+            is_kept(at - 1)
+        });
+        if with_constant {
+            row.insert(0, 0.0);
+        }
+    }
+}
