@@ -219,6 +219,15 @@ fn the_largest_clusters_are_listed_with_the_name_of_their_file() {
     let html = page("out/report.html");
     assert!(html.contains("size: measures") && !html.contains("size: clusters"), "results of earlier versions");
     assert!(html.contains("Mask</th><td><bdi>cortex.label, seen.label"), "several masks");
+    let measures = "measure,n,mean,n a,mean a,effect,low,high,statistic,p\nvolume,8,5,4,6,2,1,3,2.5,0.01\n";
+    fs::write(folder.join("summary.csv"), measures).expect("a table");
+    let html = page("out/report.html");
+    let cells = |start: &str| -> Vec<String> {
+        let pieces = table(&html, "size: measures").split(start).skip(1);
+        pieces.filter_map(|cell| Some(cell.split_once("<bdi>")?.1.split_once('<')?.0.to_owned())).collect()
+    };
+    assert_eq!(cells("<th ").join(","), "measure,effect,low,high,statistic,p,n,mean,n a,mean a");
+    assert_eq!(cells("<td").join(","), "volume,2,1,3,2.5,0.01,8,5,4,6");
     let clusters = |count: usize| {
         let row = |k: usize| format!("{},{},1.5,0.01,{k},0,0,1,0,0,2,3.5,0.2,<b>front</b>,mm^2\n", k + 1, 30 - k);
         let header = "cluster,vertices,area,p_fwe,peak,ux,uy,uz,x,y,z,statistic,effect,region,unit\n";

@@ -75,6 +75,23 @@ fn stages(stdout: &str) -> BTreeMap<String, String> {
 }
 
 #[test]
+fn the_methods_count_surfaces_and_blocks_if_a_subject_has_several_rows() {
+    let site = site();
+    let table = site.path().join("meshes/study.csv");
+    let rows = fs::read_to_string(&table).expect("a table");
+    let with_child = |line: &str| match line.strip_prefix(['a', 'b']) {
+        Some(rest) => format!("{line},c{}\n", &rest[..2]),
+        None => format!("{line},child\n"),
+    };
+    fs::write(&table, rows.lines().map(with_child).collect::<String>()).expect("a table");
+    let text = STUDY.replace("surfaces = false", "surfaces = false\nplain = false") + "blocks = \"child\"\n";
+    fs::write(site.path().join("study.toml"), text).expect("a file");
+    succeed(&mut study(site.path(), &[]));
+    let methods = fs::read_to_string(site.path().join("out/methods.md")).expect("a paragraph");
+    assert!(methods.starts_with("6 surfaces in 3 blocks (levels of child) were modelled by"), "{methods}");
+}
+
+#[test]
 fn a_study_is_made_once_and_after_a_change_only_what_depends_on_it() {
     let site = site();
     let first = stages(&succeed(&mut study(site.path(), &[])));

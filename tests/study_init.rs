@@ -100,7 +100,8 @@ fn a_generated_study_of_labels_names_its_wrong_header() {
     succeed(tool("study").args(["init", "--table", "labels/study.csv"]).current_dir(site));
     let written = fs::read_to_string(site.join("study.toml")).expect("a study");
     fs::write(site.join("study.toml"), written.replace("[align]", "[align]\nmethod = \"joint\"")).expect("a study");
-    succeed(tool("study").args(["study.toml", "-q"]).current_dir(site));
+    let output = finish(tool("study").args(["study.toml", "-q"]).current_dir(site));
+    assert!(output.status.success() && !text(&output).contains("the sform and the qform"), "{}", text(&output));
     let quality = fs::read_to_string(site.join("study/quality.tsv")).expect("a table");
     let first = quality.lines().nth(1).expect("a row");
     assert!(first.starts_with("a04\t") && first.contains("another unit: about 10 times"), "{quality}");

@@ -167,6 +167,31 @@ fn damaged_models_are_made_again_and_nothing_is_left_of_what_has_gone() {
 }
 
 #[test]
+fn files_that_no_run_has_written_are_replaced_only_with_force() {
+    let site = site();
+    write(site.path(), "study.toml", &STUDY.replace("output = \"out\"", "output = \".\""));
+    fs::create_dir_all(site.path().join("group")).expect("a folder");
+    fs::create_dir_all(site.path().join("tests/bump")).expect("a folder");
+    for name in ["report.html", "methods.md", "group/notes.txt"] {
+        write(site.path(), name, "mine");
+    }
+    let refused = |arguments: &[&str]| {
+        let error = fail(study(site.path()).args(arguments));
+        assert!(error.contains("found group, methods.md, report.html but no records of an earlier run"), "{error}");
+    };
+    refused(&["--dry-run"]);
+    refused(&[]);
+    refused(&["--shard", "0/2"]);
+    assert_eq!(fs::read_to_string(site.path().join("report.html")).expect("a file"), "mine");
+    assert!(!site.path().join(".study").exists() && !site.path().join("models").exists());
+    succeed(study(site.path()).arg("--force"));
+    assert_ne!(fs::read_to_string(site.path().join("report.html")).expect("a file"), "mine");
+    // Once the study has run, the files are its own.
+    succeed(&mut study(site.path()));
+    succeed(study(site.path()).arg("--dry-run"));
+}
+
+#[test]
 fn a_row_whose_model_was_deleted_is_not_done() {
     let site = site();
     let mut fit = tool("fit");

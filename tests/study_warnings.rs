@@ -142,14 +142,20 @@ fn a_strict_study_stops_at_a_flag_and_excluded_subjects_are_left_out() {
     let exclude = &format!("{exclude}\naccept = [{accepted}]\n[fit]");
     let study = fs::read_to_string(site.path().join("study.toml")).expect("the study").replace("[fit]", exclude);
     fs::write(site.path().join("study.toml"), study).expect("the study");
-    let said = succeed(tool("study").args(["study.toml", "--strict"]).current_dir(site.path()));
-    assert!(said.contains("page: "), "{said}");
+    let output = finish(tool("study").args(["study.toml", "--strict"]).current_dir(site.path()));
+    let said = text(&output);
+    assert!(output.status.success() && said.contains("page: "), "{said}");
     let found = checked(site.path());
     assert!(found.contains(&("a03".to_owned(), "excluded".to_owned(), "in tenths of mm".to_owned())), "{found:?}");
     assert!(found.contains(&("a02".to_owned(), "excluded".to_owned(), String::new())), "{found:?}");
     let page = fs::read_to_string(site.path().join("out/report.html")).expect("a page");
     assert!(page.contains("2 excluded.") && page.contains("in tenths of mm"));
     assert!(page.contains("1 accepted") && page.contains("accepted: looked at"));
+    // Without a02, which had the same mesh, b01 has no flag.
+    let remained = "1 subject remained in the group regardless of flags from the quality control (b03: looked at)";
+    let methods = fs::read_to_string(site.path().join("out/methods.md")).expect("a paragraph");
+    assert!(methods.contains(remained), "{methods}");
+    assert!(said.contains("b01 is accepted but not flagged") && !said.contains("b03 is accepted"), "{said}");
 
     // The results equal those of a table without the two excluded subjects.
     let results = fs::read(site.path().join("out/tests/bump/test.csv")).expect("a result");

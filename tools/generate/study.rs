@@ -68,6 +68,11 @@ fn nifti(voxels: &Voxels, size: f64) -> Result<Vec<u8>> {
         // The unit is millimetres, and the matrix maps voxels to the scanner's coordinates.
         xyzt_units: 2,
         sform_code: 1,
+        // The qform states the same coordinates: readers may use either of the two.
+        qform_code: 1,
+        quatern_x: row(0)[3],
+        quatern_y: row(1)[3],
+        quatern_z: row(2)[3],
         srow_x: row(0),
         srow_y: row(1),
         srow_z: row(2),

@@ -35,6 +35,8 @@ pub(super) struct MapFile {
     pub(super) caption: String,
     /// Name of the values, for the colour scale.
     label: String,
+    /// Whether the colours are symmetric about 0, even if no value is negative.
+    signed: bool,
 }
 
 impl Content {
@@ -65,19 +67,21 @@ impl Content {
             let files = ["shape.gii", "mgh"].map(|ending| folder.join(format!("{name}.{ending}")));
             files.into_iter().find(|path| path.is_file())
         };
+        // The other statistics, such as F, have no sign.
+        let has_sign = |name: &str| name == "effect" || name == "statistic" && ["t", "v"].contains(&statistic.as_str());
         let map = |name: &str, caption: &str, label: String| {
-            file(name).map(|path| MapFile { path, caption: caption.to_owned(), label })
+            file(name).map(|path| MapFile { path, caption: caption.to_owned(), label, signed: has_sign(name) })
         };
         let names = [("p-tfce", "family-wise p of TFCE"), ("p-fwe", "family-wise p"), ("q", "false discovery rate q")];
         let p = || names.iter().find_map(|(name, label)| map(name, label, (*label).to_owned()));
         let effect = map("effect", "effect", format!("{tested}{outward}"));
-        let statistic = map("statistic", &statistic, format!("{statistic} of {tested}"));
-        if statistic.is_none() {
+        let of_statistic = map("statistic", &statistic, format!("{statistic} of {tested}"));
+        if of_statistic.is_none() {
             bail!("expected maps written by `spharm shape test`, found no statistic.shape.gii");
         }
         Ok(Self {
             surfaces: vec![folder.join("mean.surf.gii")],
-            maps: [effect, statistic, p()].into_iter().flatten().collect(),
+            maps: [effect, of_statistic, p()].into_iter().flatten().collect(),
             contour: p(),
             level: about["level"].as_f64(),
         })
@@ -86,7 +90,7 @@ impl Content {
 
 impl MapFile {
     fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), caption: stem(path), label: stem(path) }
+        Self { path: path.to_owned(), caption: stem(path), label: stem(path), signed: false }
     }
 
     /// Returns whether the values are p values or false-discovery rates, judging by the file's name.
@@ -101,7 +105,7 @@ impl MapFile {
         let (values, own) = if self.is_probability() {
             significance(&values)
         } else {
-            let range = range_of(&values);
+            let range = if self.signed { symmetric_range(&values) } else { range_of(&values) };
             (values, range)
         };
         let range = range.unwrap_or(own);
@@ -128,6 +132,8 @@ pub(super) struct ContourMap {
     label: String,
     /// Value along the contour as given by the user.
     stated: f64,
+    /// Number of values that are at most `stated`.
+    at_most: usize,
     /// Range of the map's values, in the unit of `stated`.
     range: (f64, f64),
 }
@@ -138,18 +144,17 @@ impl ContourMap {
         let path = map.path.display();
         let values = read_map(&map.path, surface)?;
         let range = values.iter().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(*x), high.max(*x)));
-        let (values, level, stated) = match (level, map.is_probability()) {
+        let stated = level.unwrap_or(LEVEL);
+        let at_most = values.iter().filter(|value| **value <= stated).count();
+        let (values, level) = match (level, map.is_probability()) {
             (None, false) => bail!("{path}: --contour-level is required for maps other than p values"),
             (Some(level), true) if !(level > 0.0 && level < 1.0) => {
                 bail!("--contour-level: expected a value between 0 and 1 for p values ({path}), found {level}")
             }
-            (Some(level), false) => (values, level, level),
-            (level, true) => {
-                let p = level.unwrap_or(LEVEL);
-                (significance(&values).0, -p.log10(), p)
-            }
+            (Some(level), false) => (values, level),
+            (_, true) => (significance(&values).0, -stated.log10()),
         };
-        let contour = Self { values, level, stated, range, label: map.label.clone() };
+        let contour = Self { values, level, stated, at_most, range, label: map.label.clone() };
         if contour.line().is_none() {
             let (low, high) = contour.range;
             let (low, high) = (number(low), number(high));
@@ -167,11 +172,12 @@ impl ContourMap {
         crosses.then_some(Contour { values: &self.values, level: self.level })
     }
 
-    /// Returns the text beneath the picture.
+    /// Returns the text beneath the picture. It gives the number of values on one side of the line, because the line
+    /// may surround the places on either side.
     pub(super) fn note(&self) -> String {
         let (label, stated) = (&self.label, self.stated);
         if self.line().is_some() {
-            format!("line: {label} = {stated}")
+            format!("line: {label} = {stated}; at most {stated} at {} of {} vertices", self.at_most, self.values.len())
         } else {
             let (low, high) = self.range;
             let side = if low > stated { "above" } else { "at most" };
@@ -206,4 +212,17 @@ pub(super) fn range_of(values: &[f64]) -> (f64, f64) {
         return symmetric_range(values);
     }
     if low < high { (low, high) } else { (low, low + f64::MIN_POSITIVE.max(low.abs())) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_note_tells_how_many_values_are_beyond_the_line() {
+        let (p, label) = ([0.01, 0.02, 0.03, 0.5], "p-fwe".to_owned());
+        let values = significance(&p).0;
+        let map = ContourMap { values, level: -LEVEL.log10(), label, stated: LEVEL, at_most: 3, range: (0.01, 0.5) };
+        assert_eq!(map.note(), "line: p-fwe = 0.05; at most 0.05 at 3 of 4 vertices");
+    }
 }

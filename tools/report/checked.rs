@@ -14,15 +14,16 @@ use super::measured;
 
 /// Columns of the page's table: heading, key in the report, key of the robust z (empty for none), and the factor
 /// applied to the value.
-const COLUMNS: [(&str, &str, &str, f64); 12] = [
+const COLUMNS: [(&str, &str, &str, f64); 13] = [
     ("volume", "volume", "volume_z", 1.0),
     ("area", "area", "area_z", 1.0),
     ("sphericity", "sphericity", "sphericity_z", 1.0),
-    ("rms", "rms", "rms_z", 1.0),
+    ("rms between surfaces", "rms", "rms_z", 1.0),
     ("rms, voxels", "rms_by_voxel", "", 1.0),
     ("rms, % of the size", "rms_by_size", "", 100.0),
     ("distance from the mean", "distance", "distance_z", 1.0),
     ("farthest mode", "mode", "mode_z", 1.0),
+    ("robust z along it", "mode_z", "mode_z", 1.0),
     ("voxel, mm", "voxel_size", "", 1.0),
     ("repair", "repair", "", 1.0),
     ("handles cut", "handles", "", 1.0),

@@ -23,7 +23,8 @@ pub(super) fn tables(folders: &[PathBuf], page: &Path) -> Result<Vec<Table>> {
     for folder in folders {
         let (measures, clusters) = (folder.join(SUMMARY), folder.join(CLUSTERS));
         if measures.is_file() {
-            tables.push(Table { title: format!("{}: measures", stem(folder)), ..table(&measures)? });
+            let title = format!("{}: measures", stem(folder));
+            tables.push(of_measures(Table { title, ..table(&measures)? }));
         }
         if clusters.is_file() {
             let title = format!("{}: clusters", stem(folder));
@@ -46,6 +47,17 @@ pub(super) fn table(path: &Path) -> Result<Table> {
     }
     let rows = reader.records().map(|record| Ok(cells(&record?))).collect::<Result<Vec<_>, csv::Error>>();
     Ok(Table { title: stem(path), columns, rows: rows.with_context(open)?, note: None })
+}
+
+/// Returns the page's table of measures: the columns of the effect and the p values come before the numbers, means and
+/// standard deviations, so that they are visible without scrolling.
+fn of_measures(mut read: Table) -> Table {
+    let first = read.columns.iter().position(|name| ["effect", "statistic"].contains(&name.as_str()));
+    if let Some(first) = first.filter(|first| *first > 1) {
+        let all = read.rows.iter_mut().chain(std::iter::once(&mut read.columns));
+        all.for_each(|cells| cells[1..].rotate_left(first - 1));
+    }
+    read
 }
 
 /// Returns the page's table of clusters: the first rows of a table read from `file`, with headings in words. Directions

@@ -59,7 +59,7 @@ pub(crate) struct Cli {
     /// Print a report as JSON in place of the tables
     #[arg(long, conflicts_with = "dry_run", help_heading = OUTPUT)]
     pub(super) json: bool,
-    /// Run all stages again
+    /// Run all stages again; also replace files in the output folder that no earlier run has written
     #[arg(long, help_heading = OUTPUT)]
     pub(super) force: bool,
     #[command(flatten)]

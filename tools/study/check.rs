@@ -73,7 +73,7 @@ fn correspondence(plan: &Plan) -> Result<()> {
             plan.method.name()
         );
     }
-    if plan.study.align.pose == Poses::Near {
+    if plan.study.align.pose != Poses::Any {
         bail!("{}: `pose` in [align] needs method \"correspond\", found {:?}", plan.file.display(), plan.method.name());
     }
     if !plan.study.align.signals.is_empty() {

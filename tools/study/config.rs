@@ -174,6 +174,18 @@ pub(super) enum Poses {
     #[default]
     Any,
     Near,
+    Given,
+}
+
+impl Poses {
+    /// Returns the value's name, as in a study's file and at `shape correspond --pose`.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Any => "any",
+            Self::Near => "near",
+            Self::Given => "given",
+        }
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]

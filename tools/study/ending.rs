@@ -11,7 +11,7 @@ use super::Call;
 use super::provenance::Provenance;
 use super::stages::CHECK;
 use super::test::Test;
-use super::warnings::{Flagged, about};
+use super::warnings::{Flagged, about, ids_in_state};
 
 /// Maximum number of warnings shown at the end.
 const SHOWN: usize = 20;
@@ -108,6 +108,15 @@ impl Call<'_> {
         }
     }
 
+    /// Notes the accepted subjects that the quality control hasn't flagged.
+    fn note_unflagged(&self) -> Result<()> {
+        let unflagged = ids_in_state(self.plan, "ok")?;
+        for of in self.plan.study.subjects.accept.iter().filter(|of| unflagged.contains(&of.id)) {
+            self.console.note(format!("{} is accepted but not flagged", of.id));
+        }
+        Ok(())
+    }
+
     /// Prints the stages, the warnings and the failures; returns an error if subjects failed.
     pub(super) fn finish(&self) -> Result<()> {
         let mut rows = vec![["stage", "", "time"].map(str::to_owned).to_vec()];
@@ -129,6 +138,7 @@ impl Call<'_> {
             };
             print_line(&format!("quality control: {flagged} flagged{excluded}, see {}", table.display()))?;
             self.list_flagged();
+            self.note_unflagged()?;
         }
         self.warnings.iter().take(SHOWN).for_each(|warning| self.console.warn(warning));
         if let Some(more) = self.warnings.len().checked_sub(SHOWN + 1) {

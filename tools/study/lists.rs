@@ -72,9 +72,11 @@ impl Plan {
         !self.study.subjects.sides.is_empty()
     }
 
-    /// Returns the noun for a row of the manifest: a subject, or one side of a subject.
+    /// Returns the noun for a row of the manifest: a subject, or a surface if a subject may have several rows, as one
+    /// for each side or in studies with blocks.
     pub(super) fn row_noun(&self) -> &'static str {
-        if self.has_sides() { "surface" } else { "subject" }
+        let has_blocks = self.study.test.iter().any(|test| test.blocks.is_some());
+        if self.has_sides() || has_blocks { "surface" } else { "subject" }
     }
 
     /// Returns the number of subjects; a subject with two sides counts once.

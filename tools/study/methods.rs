@@ -1,5 +1,6 @@
 //! Writes the paragraph on methods for a paper, with versions, settings and citations.
 
+use std::collections::HashSet;
 use std::fmt::Write;
 
 use anyhow::Result;
@@ -10,15 +11,16 @@ use spharm_cli::output::counted;
 use spharm_cohort::Row;
 
 use super::config::{Method, Poses};
+use super::exclusion::Named;
 use super::plan::Plan;
 use super::test::Test;
-use super::warnings::about;
+use super::warnings::{about, ids_in_state};
 
 /// Name of the file with the paragraph in the study's output.
 pub(super) const FILE: &str = "methods.md";
 
 /// Cited publications, with the short forms by which the text refers to them.
-const CITED: [(&str, &str); 8] = [
+const CITED: [(&str, &str); 9] = [
     (
         "Shen and Chung 2006",
         "L. Shen and M. K. Chung, Large-scale modeling of parametric surfaces using spherical harmonics, 3DPVT 2006.",
@@ -42,6 +44,11 @@ const CITED: [(&str, &str); 8] = [
         "Y. Benjamini and Y. Hochberg, Controlling the false discovery rate, Journal of the Royal Statistical Society B 57, \
          1995.",
     ),
+    (
+        "Welch 1947",
+        "B. L. Welch, The generalization of \"Student's\" problem when several different population variances are involved, \
+         Biometrika 34, 1947.",
+    ),
     ("Welch 1951", "B. L. Welch, On the comparison of several mean values, Biometrika 38, 1951."),
     (
         "Freedman and Lane 1983",
@@ -54,16 +61,10 @@ const CITED: [(&str, &str); 8] = [
 /// those that couldn't, and `flagged` the ids of those that the quality control flagged.
 pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&str]) -> Result<String> {
     let (version, study) = (env!("CARGO_PKG_VERSION"), &plan.study);
-    let of_what = match &study.subjects.sides[..] {
-        [first, second] => {
-            let of = counted(plan.subjects_counted(), "subject");
-            format!("both sides ({first}, {second}) of {of}, {subjects} surfaces in total,")
-        }
-        _ => counted(subjects, "subject"),
-    };
     let mut text = format!(
-        "The surfaces of {of_what} were modelled by spherical harmonics up to degree {} (Shen and Chung 2006) with spharm-rs \
+        "{} were modelled by spherical harmonics up to degree {} (Shen and Chung 2006) with spharm-rs \
          {version}",
+        surfaces_of(plan, subjects, failed),
         study.fit.max_degree,
     );
     let arguments = plan.fit_arguments();
@@ -92,9 +93,12 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
         let reasons = with_reasons(plan.excluded.iter().map(|(row, reason)| (row.id.as_str(), reason.as_str())));
         let _ = write!(text, "{} excluded ({reasons}). ", counted_were(plan.excluded.len(), plan.row_noun()));
     }
-    if !study.subjects.accept.is_empty() {
-        let accepted = with_reasons(study.subjects.accept.iter().map(|of| (of.id.as_str(), of.reason.as_str())));
-        let count = counted(study.subjects.accept.len(), plan.row_noun());
+    // Only subjects with flags have this state, so an accepted subject without flags isn't mentioned.
+    let with_flags = ids_in_state(plan, "accepted")?;
+    let accepted: Vec<&Named> = study.subjects.accept.iter().filter(|of| with_flags.contains(&of.id)).collect();
+    if !accepted.is_empty() {
+        let count = counted(accepted.len(), plan.row_noun());
+        let accepted = with_reasons(accepted.iter().map(|of| (of.id.as_str(), of.reason.as_str())));
         let _ =
             write!(text, "{count} remained in the group regardless of flags from the quality control ({accepted}). ");
     }
@@ -127,6 +131,7 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
             (Method::Correspond, Poses::Near) => {
                 ". The given poses were improved by rigid registration to nearest points. "
             }
+            (Method::Correspond, Poses::Given) => ". The given poses were kept. ",
             (Method::Correspond, Poses::Any) => {
                 ". Poses were found by a search over all rotations, followed by rigid registration to nearest points. "
             }
@@ -161,6 +166,22 @@ pub(super) fn text(plan: &Plan, subjects: usize, failed: &[&str], flagged: &[&st
     let cited = CITED.iter().filter(|(mark, _)| text.contains(mark));
     let references: String = cited.map(|(_, reference)| format!("- {reference}\n")).collect();
     Ok(format!("{}\n\n{references}", text.trim_end()))
+}
+
+/// Returns the number of surfaces and subjects as the beginning of a sentence. With blocks, a subject may have several
+/// rows in the table, so surfaces and blocks are counted instead.
+fn surfaces_of(plan: &Plan, fitted: usize, failed: &[&str]) -> String {
+    if let [first, second] = &plan.study.subjects.sides[..] {
+        let of = counted(plan.subjects_counted(), "subject");
+        return format!("The surfaces of both sides ({first}, {second}) of {of}, {fitted} surfaces in total,");
+    }
+    let Some(blocks) = plan.study.test.iter().find_map(|test| test.blocks.as_deref()) else {
+        return format!("The surfaces of {}", counted(fitted, "subject"));
+    };
+    let at = plan.columns().position(|column| column == blocks);
+    let rows = plan.manifest.rows.iter().filter(|row| !failed.contains(&row.id.as_str()));
+    let levels: HashSet<&str> = rows.filter_map(|row| Some(row.extra.get(at?)?.trim())).collect();
+    format!("{} in {} (levels of {blocks})", counted(fitted, "surface"), counted(levels.len(), "block"))
 }
 
 /// Lists ids, each with its reason if one was given.
@@ -217,7 +238,7 @@ fn of_test(test: &Test, plan: &Plan) -> Result<String> {
              al. 2014)"
         );
     } else if test.welch {
-        text += ", with Welch's t (Welch 1951)";
+        text += ", with Welch's t (Welch 1947)";
     }
     text += ". ";
     if let Some(mask) = &test.mask {

@@ -13,6 +13,7 @@
 //! | `check`, `emptied` | checks before any command is run, and after the fits |
 //! | `ending` | the output of a study at its end |
 //! | `stage` | one command, and the decision whether it must run |
+//! | `foreign` | refusal to replace files that the study hasn't written |
 //! | `tidy` | removal of files that no longer belong to the study |
 //! | `hemispheres` | warning about fits with a sphere or mask of the other hemisphere |
 //! | `voxels` | warning about groups with voxels of different sizes |
@@ -25,6 +26,7 @@ mod emptied;
 mod ending;
 mod exclusion;
 mod fits;
+mod foreign;
 mod hemispheres;
 mod init;
 mod keys;
@@ -136,8 +138,12 @@ pub(crate) fn run(
         parse(&call.arguments(&fit)).with_context(|| format!("{}: `arguments` in [fit]", study.display()))?;
     }
     // Wrong values in the study's file are found before the fits, which take long.
-    for stage in &plan.stages(&plan.subjects_planned()) {
+    let planned = plan.stages(&plan.subjects_planned());
+    for stage in &planned {
         parse(&call.arguments(stage)).with_context(|| format!("{}: {}", study.display(), stage.name))?;
+    }
+    if !cli.force {
+        foreign::check(&plan, &planned)?;
     }
     if cli.dry_run {
         return call.show(preview);

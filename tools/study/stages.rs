@@ -126,8 +126,8 @@ impl Plan {
         let (table, degree) = (self.records().join("surfaces.tsv"), self.study.fit.max_degree.to_string());
         let mut arguments = words(&["shape", "correspond", "--table", &text(&table), "--max-degree", &degree]);
         arguments.extend(words(&["-o", &text(&folder), "--report", &text(&report), "--warnings", &text(&warnings)]));
-        if self.study.align.pose == Poses::Near {
-            arguments.extend(words(&["--pose", "near"]));
+        if self.study.align.pose != Poses::Any {
+            arguments.extend(words(&["--pose", self.study.align.pose.name()]));
         }
         arguments.extend(self.moved());
         if self.study.align.guide {

@@ -56,6 +56,14 @@ pub(super) fn of_check(plan: &Plan) -> Result<(Vec<Flagged>, Vec<String>)> {
     Ok((flagged, warnings))
 }
 
+/// Returns the ids of the subjects in a state, such as `accepted`, from the report of the quality control.
+pub(super) fn ids_in_state(plan: &Plan, state: &str) -> Result<HashSet<String>> {
+    let report = read(&plan.check_report(), "report")?;
+    let subjects = report["subjects"].as_array().into_iter().flatten();
+    let ids = subjects.filter(|subject| subject["state"] == state).filter_map(|subject| subject["id"].as_str());
+    Ok(ids.map(str::to_owned).collect())
+}
+
 /// Returns the warnings of the alignment and the tests about the whole group. Warnings about single subjects are flags
 /// of these subjects instead.
 pub(super) fn of_group(plan: &Plan, subjects: &[Subject<'_>]) -> Result<Vec<String>> {

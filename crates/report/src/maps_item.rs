@@ -50,15 +50,18 @@ impl MapsItem {
         }
         // The picture uses the same ranges of colours as the script.
         let has = |name: &str| test.maps.iter().any(|(other, _)| other == name);
+        // A statistic and a size have signs only if there is one effect, unlike those of F tests and of positions.
+        let has_sign = |name: &str| has("effect") && ["effect", "statistic", "size"].contains(&name);
+        let range = |name: &str, values: &[f64]| if has_sign(name) { symmetric(values) } else { range(values) };
         let shown = ["effect", "statistic", if has("p-tfce") { "p-tfce" } else { "p-fwe" }];
         let painted: Vec<(Vec<f64>, (f64, f64), String)> = test
             .maps
             .iter()
             .filter(|(name, _)| shown.contains(&name.as_str()))
             .map(|(name, values)| {
-                let label = scale_label(name, is_probability(name), values, range(values));
+                let label = scale_label(name, is_probability(name), values, range(name, values));
                 let (values, range) =
-                    if is_probability(name) { significance(values) } else { (values.clone(), range(values)) };
+                    if is_probability(name) { significance(values) } else { (values.clone(), range(name, values)) };
                 (values, range, label)
             })
             .collect();
@@ -76,7 +79,7 @@ impl MapsItem {
         let mut maps = Vec::new();
         for (name, values) in &test.maps {
             let probability = is_probability(name);
-            let (low, high) = range(values);
+            let (low, high) = range(name, values);
             let label = scale_label(name, probability, values, (low, high));
             let values = blocks.f32(values.iter().copied());
             maps.push(Map { name: name.clone(), values, probability, range: [low, high], label });
@@ -103,9 +106,37 @@ pub(crate) fn rows(test: &Maps) -> Vec<(String, String)> {
         };
         let below = finite().filter(|value| *value <= LEVEL).count();
         let text = if is_probability(name) { format!("{of}; at most {LEVEL} at {below} vertices") } else { of };
+        let text = match explained(name) {
+            Some(what) => format!("{what}: {text}"),
+            None => text,
+        };
         rows.push((name.clone(), text));
     }
     rows
+}
+
+/// Returns what a map of `spharm shape test` shows; `None` for other maps, and for those whose names say it.
+fn explained(name: &str) -> Option<&'static str> {
+    Some(match name {
+        "p" => "uncorrected p value",
+        "q" => "false discovery rate over the vertices",
+        "p-permutation" => "uncorrected p value by relabelling",
+        "p-fwe" => "family-wise p value by relabelling",
+        "tfce" => "statistic with threshold-free cluster enhancement",
+        "p-tfce" => "family-wise p value with threshold-free cluster enhancement",
+        "cluster" => "number of the cluster",
+        "p-cluster" => "family-wise p value of the cluster's area",
+        "statistic" => "statistic of the test at each vertex",
+        "effect" => "difference or slope",
+        "margin" => "half the width of the effect's confidence interval",
+        "size" => "standardised effect",
+        _ => return None,
+    })
+}
+
+/// Returns a range symmetric about 0, from the finite values.
+fn symmetric(values: &[f64]) -> (f64, f64) {
+    symmetric_range(&values.iter().copied().filter(|value| value.is_finite()).collect::<Vec<_>>())
 }
 
 /// Returns a range symmetric about 0 if there are negative values, otherwise the range from the smallest to the
@@ -114,15 +145,16 @@ fn range(values: &[f64]) -> (f64, f64) {
     let finite = || values.iter().copied().filter(|value| value.is_finite());
     let (low, high) = finite().fold((f64::MAX, f64::MIN), |(low, high), x| (low.min(x), high.max(x)));
     if low < 0.0 && high > f64::MIN {
-        let finite: Vec<f64> = finite().collect();
-        return symmetric_range(&finite);
+        return symmetric(values);
     }
     if low < high { (low, high) } else { (0.0, 1.0) }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::range;
+    use spharm_surface::generate::icosphere;
+
+    use super::*;
 
     #[test]
     fn ranges_are_symmetric_where_signs_differ() {
@@ -131,5 +163,31 @@ mod tests {
         assert_eq!(range(&[0.25, 0.5]), (0.25, 0.5));
         assert_eq!(range(&[f64::NAN]), (0.0, 1.0));
         assert_eq!(range(&[]), (0.0, 1.0));
+    }
+
+    #[test]
+    fn effects_and_their_statistics_have_zero_in_the_middle() {
+        let values: Vec<f64> = (1..=42).map(f64::from).collect();
+        let ranges = |names: &[&str]| -> Vec<[f64; 2]> {
+            let maps = names.iter().map(|name| ((*name).to_owned(), values.clone())).collect();
+            let (name, mesh) = ("test".to_owned(), icosphere(1));
+            let test = Maps { name, meaning: String::new(), about: Vec::new(), mesh, maps };
+            let (item, _) = MapsItem::new(&test, 100, &mut Blocks::default()).unwrap();
+            item.maps.iter().map(|map| map.range).collect()
+        };
+        let both = [-42.0, 42.0];
+        assert_eq!(ranges(&["effect", "statistic", "margin"]), [both, both, [1.0, 42.0]]);
+        assert_eq!(ranges(&["statistic", "effect-x"]), [[1.0, 42.0], [1.0, 42.0]], "no single effect, as in F tests");
+    }
+
+    #[test]
+    fn maps_are_explained() {
+        let maps = [("margin", 2.0), ("p-tfce", 0.01), ("other", 1.0)].map(|(name, x)| (name.to_owned(), vec![x; 12]));
+        let (name, mesh, maps) = ("test".to_owned(), icosphere(0), maps.to_vec());
+        let rows = rows(&Maps { name, meaning: String::new(), about: Vec::new(), mesh, maps });
+        let text = |name: &str| rows.iter().find(|(key, _)| key == name).unwrap().1.as_str();
+        assert!(text("margin").starts_with("half the width of the effect's confidence interval: 2"));
+        assert!(text("p-tfce").starts_with("family-wise p value with threshold-free cluster enhancement: 0.01"));
+        assert!(text("p-tfce").ends_with("at most 0.05 at 12 vertices") && text("other").starts_with('1'));
     }
 }

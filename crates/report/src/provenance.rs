@@ -35,8 +35,8 @@ pub(crate) fn rows(model: &Model) -> Vec<(String, String)> {
     if let Some(distances) = &made.distances {
         add("Mean squared distance, bounding box of volume 1", distances.msd.map(number));
         add("Largest squared distance, bounding box of volume 1", distances.xsd.map(number));
-        add("Rms error", Some(number(distances.rms())));
-        add("Largest error", Some(number(distances.max())));
+        add("Rms distance of corresponding points", Some(number(distances.rms())));
+        add("Largest distance of corresponding points", Some(number(distances.max())));
     }
     add("Cube root of the bounding box's volume", made.scale.map(number));
     for (key, value) in &made.other {
