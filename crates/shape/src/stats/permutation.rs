@@ -151,7 +151,11 @@ pub(crate) fn family_wise(
     let asked = blocks.is_some() || test.errors.is_some();
     if asked && resampling == Resampling::Permutations && units_are_equal(&sets, &model.tested) {
         // Blocks of the same size only help if blocks of different sizes have different values.
-        let differ = sets.iter().any(|set| !are_equal(&set[0], &sets[0][0], model.tested.view()));
+        let tested = model.tested.view();
+        let is_in = |row: u32, unit: &Unit| unit.iter().any(|other| are_equal(&vec![row], &vec![*other], tested));
+        let within = |a: &Unit, b: &Unit| a.iter().all(|row| is_in(*row, b));
+        let first = &sets[0][0];
+        let differ = sets.iter().any(|set| !(within(&set[0], first) && within(first, &set[0])));
         if differ && blocks.is_some_and(|blocks| blocks.exchange() == Exchange::Whole) {
             let sizes: Vec<String> = sets.iter().map(|set| set[0].len().to_string()).collect();
             return Err(ShapeError::Setting {

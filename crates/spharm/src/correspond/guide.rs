@@ -150,8 +150,8 @@ impl GuideLandmarks {
         } else {
             motion(own, theirs, None, params.scale, params.mirror)
         };
-        let (similarity, _) = improved(moving, fixed, &by_landmarks, params);
-        if differ(&similarity, found) { Verdict::Other(similarity) } else { Verdict::Confirmed }
+        let (similarity, distance) = improved(moving, fixed, &by_landmarks, params);
+        if differ(&similarity, found) { Verdict::Other(similarity, distance) } else { Verdict::Confirmed }
     }
 }
 
@@ -161,8 +161,8 @@ pub(super) enum Verdict {
     Undetermined,
     /// The landmarks give the same rotation.
     Confirmed,
-    /// The landmarks give another rotation, in this pose.
-    Other(Similarity),
+    /// The landmarks give another rotation: the pose, and the distance between the surfaces.
+    Other(Similarity, f64),
 }
 
 /// Returns the positions of points relative to their mean.

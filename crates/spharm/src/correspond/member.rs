@@ -13,7 +13,6 @@ use spharm_surface::{Kind, Mesh, Similarity};
 
 use super::GroupTemplate;
 use super::fits::{Fitted, record_motion};
-use super::frames::{at_size_of, to_final};
 use super::params::CorrespondParams;
 use super::report::{CorrespondWarning, MemberReport};
 use super::rounds::of_cover;
@@ -56,7 +55,7 @@ pub struct Joining {
 impl Joining {
     /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
     /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by the
-    /// mean and the modes of `members`, at one size. New members are compared with some of them for warnings. Of
+    /// mean and the modes of `members`. New members are compared with some of them for warnings. Of
     /// `params`, the settings of poses and registration are used.
     ///
     /// # Errors
@@ -82,8 +81,7 @@ impl Joining {
             ..CorrespondParams::up_to(degree)
         };
         let finished = if group.refined && members.len() > 2 {
-            let alike = members.iter().map(|member| at_size_of(&group.mean, member)).collect::<Result<Vec<_>, _>>()?;
-            let views: Vec<_> = alike.iter().map(|member| member.values().view()).collect();
+            let views: Vec<_> = members.iter().map(|member| member.values().view()).collect();
             let weights: Vec<f64> = group.masked.iter().map(|masked| if *masked { 0.0 } else { 1.0 }).collect();
             let settings = GroupwiseParams::default();
             Some(FinishedGroup::new(&views, &group.sphere, Some(&weights), &settings, &OnlyCancel(monitor))?)
@@ -118,14 +116,14 @@ impl Joining {
         let quiet = OnlyCancel(monitor);
         let moving = PoseSurface::new(surface).ok_or(Error::NoArea)?;
         let posed = pose(&moving, &self.pose, &self.params.pose, &quiet)?;
-        let subject = Subject::new(&posed.at_one_size.apply_mesh(surface))?;
+        let subject = Subject::new(&posed.similarity.apply_mesh(surface))?;
         let Registered { vertices, reached, cover, mut turned } =
             register(&self.template, &subject, &[], &self.params.register, &quiet)?;
         let faces = &self.group.sphere.faces;
         let mut places = vec![vertices];
         let of_mean = &self.template.mesh().vertices;
         let areas = weights(std::slice::from_ref(of_mean), faces, &self.group.masked);
-        let mut similarity = posed.at_one_size.then(&to_mean(of_mean, &mut places[0], &areas));
+        let mut similarity = posed.similarity.then(&to_mean(of_mean, &mut places[0], &areas));
         let mut fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
         let mut reached = [reached];
         if let Some(finished) = &self.finished {
@@ -134,17 +132,18 @@ impl Joining {
             let on = (&self.group.sphere, &self.template, &mut reached[..]);
             turned = fitted.follow(&[flow], &subjects, &[similarity], on, &self.params, &quiet)?[0];
         }
-        let mut motion = to_final(0, &similarity, &fitted.places[0], (faces, &self.group.masked), &self.params);
-        let unit = motion.scale;
-        fitted.places[0].iter_mut().for_each(|place| *place = motion.apply(*place));
-        if !self.params.keep_poses {
-            motion = motion.then(&to_mean(of_mean, &mut fitted.places[0], &areas));
+        if self.params.keep_poses {
+            let motions = self.params.back_to_given(&[similarity], &mut fitted.places);
+            fitted.moved(&motions)?;
+            similarity = Similarity::default();
+        } else if self.finished.is_some() {
+            let motion = to_mean(of_mean, &mut fitted.places[0], &areas);
+            similarity = similarity.then(&motion);
+            fitted.moved(&[motion])?;
         }
-        similarity = similarity.then(&motion);
-        fitted.moved(&[motion])?;
         let [reached] = reached;
         let without = reached.iter().zip(&self.group.masked).filter(|(reached, masked)| !**reached && !**masked);
-        let mut report = MemberReport {
+        let report = MemberReport {
             turned,
             without_counterpart: without.count(),
             model_rms: fitted.rms[0],
@@ -152,7 +151,6 @@ impl Joining {
             volume: moving.volume.abs(),
             ..MemberReport::new(posed.distance, &cover)
         };
-        report.in_unit_of(unit);
         let own = distance_from(&fitted.coefficients[0], &self.group, &self.pose, &quiet)?;
         let mut warnings = self.doubts(surface, posed.distance, own, &quiet)?;
         warnings.extend(of_cover(&[report], &self.group.masked));

@@ -28,7 +28,6 @@
 mod carry;
 pub mod files;
 mod fits;
-mod frames;
 mod guide;
 mod member;
 mod misplaced;

@@ -3,6 +3,7 @@
 use derive_setters::Setters;
 use spharm_register::RegisterParams;
 use spharm_shape::groupwise::GroupwiseParams;
+use spharm_surface::geometry::Vec3;
 use spharm_surface::pose::PoseParams;
 use spharm_surface::{Mesh, Similarity};
 
@@ -92,6 +93,17 @@ impl CorrespondParams {
     /// Returns the reflection to apply to a surface first, or `None` if the surface isn't mirrored.
     pub(super) fn reflection(&self, index: usize) -> Option<Similarity> {
         (self.mirrored.get(index) == Some(&true)).then(Similarity::reflection)
+    }
+
+    /// Moves members from the frames in which they were aligned, to which `similarities` map the surfaces, back to
+    /// their given poses; mirrored members to the mirror images of these. Returns the motions.
+    pub(super) fn back_to_given(&self, similarities: &[Similarity], members: &mut [Vec<Vec3>]) -> Vec<Similarity> {
+        let back = |(index, own): (usize, &Similarity)| own.inverse().then(&self.reflection(index).unwrap_or_default());
+        let motions: Vec<Similarity> = similarities.iter().enumerate().map(back).collect();
+        for (motion, places) in motions.iter().zip(members) {
+            places.iter_mut().for_each(|place| *place = motion.apply(*place));
+        }
+        motions
     }
 
     pub(super) fn check(&self, count: usize) -> Result<(), Error> {

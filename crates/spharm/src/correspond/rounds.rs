@@ -6,13 +6,10 @@ use rayon::prelude::*;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_register::{Registered, Subject, Template, register};
 use spharm_surface::geometry::Vec3;
-use spharm_surface::pose::{
-    DOUBTFUL, GroupPoseWarning, GroupPoses, PoseParams, PoseSurface, distance, group_poses, pose,
-};
+use spharm_surface::pose::{DOUBTFUL, GroupPoseWarning, GroupPoses, PoseSurface, group_poses, pose};
 use spharm_surface::{Mesh, Similarity, Sphere};
 
 use super::fits::Fitted;
-use super::frames::to_final;
 use super::guide::{GuideLandmarks, Guided, Verdict};
 use super::params::CorrespondParams;
 use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED, close};
@@ -80,6 +77,7 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         ..MemberReport::new(*distance, &found.cover)
     };
     let mut members: Vec<MemberReport> = registered.iter().zip(&distances).zip(&sizes).map(of).collect();
+    warnings.extend(of_cover(&members, &masked));
     let mut reached: Vec<Vec<bool>> = registered.into_iter().map(|found| found.reached).collect();
     let mut fitted = Fitted::new(&sphere, places, params, monitor)?;
     lap("fits");
@@ -93,34 +91,19 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         refinement = Some(report);
         lap("refinement");
     }
-    let on = (&sphere.faces[..], &masked[..]);
-    let found = similarities.iter().zip(&fitted.places).enumerate();
-    let mut motions: Vec<Similarity> =
-        found.map(|(index, (similarity, places))| to_final(index, similarity, places, on, params)).collect();
-    for (motion, places) in motions.iter().zip(&mut fitted.places) {
-        places.iter_mut().for_each(|place| *place = motion.apply(*place));
-    }
-    members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
-    for (index, motion) in motions.iter().enumerate() {
-        members[index].in_unit_of(motion.scale);
-        left_out.iter_mut().skip(index).take(1).flatten().for_each(|distance| *distance *= motion.scale);
-    }
-    let mean = if params.keep_poses {
-        mean_of(&fitted.places)
+    let (motions, mean) = if params.keep_poses {
+        let motions = params.back_to_given(&similarities, &mut fitted.places);
+        (motions, mean_of(&fitted.places))
     } else {
-        let (aligned, mean) = together(&mut fitted.places, &sphere.faces, &masked);
-        motions.iter_mut().zip(&aligned).for_each(|(motion, aligned)| *motion = motion.then(aligned));
-        mean
+        together(&mut fitted.places, &sphere.faces, &masked)
     };
-    let exact = |(index, similarity): (usize, Similarity)| match (params.keep_poses, params.pose.scale) {
-        (true, _) => params.reflection(index).unwrap_or_default(),
-        (false, true) => similarity,
-        (false, false) => Similarity { scale: 1.0, ..similarity },
-    };
-    let moved = similarities.iter().zip(&motions).map(|(own, motion)| own.then(motion));
-    similarities = moved.enumerate().map(exact).collect();
+    similarities = similarities.iter().zip(&motions).map(|(own, motion)| own.then(motion)).collect();
+    if params.keep_poses {
+        // The same without rounding errors.
+        similarities = (0..similarities.len()).map(|index| params.reflection(index).unwrap_or_default()).collect();
+    }
     fitted.moved(&motions)?;
-    warnings.extend(of_cover(&members, &masked));
+    members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
     let weights = weights(&fitted.places, &sphere.faces, &masked);
     let spread = spread(&fitted.places, &mean, &weights);
     let template_of_group =
@@ -158,7 +141,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         }
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
         return Ok(Posed {
-            similarities: found.at_one_size,
+            similarities: found.similarities,
             distances: found.distances,
             sizes,
             template: Some(found.template),
@@ -175,12 +158,10 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     {
         let members = surfaces.iter().zip(&landmarks.members).zip(found.iter_mut().zip(&mut doubtful));
         for ((moving, own), (pose, doubtful)) in members {
-            match landmarks.judge((moving, own), (&fixed, theirs), &pose.at_one_size, &at_one_size(params)) {
+            match landmarks.judge((moving, own), (&fixed, theirs), &pose.similarity, &params.pose) {
                 Verdict::Undetermined => continue,
                 Verdict::Confirmed => {}
-                Verdict::Other(similarity) => {
-                    (pose.at_one_size, pose.distance) = (similarity, own_distance(&similarity, moving, &fixed, params));
-                }
+                Verdict::Other(similarity, distance) => (pose.similarity, pose.distance) = (similarity, distance),
             }
             *doubtful = false;
         }
@@ -190,7 +171,7 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         CorrespondWarning::Pose(GroupPoseWarning::Doubtful { member, distance: pose.distance, second: pose.second })
     }));
     Ok(Posed {
-        similarities: found.iter().map(|pose| pose.at_one_size).collect(),
+        similarities: found.iter().map(|pose| pose.similarity).collect(),
         distances: found.iter().map(|pose| pose.distance).collect(),
         sizes,
         template: None,
@@ -209,17 +190,6 @@ fn reflected(landmarks: &GuideLandmarks, params: &CorrespondParams) -> GuideLand
     landmarks
 }
 
-/// Returns the settings for poses at one size.
-fn at_one_size(params: &CorrespondParams) -> PoseParams {
-    PoseParams { scale: true, ..params.pose }
-}
-
-/// Returns the distance of a surface from another one in a pose at one size, but at its own size unless `scale` is set.
-fn own_distance(pose: &Similarity, moving: &PoseSurface, fixed: &PoseSurface, params: &CorrespondParams) -> f64 {
-    let own = if params.pose.scale { *pose } else { pose.with_scale(1.0, moving.centre) };
-    distance(moving, fixed, &own, params.pose.trimmed)
-}
-
 /// Replaces the poses of members for which the landmarks give a different rotation than the surfaces. Drops warnings
 /// about these poses, and about doubtful poses that the landmarks confirm.
 fn turn_by_landmarks(
@@ -229,19 +199,18 @@ fn turn_by_landmarks(
     found: &mut GroupPoses,
 ) {
     let template = found.template;
-    let to_group = found.at_one_size[template];
+    let to_group = found.similarities[template];
     let (fixed, theirs) = (&surfaces[template], &landmarks.members[template]);
     for (index, (moving, own)) in surfaces.iter().zip(&landmarks.members).enumerate() {
-        let so_far = found.at_one_size[index].then(&to_group.inverse());
-        match landmarks.judge((moving, own), (fixed, theirs), &so_far, &at_one_size(params)) {
+        let so_far = found.similarities[index].then(&to_group.inverse());
+        match landmarks.judge((moving, own), (fixed, theirs), &so_far, &params.pose) {
             Verdict::Undetermined => {}
             Verdict::Confirmed => {
                 let doubtful = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Doubtful { .. });
                 found.warnings.retain(|warning| warning.member() != index || !doubtful(warning));
             }
-            Verdict::Other(similarity) => {
-                found.at_one_size[index] = similarity.then(&to_group);
-                found.distances[index] = own_distance(&similarity, moving, fixed, params);
+            Verdict::Other(similarity, distance) => {
+                (found.similarities[index], found.distances[index]) = (similarity.then(&to_group), distance);
                 let other = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Far { .. });
                 found.warnings.retain(|warning| warning.member() != index || other(warning));
             }

@@ -52,8 +52,6 @@ const OF_ANOTHER_SIZE: f64 = 1.5;
 pub struct GroupPoses {
     /// For each surface, the map from its own frame to the group's frame.
     pub similarities: Vec<Similarity>,
-    /// The same maps at one size: the typical surface's, or with `scale` the group's.
-    pub at_one_size: Vec<Similarity>,
     /// Index of the most typical surface, counted from 0. The group keeps its position.
     pub template: usize,
     /// For each member, the median of its distances from the others, as defined by [`Pose::distance`], in the group's
@@ -78,14 +76,7 @@ pub fn group_poses(
     let count = surfaces.len();
     if count < 2 {
         let similarities = vec![Similarity::default(); count];
-        let at_one_size = similarities.clone();
-        return Ok(GroupPoses {
-            similarities,
-            at_one_size,
-            template: 0,
-            distances: vec![0.0; count],
-            warnings: vec![],
-        });
+        return Ok(GroupPoses { similarities, template: 0, distances: vec![0.0; count], warnings: Vec::new() });
     }
     monitor.begin(Stage::counted("pose", "surfaces"), 0);
     let at_one_size = &PoseParams { scale: true, ..*params };
@@ -143,7 +134,7 @@ pub fn group_poses(
     far.retain(|far| !explained.contains(&far.member()));
     let warnings = far.into_iter().chain(others).collect();
     monitor.end();
-    Ok(GroupPoses { similarities: motions, at_one_size, template, distances, warnings })
+    Ok(GroupPoses { similarities: motions, template, distances, warnings })
 }
 
 pub(super) struct Group<'a> {
@@ -168,13 +159,7 @@ impl Group<'_> {
     fn to(&self, template: usize) -> Result<Vec<Pose>, Interrupted> {
         let one = |member: usize| -> Result<Pose, Interrupted> {
             let found = if member == template {
-                Ok(Pose {
-                    similarity: Similarity::default(),
-                    at_one_size: Similarity::default(),
-                    distance: 0.0,
-                    second: f64::INFINITY,
-                    other: None,
-                })
+                Ok(Pose { similarity: Similarity::default(), distance: 0.0, second: f64::INFINITY, other: None })
             } else {
                 pose(&self.surfaces[member], &self.surfaces[template], self.params, self.monitor)
             };

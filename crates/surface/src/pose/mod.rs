@@ -89,8 +89,6 @@ impl Default for PoseParams {
 pub struct Pose {
     /// The motion of the best pose.
     pub similarity: Similarity,
-    /// The same motion with the moving surface at the fixed surface's size.
-    pub at_one_size: Similarity,
     /// Root mean square distance between the surfaces after the motion, in both directions, without the trimmed points,
     /// in the fixed surface's unit.
     pub distance: f64,
@@ -174,7 +172,7 @@ pub fn pose(
     let distance = distance(moving, fixed, &similarity, params.trimmed);
     let other = found.other.map(|other| other.with_scale(1.0, moving.centre));
     let second = if other.is_some() { distance * ratio } else { f64::INFINITY };
-    Ok(Pose { similarity, distance, second, other, ..found })
+    Ok(Pose { similarity, distance, second, other })
 }
 
 /// Finds the motion of least distance that brings `moving` onto `fixed` at the size of `fixed`.
@@ -206,7 +204,6 @@ fn pose_at_one_size(
     let similarity = Similarity { orthogonal: kabsch(&similarity.orthogonal, true), ..similarity };
     Ok(Pose {
         similarity,
-        at_one_size: similarity,
         distance,
         second: other.map_or(f64::INFINITY, |other| other.1),
         other: other.map(|other| other.0),
@@ -238,7 +235,7 @@ fn near(
     };
     let best = found.iter().skip(1).fold(found[0], |best, end| if better(&best, end) { *end } else { best });
     let similarity = Similarity { orthogonal: kabsch(&best.0.orthogonal, true), ..best.0 };
-    Ok(Pose { similarity, at_one_size: similarity, distance: best.1, second: f64::INFINITY, other: None })
+    Ok(Pose { similarity, distance: best.1, second: f64::INFINITY, other: None })
 }
 
 /// Returns the local optimum that is reached from a motion, and its distance, as defined in [`Pose`].
