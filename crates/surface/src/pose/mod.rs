@@ -106,10 +106,6 @@ pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 /// Number of starts that are improved: the rotations of the covering that give the least distances.
 const STARTS: usize = 32;
 
-/// Rounds end when the relative decrease of the sum of squared distances is below this value, even if the surfaces
-/// still slide along each other.
-const GAIN: f64 = 2e-3;
-
 /// A stage of the search, with the number of points and rounds, and the number of results for the next stage.
 struct Stage {
     density: Density,
@@ -143,7 +139,7 @@ impl Stage {
         icp::Rounds {
             most: self.rounds,
             rest: self.rest * fixed.size(),
-            gain: GAIN,
+            gain: icp::GAIN,
             trimmed: params.trimmed,
             tangential: self.tangential,
             scale: true,
