@@ -43,7 +43,7 @@ impl Reflectors {
         let (rows, width) = panel.shape();
         let mut vectors = Mat::zeros(rows, width);
         let mut taus = vec![1.0; width];
-        for j in 0..width {
+        for (j, tau) in taus.iter_mut().enumerate() {
             let below = rows - j;
             let (mut column, mut rest) = panel.as_mut().submatrix_mut(j, j, below, width - j).split_at_col_mut(1);
             let tail = column.as_ref().col(0).subrows(1, below - 1).norm_l2();
@@ -60,10 +60,10 @@ impl Reflectors {
                 column[(i, 0)] = 0.0;
             }
             column[(0, 0)] = diagonal;
-            taus[j] = 0.5 * (1.0 + (tail / pivot).powi(2));
+            *tau = 0.5 * (1.0 + (tail / pivot).powi(2));
             if width > j + 1 {
                 let mut products = Mat::zeros(1, width - j - 1);
-                matmul(products.as_mut(), Accum::Replace, vector.as_ref().transpose(), rest.as_ref(), 1.0 / taus[j]);
+                matmul(products.as_mut(), Accum::Replace, vector.as_ref().transpose(), rest.as_ref(), 1.0 / *tau);
                 matmul(rest.as_mut(), Accum::Add, vector.as_ref(), products.as_ref(), -1.0);
             }
         }

@@ -84,7 +84,8 @@ pub fn group_poses(
     let mut template = group.typical();
     let mut poses = group.to(template)?;
     let first: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
-    let nearest = group.nearest(&first);
+    // A typical member has a typical size, too.
+    let nearest = group.nearest(&group.at_final_sizes(&first));
     if nearest != template {
         template = nearest;
         poses = group.to(template)?;
@@ -122,9 +123,7 @@ pub fn group_poses(
         }
     }
     let at_one_size = motions.clone();
-    if !params.scale {
-        motions.iter_mut().zip(surfaces).for_each(|(motion, own)| *motion = motion.with_scale(1.0, own.centre));
-    }
+    motions = group.at_final_sizes(&motions);
     let distances = group.distances(&motions);
     let mut far = group.far(&at_one_size, &distances);
     // An outlier has no right pose, so other warnings about it are dropped, unless another pose is the explanation.
@@ -209,6 +208,12 @@ impl Group<'_> {
             beyond(&of_shape, member).or_else(of_size)
         };
         (0..sizes.len()).filter_map(one).collect()
+    }
+
+    /// Returns poses at one size with the members' own sizes, unless all members get one size.
+    fn at_final_sizes(&self, motions: &[Similarity]) -> Vec<Similarity> {
+        let own = |(motion, own): (&Similarity, &PoseSurface)| motion.with_scale(1.0, own.centre);
+        if self.keeps_sizes { motions.iter().zip(self.surfaces).map(own).collect() } else { motions.to_vec() }
     }
 
     /// Returns the member with the least distance from the others in the given poses.

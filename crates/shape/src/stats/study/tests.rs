@@ -133,7 +133,7 @@ fn numbers_far_from_all_others_are_doubted() {
     let age = column("age", "31 42 55 61 -999 33 40 52 66 71");
     let expected = TestWarning::FarValue { column: "age".to_owned(), row: 5, value: -999.0, median: 52.0 };
     let found = question(&column("group", "a a a a a b b b b b"), &[], std::slice::from_ref(&age)).unwrap();
-    assert_eq!(found.warnings, [expected.clone()]);
+    assert_eq!(found.warnings, std::slice::from_ref(&expected));
     assert_eq!(question(&age, &[], &[]).unwrap().warnings, [expected]);
     // The largest numbers of skewed data are far from the others, but don't look like codes.
     for (volumes, warnings) in [
