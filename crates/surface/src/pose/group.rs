@@ -15,10 +15,10 @@ use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::surface::{Density, PoseSurface, View};
 use super::warning::GroupPoseWarning;
-use super::whole::whole;
-use super::{Pose, PoseParams, PoseSearch, differ, distance, icp, pose};
-use crate::geometry::{dot, sub};
+use super::{Pose, PoseParams, PoseSearch, differ, icp, pose, whole};
+use crate::geometry::{dot, scale, sub};
 use crate::kabsch::kabsch;
+use crate::matrix3::{product, times, transposed};
 use crate::similarity::Similarity;
 
 /// Largest number of other members that a member moves towards at once. They are evenly spaced in the list.
@@ -43,9 +43,6 @@ pub const DOUBTFUL: f64 = 1.1;
 /// A member counts as an outlier (such as a surface of another kind) if its distance from the others exceeds this
 /// multiple of the median over the members.
 pub const OF_ANOTHER_KIND: f64 = 3.0;
-/// A member's size (root of its area) is unusual if it differs from the median by more than this factor. Units differ
-/// by at least 2.54.
-const OF_ANOTHER_SIZE: f64 = 1.5;
 
 /// The poses of a group.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,9 +58,20 @@ pub struct GroupPoses {
     pub warnings: Vec<GroupPoseWarning>,
 }
 
+/// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of the
+/// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
+/// and 0.82 to 0.89 for hippocampi of the other side.
+pub const NEARER_MIRRORED: f64 = 0.94;
+/// Number of steps by which a mirror image, or a turned member, moves towards the others.
+const CHANGED_STEPS: usize = 3;
+/// A member is turned if its distance from the others then decreases by more than this factor.
+const MUCH_NEARER: f64 = 1.5;
+/// If a half-turn of a member fits the others about as well as its mirror image, up to this factor, the member equals
+/// its mirror image and is turned.
+const TURNED: f64 = 1.03;
+
 /// Aligns a group of surfaces, as described in the module. This takes about 30 ms per surface on two threads. With
-/// `scale`, all members are scaled to the geometric mean of their sizes. Otherwise, they are aligned at the size of the
-/// typical member, and then get their own sizes again, about their centres.
+/// `scale`, all members are scaled to the geometric mean of their sizes.
 ///
 /// # Errors
 ///
@@ -79,13 +87,11 @@ pub fn group_poses(
         return Ok(GroupPoses { similarities, template: 0, distances: vec![0.0; count], warnings: Vec::new() });
     }
     monitor.begin(Stage::counted("pose", "surfaces"), 0);
-    let at_one_size = &PoseParams { scale: true, ..*params };
-    let group = Group { surfaces, params: at_one_size, keeps_sizes: !params.scale, monitor };
+    let group = Group { surfaces, params, monitor };
     let mut template = group.typical();
     let mut poses = group.to(template)?;
     let first: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
-    // A typical member has a typical size, too.
-    let nearest = group.nearest(&group.at_final_sizes(&first));
+    let nearest = group.nearest(&first);
     if nearest != template {
         template = nearest;
         poses = group.to(template)?;
@@ -107,10 +113,15 @@ pub fn group_poses(
     if params.scale {
         let common = surfaces.iter().map(|surface| surface.size().ln()).sum::<f64>() / count as f64;
         let factor = common.exp() / surfaces[template].size();
-        let larger = Similarity::default().with_scale(factor, surfaces[template].centre);
+        let centre = surfaces[template].centre;
+        let translation = sub(centre, scale(centre, factor));
+        let larger = Similarity { scale: factor, translation, ..Similarity::default() };
         motions.iter_mut().for_each(|motion| *motion = motion.then(&larger));
     }
     motions.iter_mut().for_each(|motion| motion.orthogonal = kabsch(&motion.orthogonal, true));
+    let distances = group.distances(&motions);
+    let median = median(distances.clone());
+    let mut far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
     let mut others = doubts;
     if params.search == PoseSearch::Near {
         others.extend(group.elsewhere(template, &poses)?);
@@ -122,27 +133,21 @@ pub fn group_poses(
             others.push(warning);
         }
     }
-    let at_one_size = motions.clone();
-    motions = group.at_final_sizes(&motions);
-    let distances = group.distances(&motions);
-    let mut far = group.far(&at_one_size, &distances);
     // An outlier has no right pose, so other warnings about it are dropped, unless another pose is the explanation.
     let is_elsewhere = |warning: &GroupPoseWarning| matches!(warning, GroupPoseWarning::Elsewhere { .. });
-    others.retain(|warning| is_elsewhere(warning) || !far.iter().any(|far| far.member() == warning.member()));
+    others.retain(|warning| is_elsewhere(warning) || !far.contains(&warning.member()));
     let explained: Vec<usize> = others.iter().filter(|of| is_elsewhere(of)).map(GroupPoseWarning::member).collect();
-    far.retain(|far| !explained.contains(&far.member()));
-    let warnings = far.into_iter().chain(others).collect();
+    far.retain(|member| !explained.contains(member));
+    let named = far.iter().map(|&member| GroupPoseWarning::Far { member, distance: distances[member], median });
+    let warnings = named.chain(others).collect();
     monitor.end();
     Ok(GroupPoses { similarities: motions, template, distances, warnings })
 }
 
-pub(super) struct Group<'a> {
-    pub(super) surfaces: &'a [PoseSurface],
-    /// Settings of the searches, with `scale`.
-    pub(super) params: &'a PoseParams,
-    /// Whether the members get their own sizes in the end.
-    keeps_sizes: bool,
-    pub(super) monitor: &'a dyn Monitor,
+struct Group<'a> {
+    surfaces: &'a [PoseSurface],
+    params: &'a PoseParams,
+    monitor: &'a dyn Monitor,
 }
 
 impl Group<'_> {
@@ -177,43 +182,13 @@ impl Group<'_> {
             if member == template {
                 return Ok(None);
             }
-            let (moving, fixed) = (&self.surfaces[member], &self.surfaces[template]);
-            let best = pose(moving, fixed, &params, self.monitor)?.similarity;
-            let [near_given, best_of_all] = [&near.similarity, &best].map(|motion| {
-                let own = if self.keeps_sizes { motion.with_scale(1.0, moving.centre) } else { *motion };
-                distance(moving, fixed, &own, params.trimmed)
-            });
-            let warning = GroupPoseWarning::Elsewhere { member, distance: near_given, best: best_of_all };
-            let elsewhere = differ(&best, &near.similarity);
-            Ok((elsewhere && CLOSE * best_of_all < near_given).then_some(warning))
+            let best = pose(&self.surfaces[member], &self.surfaces[template], &params, self.monitor)?;
+            let warning = GroupPoseWarning::Elsewhere { member, distance: near.distance, best: best.distance };
+            let elsewhere = differ(&best.similarity, &near.similarity);
+            Ok((elsewhere && CLOSE * best.distance < near.distance).then_some(warning))
         };
         let found: Vec<Result<Option<GroupPoseWarning>, Interrupted>> = poses.par_iter().enumerate().map(one).collect();
         Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
-    }
-
-    /// Returns warnings about outliers: members whose distance from the others is far above the median, either at one
-    /// size, or at their own sizes if the size is unusual, too. `at_one_size` are the poses at one size, and
-    /// `distances` the distances at the members' own sizes.
-    fn far(&self, at_one_size: &[Similarity], distances: &[f64]) -> Vec<GroupPoseWarning> {
-        let sizes: Vec<f64> = self.surfaces.iter().map(PoseSurface::size).collect();
-        let usual = median(sizes.clone());
-        let is_unusual = |member: usize| !(usual / OF_ANOTHER_SIZE..=OF_ANOTHER_SIZE * usual).contains(&sizes[member]);
-        let of_shape = self.distances(at_one_size);
-        let beyond = |distances: &[f64], member: usize| {
-            let (distance, median) = (distances[member], median(distances.to_vec()));
-            (distance > OF_ANOTHER_KIND * median).then_some(GroupPoseWarning::Far { member, distance, median })
-        };
-        let one = |member: usize| {
-            let of_size = || beyond(distances, member).filter(|_| is_unusual(member));
-            beyond(&of_shape, member).or_else(of_size)
-        };
-        (0..sizes.len()).filter_map(one).collect()
-    }
-
-    /// Returns poses at one size with the members' own sizes, unless all members get one size.
-    fn at_final_sizes(&self, motions: &[Similarity]) -> Vec<Similarity> {
-        let own = |(motion, own): (&Similarity, &PoseSurface)| motion.with_scale(1.0, own.centre);
-        if self.keeps_sizes { motions.iter().zip(self.surfaces).map(own).collect() } else { motions.to_vec() }
     }
 
     /// Returns the member with the least distance from the others in the given poses.
@@ -257,7 +232,7 @@ impl Group<'_> {
     /// Returns the mean squared distance of a member in a given pose from at most `most` others in their poses. Nothing
     /// is trimmed, because the part in which two ends of a body differ may be as small as the trimmed share. Distances
     /// are capped at twice their median, to limit the effect of surfaces of other kinds.
-    pub(super) fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity], most: usize) -> f64 {
+    fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity], most: usize) -> f64 {
         let moving = &self.surfaces[member];
         let distance = |other: &usize| {
             let (fixed, own) = (&self.surfaces[*other], &motions[*other]);
@@ -302,7 +277,7 @@ impl Group<'_> {
     }
 
     /// Returns a member's pose after one step towards others.
-    pub(super) fn step(&self, member: usize, motion: &Similarity, others: &[(View<'_>, Similarity)]) -> Similarity {
+    fn step(&self, member: usize, motion: &Similarity, others: &[(View<'_>, Similarity)]) -> Similarity {
         let rounds = icp::Rounds {
             most: 1,
             rest: 0.0,
@@ -316,7 +291,7 @@ impl Group<'_> {
 
     /// Returns the points and poses of the other members that a member is compared with, and for which `chosen` is
     /// true.
-    pub(super) fn seen(
+    fn seen(
         &self,
         member: usize,
         motions: &[Similarity],
@@ -324,6 +299,81 @@ impl Group<'_> {
     ) -> Vec<(View<'_>, Similarity)> {
         let others = self.others(member, OTHERS).filter(|other| chosen(*other));
         others.map(|other| (self.surfaces[other].view(Density::Some), motions[other])).collect()
+    }
+
+    /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
+    /// planes spanned by the typical member's principal axes, and in the typical member's centre. A body that equals
+    /// its mirror image may fit better as a mirror image only because its pose is wrong; then a half-turn about one of
+    /// the axes fits as well, and the pose is doubtful. In a group of two sides, the median distance from the others
+    /// can't tell the sides apart, so mean distances are compared.
+    fn mirrored(&self, motions: &[Similarity], template: usize) -> Result<Vec<GroupPoseWarning>, Interrupted> {
+        let (reflections, half_turns) = self.changes(motions, template);
+        let one = |member: usize| -> Result<Option<GroupPoseWarning>, Interrupted> {
+            let distance = self.judged(member, &motions[member], motions, OTHERS).sqrt();
+            let (_, mirrored) = self.best_changed(member, motions, &reflections)?;
+            if mirrored >= NEARER_MIRRORED * distance {
+                return Ok(None);
+            }
+            let (_, second) = self.best_changed(member, motions, &half_turns)?;
+            Ok(Some(match second <= TURNED * mirrored {
+                true => GroupPoseWarning::Doubtful { member, distance, second },
+                false => GroupPoseWarning::Mirrored { member, distance, mirrored },
+            }))
+        };
+        let found: Vec<_> = (0..motions.len()).into_par_iter().map(one).collect();
+        Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    }
+
+    /// Turns each member but the typical one by the half-turn that brings it much nearer to the others, if there is
+    /// one. The distance from the typical member alone may not show it, for example if the members' sizes differ
+    /// greatly.
+    fn turned(&self, motions: &[Similarity], template: usize) -> Result<Vec<Similarity>, Interrupted> {
+        let (_, half_turns) = self.changes(motions, template);
+        let one = |member: usize| -> Result<Similarity, Interrupted> {
+            if member == template {
+                return Ok(motions[member]);
+            }
+            let own = self.judged(member, &motions[member], motions, OTHERS).sqrt();
+            let (turned, distance) = self.best_changed(member, motions, &half_turns)?;
+            Ok(if MUCH_NEARER * distance < own { turned } else { motions[member] })
+        };
+        let found: Vec<Result<Similarity, Interrupted>> = (0..motions.len()).into_par_iter().map(one).collect();
+        found.into_iter().collect()
+    }
+
+    /// Returns the reflections and the half-turns that keep the typical member's principal axes.
+    fn changes(&self, motions: &[Similarity], template: usize) -> ([Similarity; 4], [Similarity; 3]) {
+        let typical = &self.surfaces[template];
+        let axes = product(&typical.axes, &transposed(&motions[template].orthogonal));
+        let centre = motions[template].apply(typical.centre);
+        let changed = |signs: [f64; 3]| {
+            let flipped = std::array::from_fn(|i| axes[i].map(|value| signs[i] * value));
+            let orthogonal = product(&transposed(&axes), &flipped);
+            Similarity { orthogonal, translation: sub(centre, times(&orthogonal, centre)), ..Similarity::default() }
+        };
+        (
+            [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(changed),
+            [[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(changed),
+        )
+    }
+
+    /// Applies each change to a member and moves the result towards the others. Returns the best pose found, and its
+    /// distance from the others.
+    fn best_changed(
+        &self,
+        member: usize,
+        motions: &[Similarity],
+        changes: &[Similarity],
+    ) -> Result<(Similarity, f64), Interrupted> {
+        self.monitor.check()?;
+        let others = self.seen(member, motions, |_| true);
+        let moved = |change: &Similarity| {
+            let start = motions[member].then(change);
+            let motion = (0..CHANGED_STEPS).fold(start, |motion, _| self.step(member, &motion, &others));
+            (motion, self.judged(member, &motion, motions, OTHERS).sqrt())
+        };
+        let found = changes.iter().map(moved).min_by(|a, b| a.1.total_cmp(&b.1));
+        Ok(found.unwrap_or((motions[member], f64::INFINITY)))
     }
 
     /// Returns the poses after each member has moved one step towards the other members for which `alike` is true.

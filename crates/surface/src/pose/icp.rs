@@ -30,10 +30,6 @@ const LARGEST_TURN: f64 = 0.6;
 /// Distance at which a pair has half its weight in a step towards several surfaces, relative to the median distance.
 const HALF: f64 = 1.5;
 
-/// Rounds end when the relative decrease of the sum of squared distances is below this value, even if the surfaces
-/// still slide along each other.
-pub(super) const GAIN: f64 = 2e-3;
-
 /// Settings for the rounds that [`improved`] and [`step_to_all`] run.
 #[derive(Clone, Copy)]
 pub(super) struct Rounds {

@@ -15,10 +15,6 @@
 //! with 1,024 points, and the best 2 of these with 4,096 points. `trimmed` is the share of the area that is excluded
 //! because it may have no counterpart, such as a process that is cut off on one surface.
 //!
-//! The search always scales the moving surface to the fixed surface's size. If the size is to be kept, the scale is
-//! undone about the centre at the end, which is the least-squares motion for the points that correspond. Without
-//! scaling, a smaller surface would lean against one side of a larger one, and its rotation would depend on its size.
-//!
 //! Symmetric and nearly symmetric surfaces have several poses that are equally or nearly equally good; see
 //! [`Pose::second`].
 //!
@@ -27,7 +23,6 @@
 //!
 //! The result is bitwise the same for any number of threads.
 
-mod changed;
 mod covering;
 mod grid;
 mod group;
@@ -35,19 +30,16 @@ mod icp;
 mod level;
 mod surface;
 mod warning;
-mod whole;
 
 use std::sync::OnceLock;
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
 
-pub use self::changed::NEARER_MIRRORED;
-pub use self::group::{CLOSE, DOUBTFUL, GroupPoses, OF_ANOTHER_KIND, OTHERS, group_poses};
+pub use self::group::{CLOSE, DOUBTFUL, GroupPoses, NEARER_MIRRORED, OF_ANOTHER_KIND, OTHERS, group_poses};
 use self::surface::Density;
 pub use self::surface::PoseSurface;
 pub use self::warning::{GroupPoseWarning, IN_DOUBT};
-use self::whole::in_whole_order;
 use crate::geometry::{scale, sub};
 use crate::kabsch::kabsch;
 use crate::matrix3::{Matrix3, angle_between, product, times, transposed};
@@ -70,7 +62,7 @@ pub enum PoseSearch {
 pub struct PoseParams {
     /// The poses from which the search starts; all rotations by default.
     pub search: PoseSearch,
-    /// Whether the moving surface ends at the size of the fixed surface; `false` by default.
+    /// Whether the moving surface is scaled to the size of the fixed surface; `false` by default.
     pub scale: bool,
     /// Whether mirror images of the moving surface are allowed; `false` by default.
     pub mirror: bool,
@@ -93,8 +85,7 @@ pub struct Pose {
     /// in the fixed surface's unit.
     pub distance: f64,
     /// The distance after the best motion whose rotation differs from `similarity` by more than [`DISTINCT`]. Infinite
-    /// if all starts led to the same optimum, or if not all rotations were searched. If the surface keeps its size,
-    /// `second` is `distance` times the quotient of the two distances at one size.
+    /// if all starts led to the same optimum, or if only poses near the given one were searched.
     pub second: f64,
     /// The motion with the distance `second`, if there is one.
     pub other: Option<Similarity>,
@@ -105,6 +96,10 @@ pub const DISTINCT: f64 = 0.261_799_387_799_149_4;
 
 /// Number of starts that are improved: the rotations of the covering that give the least distances.
 const STARTS: usize = 32;
+
+/// Rounds end when the relative decrease of the sum of squared distances is below this value, even if the surfaces
+/// still slide along each other.
+const GAIN: f64 = 2e-3;
 
 /// A stage of the search, with the number of points and rounds, and the number of results for the next stage.
 struct Stage {
@@ -125,6 +120,9 @@ struct Stage {
 const CANDIDATE: f64 = 1.5;
 /// Trimmed distances within this factor count as equal, and the untrimmed distances then decide.
 const EQUAL: f64 = 1.03;
+/// Largest number of rounds, with few points, that improve a motion after both surfaces have been scaled to the same
+/// size.
+const SETTLING: usize = 4;
 
 // The point-to-point terms (`tangential`) stop surfaces from sliding along each other. With a weight of 0.03 in the
 // first stage, a third of nearly round bodies didn't converge.
@@ -139,10 +137,10 @@ impl Stage {
         icp::Rounds {
             most: self.rounds,
             rest: self.rest * fixed.size(),
-            gain: icp::GAIN,
+            gain: GAIN,
             trimmed: params.trimmed,
             tangential: self.tangential,
-            scale: true,
+            scale: params.scale,
         }
     }
 }
@@ -158,27 +156,6 @@ pub fn pose(
     params: &PoseParams,
     monitor: &dyn Monitor,
 ) -> Result<Pose, Interrupted> {
-    let found = pose_at_one_size(moving, fixed, params, monitor)?;
-    if params.scale {
-        return Ok(found);
-    }
-    // The difference in size adds to both distances alike and would hide which pose is better.
-    let ratio = (found.second / found.distance.max(f64::MIN_POSITIVE)).min(f64::MAX);
-    let similarity = found.similarity.with_scale(1.0, moving.centre);
-    let distance = distance(moving, fixed, &similarity, params.trimmed);
-    let other = found.other.map(|other| other.with_scale(1.0, moving.centre));
-    let second = if other.is_some() { distance * ratio } else { f64::INFINITY };
-    Ok(Pose { similarity, distance, second, other })
-}
-
-/// Finds the motion of least distance that brings `moving` onto `fixed` at the size of `fixed`.
-fn pose_at_one_size(
-    moving: &PoseSurface,
-    fixed: &PoseSurface,
-    params: &PoseParams,
-    monitor: &dyn Monitor,
-) -> Result<Pose, Interrupted> {
-    let params = &PoseParams { scale: true, ..*params };
     if params.search == PoseSearch::Near {
         return near(moving, fixed, params, monitor);
     }
@@ -197,9 +174,8 @@ fn pose_at_one_size(
     rest.extend(found.drain(1..));
     found.extend(in_whole_order(moving, fixed, Density::Some, rest));
     let ((similarity, distance), other) = (found[0], found.get(1));
-    let similarity = Similarity { orthogonal: kabsch(&similarity.orthogonal, true), ..similarity };
     Ok(Pose {
-        similarity,
+        similarity: Similarity { orthogonal: kabsch(&similarity.orthogonal, true), ..similarity },
         distance,
         second: other.map_or(f64::INFINITY, |other| other.1),
         other: other.map(|other| other.0),
@@ -214,7 +190,7 @@ fn near(
     params: &PoseParams,
     monitor: &dyn Monitor,
 ) -> Result<Pose, Interrupted> {
-    let centred = |own: Similarity| centred(own.orthogonal, moving, fixed);
+    let centred = |own: Similarity| centred(own.orthogonal, moving, fixed, params);
     let mut starts = vec![Similarity::default(), centred(Similarity::default())];
     if params.mirror {
         starts.push(centred(Similarity::reflection()));
@@ -234,6 +210,49 @@ fn near(
     Ok(Pose { similarity, distance: best.1, second: f64::INFINITY, other: None })
 }
 
+/// Sorts motions by their untrimmed distances. Two poses may differ only in a part as small as the trimmed share, such
+/// as the knob at one end of a rod.
+fn in_whole_order(
+    moving: &PoseSurface,
+    fixed: &PoseSurface,
+    density: Density,
+    found: Vec<(Similarity, f64)>,
+) -> Vec<(Similarity, f64)> {
+    if found.len() < 2 {
+        return found;
+    }
+    let ranked = found.into_par_iter().map(|end| (end, whole(moving, fixed, density, &end.0)));
+    let mut ranked: Vec<((Similarity, f64), f64)> = ranked.collect();
+    ranked.sort_by(|a, b| a.1.total_cmp(&b.1));
+    ranked.into_iter().map(|(end, _)| end).collect()
+}
+
+/// Returns the smaller of two untrimmed distances: at the given sizes, and with the moving surface scaled to the size
+/// of the fixed one. Without scaling, a larger body hides the bumps of a smaller one; with scaling, a body that is cut
+/// off would be enlarged.
+fn whole(moving: &PoseSurface, fixed: &PoseSurface, density: Density, motion: &Similarity) -> f64 {
+    let (a, b) = (moving.view(density), fixed.view(density));
+    let [as_it_is, of_one_size] =
+        [*motion, of_size(motion, moving, fixed)].map(|motion| icp::distance(a, b, &motion, 0.0));
+    as_it_is.min(of_one_size)
+}
+
+/// Returns a motion that also scales the moving surface to the size of the fixed one, improved by a few rounds.
+fn of_size(motion: &Similarity, moving: &PoseSurface, fixed: &PoseSurface) -> Similarity {
+    let size = fixed.size() / moving.size();
+    let translation = sub(motion.apply(moving.centre), scale(times(&motion.orthogonal, moving.centre), size));
+    let start = Similarity { scale: size, translation, ..*motion };
+    let rounds = icp::Rounds {
+        most: SETTLING,
+        rest: 1e-3 * fixed.size(),
+        gain: GAIN,
+        trimmed: 0.0,
+        tangential: STAGES[0].tangential,
+        scale: true,
+    };
+    icp::improved(moving.view(Density::Few), fixed.view(Density::Few), start, &rounds)
+}
+
 /// Returns the local optimum that is reached from a motion, and its distance, as defined in [`Pose`].
 #[must_use]
 pub fn improved(
@@ -246,7 +265,6 @@ pub fn improved(
         let (a, b) = (moving.view(stage.density), fixed.view(stage.density));
         icp::improved(a, b, motion, &stage.settings(fixed, params))
     });
-    let motion = if params.scale { motion } else { motion.with_scale(1.0, moving.centre) };
     (motion, distance(moving, fixed, &motion, params.trimmed))
 }
 
@@ -323,9 +341,10 @@ pub fn differ(a: &Similarity, b: &Similarity) -> bool {
     a.mirrors() != b.mirrors() || angle_between(&a.orthogonal, &b.orthogonal) > DISTINCT
 }
 
-/// Returns the motion with a given rotation that moves one centre onto the other, and scales to one size.
-fn centred(orthogonal: Matrix3, moving: &PoseSurface, fixed: &PoseSurface) -> Similarity {
-    let size = fixed.size() / moving.size();
+/// Returns the motion with a given rotation that moves one centre onto the other, and scales to one size if this is
+/// allowed.
+fn centred(orthogonal: Matrix3, moving: &PoseSurface, fixed: &PoseSurface, params: &PoseParams) -> Similarity {
+    let size = if params.scale { fixed.size() / moving.size() } else { 1.0 };
     let translation = sub(fixed.centre, scale(times(&orthogonal, moving.centre), size));
     Similarity { orthogonal, scale: size, translation }
 }
@@ -346,7 +365,7 @@ fn starts(
     let look = |(turn, sign): (&Matrix3, f64)| {
         let turn = turn.map(|row| row.map(|v| sign * v));
         let orthogonal = product(&transposed(&fixed.axes), &product(&turn, &moving.axes));
-        let start = centred(orthogonal, moving, fixed);
+        let start = centred(orthogonal, moving, fixed, params);
         (start, icp::mean_distance(a, b, &start))
     };
     let all = (0..turns.len() * signs.len()).into_par_iter().with_min_len(64);

@@ -91,34 +91,6 @@ fn a_part_smaller_than_what_is_trimmed_still_decides() {
     }
 }
 
-/// Surfaces of one shape get the same rotation and centre at any size, also if they keep their sizes.
-#[test]
-fn the_pose_doesnt_depend_on_the_size() {
-    let (fixed, other) = (lump(5), lump(4));
-    let target = PoseSurface::new(&fixed).unwrap();
-    let mut random = SplitMix64::new(9);
-    let params = PoseParams::default();
-    let members: Vec<(Similarity, PoseSurface)> = [1.0, 0.7, 0.8, 0.9, 1.1, 1.3]
-        .map(|scale| Similarity { orthogonal: turn(&mut random), scale, translation: [20.0, 5.0, -8.0] })
-        .map(|moved| (moved, PoseSurface::new(&moved.apply_mesh(&other)).unwrap()))
-        .into();
-    let alone = |(_, moving): &(Similarity, PoseSurface)| pose(moving, &target, &params, &Silent).unwrap().similarity;
-    let alone: Vec<Similarity> = members.iter().map(alone).collect();
-    let (moved, surfaces): (Vec<_>, Vec<_>) = members.into_iter().unzip();
-    let together = group_poses(&surfaces, &params, &Silent).unwrap();
-    let own = moved[together.template].inverse();
-    let centre = target.centre;
-    for (what, found, back) in [("alone", &alone, Similarity::default()), ("together", &together.similarities, own)] {
-        for (moved, found) in moved.iter().zip(found) {
-            let both = moved.then(found).then(&back);
-            let turned = angle_between(&both.orthogonal, &IDENTITY).to_degrees();
-            let off = sub(both.apply(centre), centre);
-            let off = dot(off, off).sqrt();
-            assert!(found.scale == 1.0 && turned < 0.5 && off < 0.05, "{what}, {}: {turned}, {off}", moved.scale);
-        }
-    }
-}
-
 #[test]
 fn what_is_symmetric_says_so() {
     let ball = icosphere(4);
