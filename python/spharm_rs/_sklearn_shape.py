@@ -62,9 +62,9 @@ class ShapeFeatures(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[mi
     The refinement of `fit` compares training meshes with each other, and that of `transform` compares a mesh with the
     finished group. `fit_transform` returns the scores found by `fit`; `transform` of the same meshes returns other scores.
     They differ by the error of the registration, which has about the same size in all modes. It is small beside the
-    spread of the training scores in the first modes, but as large or larger in modes of small variance.
-    Keep only modes of large variance
-    (``modes``), or use the scores of `transform` for training meshes, too, if they are compared with those of new meshes.
+    spread of the training scores in the first modes, but as large or larger in modes of small variance. Keep only modes
+    of large variance (``modes``), or use the scores of `transform` for training meshes, too, if they are compared with
+    those of new meshes.
 
     T. F. Cootes et al., "Active shape models", Comput. Vis. Image Underst. 61 (1995).
 

@@ -31,8 +31,8 @@ pub(crate) struct Cli {
     /// Show the result of `spharm shape test` in a folder: mean, effect, statistic and p values
     ///
     /// A line separates the vertices with p values of at most the test's level from the others; the text beneath the
-    /// picture gives their number. The p values are family-wise, from TFCE
-    /// if the test included TFCE; for a test without relabellings, they are false-discovery rates.
+    /// picture gives their number. The p values are family-wise, from TFCE if the test included TFCE; for a test
+    /// without relabellings, they are false-discovery rates.
     #[arg(
         long,
         value_name = "FOLDER",

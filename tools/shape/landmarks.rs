@@ -11,8 +11,8 @@ use spharm_cli::output::first_of;
 use spharm_cli::paths::model_name;
 use spharm_harmonics::Directions;
 use spharm_surface::generate::icosphere;
-use spharm_surface::geometry::{Vec3, bounds, dot, sub};
-use spharm_surface::io::landmarks::{Landmarks, unit_factor};
+use spharm_surface::geometry::{Vec3, bounds, diagonal};
+use spharm_surface::io::landmarks::{Landmarks, unit_factor, unit_hint};
 use spharm_surface::{Mesh, Similarity};
 use spharm_transform::synthesis;
 
@@ -134,8 +134,7 @@ fn omitted(files: &[PathBuf], alone: &[Vec<String>]) -> Vec<String> {
 /// are far from the surface.
 pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<String>)> {
     let mut warnings = Vec::new();
-    let (low, high) = bounds(surface.vertices.iter().copied());
-    let extent = dot(sub(high, low), sub(high, low)).sqrt();
+    let extent = diagonal(bounds(surface.vertices.iter().copied()));
     let placed = Landmarks::read(file)?.laid_on(surface);
     if placed.turned {
         warnings.push(format!(
@@ -147,9 +146,7 @@ pub(super) fn on_surface(file: &Path, surface: &Mesh) -> Result<(Landmarks, Vec<
     let off: Vec<String> = placed.landmarks.names.iter().zip(&placed.distances).filter_map(far).collect();
     if !off.is_empty() {
         let off = first_of(off.iter().map(String::as_str), 5);
-        let unit = unit_factor(&placed.landmarks.points, surface).map_or_else(String::new, |factor| {
-            format!("; multiplied by {factor}, the landmarks lie on the surface, so they seem to be in another unit")
-        });
+        let unit = unit_hint(unit_factor(&placed.landmarks.points, surface));
         warnings.push(format!("{}: landmarks far from the surface: {off}{unit}", file.display()));
     }
     Ok((placed.landmarks, warnings))

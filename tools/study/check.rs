@@ -13,10 +13,11 @@ use spharm_surface::generate::icosphere_counts;
 use spharm_surface::io::read_annotation;
 use spharm_surface::{Hemisphere, Sphere};
 
-use super::config::{Method, Poses};
+use super::config::Method;
 use super::plan::{Plan, Subject};
 use super::test::Test;
 use super::{LEAST, emptied, sides, voxels};
+use crate::shape::correspond::Poses;
 use crate::shape::masks;
 use crate::shape::table::{Subjects, is_missing};
 use crate::shape::test::SUBDIVISIONS;

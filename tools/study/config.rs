@@ -10,6 +10,7 @@ use toml::Table;
 use super::exclusion::Named;
 use super::keys;
 use super::test::Test;
+use crate::shape::correspond::Poses;
 use crate::shape::correspond::surfaces::With;
 
 /// Contents of a study file; paths are as written in the file.
@@ -167,33 +168,12 @@ impl TryFrom<String> for Method {
     }
 }
 
-/// Poses that the correspondence considers, as for `shape correspond --pose`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(super) enum Poses {
-    #[default]
-    Any,
-    Near,
-    Given,
-}
-
-impl Poses {
-    /// Returns the value's name, as in a study's file and at `shape correspond --pose`.
-    pub(super) const fn name(self) -> &'static str {
-        match self {
-            Self::Any => "any",
-            Self::Near => "near",
-            Self::Given => "given",
-        }
-    }
-}
-
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Align {
     /// Method of correspondence; `None` selects "fixed" if all subjects have spheres, otherwise "correspond".
     pub(super) method: Option<Method>,
-    /// Poses that the correspondence considers.
+    /// Poses that the correspondence considers, as for `shape correspond --pose`.
     pub(super) pose: Poses,
     pub(super) scale: bool,
     pub(super) mirror: bool,

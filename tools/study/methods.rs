@@ -10,11 +10,12 @@ use spharm::shape::outliers;
 use spharm_cli::output::counted;
 use spharm_cohort::Row;
 
-use super::config::{Method, Poses};
+use super::config::Method;
 use super::exclusion::Named;
 use super::plan::Plan;
 use super::test::Test;
 use super::warnings::{about, ids_in_state};
+use crate::shape::correspond::Poses;
 
 /// Name of the file with the paragraph in the study's output.
 pub(super) const FILE: &str = "methods.md";

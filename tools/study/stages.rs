@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use spharm::parametrize::volume::is_volume;
 use spharm_cohort::{Row, Shard};
 
-use super::config::{Method, Poses};
+use super::config::Method;
 use super::fits::{Fits, SURFACES};
 use super::lists::{MIRRORED, MIRRORED_SIGNALS};
 use super::methods;
@@ -14,6 +15,7 @@ use super::provenance;
 use super::stage::Stage;
 use super::surfaces::signal_column;
 use super::test::Test;
+use crate::shape::correspond::Poses;
 use crate::shape::correspond::surfaces::With;
 
 /// Name of the stage of the quality control.
@@ -126,8 +128,9 @@ impl Plan {
         let (table, degree) = (self.records().join("surfaces.tsv"), self.study.fit.max_degree.to_string());
         let mut arguments = words(&["shape", "correspond", "--table", &text(&table), "--max-degree", &degree]);
         arguments.extend(words(&["-o", &text(&folder), "--report", &text(&report), "--warnings", &text(&warnings)]));
-        if self.study.align.pose != Poses::Any {
-            arguments.extend(words(&["--pose", self.study.align.pose.name()]));
+        let pose = self.study.align.pose;
+        if let Some(value) = pose.to_possible_value().filter(|_| pose != Poses::Any) {
+            arguments.extend(words(&["--pose", value.get_name()]));
         }
         arguments.extend(self.moved());
         if self.study.align.guide {

@@ -127,7 +127,8 @@ fn name(id: &str) -> String {
 /// Converts a path to a cell. A path with a line end can't be part of a line, and a changed path would be of another
 /// file, so the cell is then empty.
 fn path(output: &str) -> String {
-    if name(output) == guarded(output) { name(output) } else { String::new() }
+    let kept = name(output);
+    if kept == guarded(output) { kept } else { String::new() }
 }
 
 fn line(cells: impl IntoIterator<Item = impl AsRef<[u8]>>) -> io::Result<Vec<u8>> {

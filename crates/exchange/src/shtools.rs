@@ -37,8 +37,7 @@ pub(crate) fn write(
 pub(crate) fn read(bytes: &[u8], normalization: Normalization) -> Result<Vec<f64>, Flaw> {
     let mut found: Vec<(usize, usize, [f64; 2])> = Vec::new();
     for (line, text) in text(bytes)?.lines().enumerate() {
-        let separated = text.split(|c: char| c.is_whitespace() || c == ',');
-        let words: Vec<&str> = separated.filter(|word| !word.is_empty()).collect();
+        let words: Vec<&str> = words_of(text).collect();
         let Some((l, m)) = degree_and_order(&words) else {
             if found.is_empty() || words.is_empty() || text.trim_start().starts_with('#') {
                 continue;
@@ -110,13 +109,16 @@ fn check_whole(found: &[(usize, usize, [f64; 2])], highest: usize) -> Result<(),
     }
 }
 
+/// Returns the words of a line, which are separated by blanks or commas.
+fn words_of(line: &str) -> impl Iterator<Item = &str> {
+    line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty())
+}
+
 /// Returns whether the lines have more columns than l, m, C and S: errors of the coefficients, as pyshtools writes them
 /// with `to_file(.., errors=True)`.
 pub(crate) fn has_errors(bytes: &[u8]) -> bool {
-    let words =
-        |line: &str| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).count();
     let last = text(bytes).ok().and_then(|text| text.lines().rev().find(|line| !line.trim().is_empty()));
-    last.is_some_and(|line| !line.trim_start().starts_with('#') && words(line) > 4)
+    last.is_some_and(|line| !line.trim_start().starts_with('#') && words_of(line).count() > 4)
 }
 
 /// Returns whether a file's text has coefficients in ICGEM's `.gfc` format: lines `gfc l m C S`.
@@ -131,13 +133,11 @@ pub(crate) fn is_gfc(text: &str) -> bool {
 /// numbers if the coefficients have errors.
 pub(crate) fn is_shtools(text: &str) -> bool {
     let lines = text.lines().take(4).filter(|line| !line.trim_start().starts_with('#'));
-    lines.map(|line| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()).any(
-        |words: Vec<&str>| {
-            degree_and_order(&words).is_some_and(|(l, m)| m <= l)
-                && [4, 6].contains(&words.len())
-                && words.iter().skip(2).all(|word| number(word, 0).is_ok())
-        },
-    )
+    lines.map(|line| words_of(line).collect()).any(|words: Vec<&str>| {
+        degree_and_order(&words).is_some_and(|(l, m)| m <= l)
+            && [4, 6].contains(&words.len())
+            && words.iter().skip(2).all(|word| number(word, 0).is_ok())
+    })
 }
 
 fn degree_and_order(words: &[&str]) -> Option<(usize, usize)> {

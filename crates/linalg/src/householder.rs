@@ -1,8 +1,9 @@
 //! QR factorisation by Householder reflections, a panel of columns at a time.
 //!
 //! faer's factorisation isn't used: if the rest of a column is below 16 m eps of the column's norm, for m rows, faer
-//! takes the column for dependent on the previous ones and drops the rest. Singular values are then exact to 16 m eps
-//! of the largest only, and the rank of a nearly singular matrix can't be told. Here nothing is dropped.
+//! treats the column as linearly dependent on the previous columns and drops the rest. The singular values of the
+//! result then have errors of 16 m eps times the largest one, which can exceed the tolerance of a rank computation.
+//! This factorisation drops nothing.
 
 use faer::{Accum, Mat, MatMut};
 

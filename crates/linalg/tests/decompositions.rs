@@ -117,7 +117,7 @@ fn decompositions_reproduce_the_matrix() {
     assert!(values.is_sorted(), "in ascending order");
 }
 
-/// Columns that depend on the previous ones leave rounding errors only, from which the rank can be told.
+/// In a matrix of rank 150, the singular values after the 150th are rounding errors.
 #[test]
 fn a_triangular_factor_has_the_rank_of_the_matrix() {
     let (places, columns) = (150, 441);

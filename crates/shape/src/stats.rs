@@ -351,7 +351,10 @@ pub fn test(
             (None, None) => permutation::Compared::Pooled,
         };
         let tested = (design, &model, &compared, &kind);
-        family_wise = permutation::family_wise(values, components, tested, (asked, params), monitor)?;
+        let found = permutation::family_wise(values, components, tested, (asked, params), monitor)?;
+        let by_order = found.as_ref().is_some_and(|(_, by_order)| *by_order);
+        warnings.extend(by_order.then_some(TestWarning::RowsByOrder));
+        family_wise = found.map(|(found, _)| found);
         if let Some(clusters) = family_wise.as_mut().and_then(|found| found.clusters.as_mut()) {
             // The statistic of each cluster is replaced by the map's value at its peak, because the two are computed in
             // different ways and differ in the last bits.
@@ -359,12 +362,6 @@ pub fn test(
         }
         if let Some(found) = &mut family_wise {
             flat.iter().for_each(|v| (found.p[*v], found.pointwise[*v]) = (1.0, 1.0));
-        }
-        // Sign flips don't exchange rows of different blocks.
-        let exchanges = family_wise.as_ref().is_some_and(|found| found.resampling != Resampling::SignFlips);
-        let whole = params.blocks.as_ref().filter(|blocks| exchanges && blocks.exchange() == Exchange::Whole);
-        if whole.is_some_and(|blocks| blocks::aligned(blocks.sets(), design.matrix()).1) {
-            warnings.push(TestWarning::RowsByOrder);
         }
         match &family_wise {
             Some(FamilyWise { floor, relabellings, exact, .. }) if *floor > params.level => {

@@ -10,6 +10,7 @@ use spharm_register::RegisterError;
 use spharm_shape::ShapeError;
 use spharm_solver::SolverError;
 use spharm_store::StoreError;
+use spharm_surface::io::landmarks::FarGuide;
 use spharm_surface::{Sphere, SurfaceError};
 use spharm_transform::TransformError;
 
@@ -58,6 +59,9 @@ pub enum Error {
         /// Error of the surface.
         source: Box<Error>,
     },
+    /// A landmark that can't guide the registration.
+    #[error("{0}")]
+    FarGuide(FarGuide),
     /// A file of a group's folder with unexpected contents.
     #[error("{}: expected {expected}, found {found}", .path.display())]
     GroupFile {

@@ -82,6 +82,13 @@ pub fn bounds(points: impl IntoIterator<Item = Vec3>) -> (Vec3, Vec3) {
     (low, high)
 }
 
+/// Returns the length of the diagonal of a box, given its [`bounds`].
+#[must_use]
+pub fn diagonal((low, high): (Vec3, Vec3)) -> f64 {
+    let off = sub(high, low);
+    dot(off, off).sqrt()
+}
+
 /// Returns the signed area of a triangle on the unit sphere, in steradians: positive if its corners are
 /// counter-clockwise seen from outside (A. van Oosterom and J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, eq. 8).
 ///

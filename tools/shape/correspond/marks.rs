@@ -83,18 +83,11 @@ pub(super) fn guide(marks: Option<&Marks>, template: Option<&Path>, paths: &[Pat
 
 /// Returns the error about a landmark that is too far from its surface to guide, with the landmark's name. Returns
 /// `None` if `error` has another cause.
-pub(super) fn far(
-    error: &spharm::Error,
-    guide: Option<&GuideLandmarks>,
-    names: &[String],
-    surfaces: &[Surface],
-) -> Option<Error> {
+pub(super) fn far(error: &spharm::Error, names: &[String], surfaces: &[Surface]) -> Option<Error> {
     let spharm::Error::Member { index, source } = error else { return None };
-    let spharm::Error::Setting { what, expected, .. } = &**source else { return None };
-    let surface = surfaces.get(*index)?;
-    let far = guide?.far(*index, &surface.read().ok()?)?;
-    let found = far.described(names.get(far.landmark)?);
-    Some(anyhow!("{}: {what} needs {expected}, found {found}", surface.path.display()))
+    let spharm::Error::FarGuide(far) = &**source else { return None };
+    let path = surfaces.get(*index)?.path.display();
+    Some(anyhow!("{path}: {}", far.reason(names.get(far.landmark)?)))
 }
 
 /// Carries the landmarks of each member to at most [`OTHERS`] other members, and measures the errors. Warns about

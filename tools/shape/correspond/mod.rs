@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
+use serde::Deserialize;
 use serde_json::{Value, json};
 use spharm::correspond::{
     CorrespondParams, Group, GroupFiles, MemberOrigin, MemberReport, Resume, Signals, correspond,
@@ -163,9 +164,11 @@ pub(super) struct Cli {
 }
 
 /// Poses of surfaces that are considered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Poses {
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Poses {
     /// All rotations
+    #[default]
     Any,
     /// The surfaces' own poses, improved
     Near,
@@ -268,7 +271,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
     let group = pool.install(|| correspond(surfaces.len(), &of, &params, monitor));
     let names = marks.as_ref().map_or(&[][..], |marks| &marks.names);
     let group = group.map_err(|error| {
-        let far = marks::far(&error, params.guide.as_ref(), names, surfaces);
+        let far = marks::far(&error, names, surfaces);
         far.unwrap_or_else(|| surfaces::named(error, surfaces))
     })?;
     let mut warnings = volume_warnings(surfaces.iter());

@@ -266,8 +266,8 @@ fn repeated(table: &Table, covariates: &[Term]) -> Option<String> {
             "{} of {} subjects {} more than one row ({name} {first} has {}), but the test assumes independent rows, so p \
              values are too small; test the differences between two models of each subject (--minus), or, for an effect \
              within subjects that is equal in all of them, add the subjects as a covariate (--covariates {name} \
-             --categorical {name}); if the effect differs between \
-             subjects, compute a slope for each subject and test the slopes",
+             --categorical {name}); if the effect differs between subjects, compute a slope for each subject and test the \
+             slopes",
             twice.len(),
             seen.len(),
             if twice.len() == 1 { "has" } else { "have" },

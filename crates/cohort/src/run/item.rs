@@ -11,17 +11,6 @@ use crate::files::{ModelFiles, Replace};
 use crate::reader::SurfaceReader;
 use crate::rerun::{Decision, Request};
 
-/// Contents of the files that may be written beside a model.
-const BESIDE: [&str; 7] = [
-    "the table of coefficients (--coefficients-csv)",
-    "the standard errors (--stderr)",
-    "the sphere",
-    "the surface of the label",
-    "the values of the model on the sphere (--evaluate-on)",
-    "the surface with its handles cut",
-    "the repaired surface",
-];
-
 /// One surface to fit, and the paths of its outputs.
 pub(super) struct Item {
     pub(super) files: ModelFiles,
@@ -49,17 +38,26 @@ impl Item {
         let files = ModelFiles { model };
         let repaired = options.preparation.fix || options.preparation.wrap.is_some();
         let beside = [
-            options.coefficients_csv.then(|| files.csv()),
-            params.standard_errors.then(|| files.standard_errors()),
-            sphere.is_none().then(|| files.sphere()),
-            record.label.map(|_| files.surface()),
-            options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
+            ("the table of coefficients (--coefficients-csv)", options.coefficients_csv.then(|| files.csv())),
+            ("the standard errors (--stderr)", params.standard_errors.then(|| files.standard_errors())),
+            ("the sphere", sphere.is_none().then(|| files.sphere())),
+            ("the surface of the label", record.label.map(|_| files.surface())),
+            (
+                "the values of the model on the sphere (--evaluate-on)",
+                options.evaluate.as_ref().map(|evaluate| evaluate.file(&files)),
+            ),
             // If models are kept, the cut surface isn't required to exist: a surface without handles has no such file.
-            (options.preparation.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
+            (
+                "the surface with its handles cut",
+                (options.preparation.cut_handles && !options.if_exists.keeps()).then(|| files.cut_surface()),
+            ),
             // If models are kept, the repaired mesh isn't required to exist: a mesh without defects has no such file.
-            (repaired && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
+            (
+                "the repaired surface",
+                (repaired && record.label.is_none() && !options.if_exists.keeps()).then(|| files.fixed_surface()),
+            ),
         ];
-        let named = BESIDE.into_iter().zip(beside).filter_map(|(what, file)| Some((what, file?)));
+        let named = beside.into_iter().filter_map(|(what, file)| Some((what, file?)));
         let (names, beside): (Vec<&str>, Vec<PathBuf>) = named.unzip();
         // Outputs must never replace the inputs of the row.
         let inputs =

@@ -59,26 +59,22 @@ pub(crate) fn leave_out(
         (Column::Numbers(_), Column::Numbers(_), [false, true]) => vec![true, true, false, true],
         _ => return,
     };
-    let is_kept = |at: usize| kept.get(at).copied().unwrap_or(true);
-    let mut at = 0;
-    let mut keep = || {
-        at += 1;
-        is_kept(at - 1)
-    };
-    base.retain(|_| keep());
-    slopes.retain(|_| keep());
+    retain(base, &kept[..levels.min(kept.len())]);
+    retain(slopes, kept.get(levels..).unwrap_or_default());
     let with_constant = base.len() < levels;
     if with_constant {
         base.insert(0, ("mean".to_owned(), vec![1.0; n]));
     }
     for row in weights {
-        let mut at = 0;
-        row.retain(|_| {
-            at += 1;
-            is_kept(at - 1)
-        });
+        retain(row, &kept);
         if with_constant {
             row.insert(0, 0.0);
         }
     }
+}
+
+/// Removes the items for which `kept` is false; items beyond the end of `kept` stay.
+fn retain<T>(items: &mut Vec<T>, kept: &[bool]) {
+    let mut kept = kept.iter().copied().chain(std::iter::repeat(true));
+    items.retain(|_| kept.next().unwrap_or(true));
 }

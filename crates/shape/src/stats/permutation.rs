@@ -98,15 +98,15 @@ pub(crate) enum Compared<'a> {
     VarianceGroups(&'a AspinWelch, &'a [usize]),
 }
 
-/// Returns the family-wise p values of a test of values (n, V d) with the statistic `kind`; `None` if no relabelling
-/// changes the statistics.
+/// Returns the family-wise p values of a test of values (n, V d) with the statistic `kind`, and whether rows of whole
+/// blocks are exchanged that correspond by their order only; `None` if no relabelling changes the statistics.
 pub(crate) fn family_wise(
     values: ArrayView2<'_, f64>,
     components: usize,
     (design, model, compared, kind): (&Design, &Projection, &Compared<'_>, &Statistic),
     (params, test): (&PermutationParams, &TestParams),
     monitor: &dyn Monitor,
-) -> Result<Option<FamilyWise>, ShapeError> {
+) -> Result<Option<(FamilyWise, bool)>, ShapeError> {
     for (name, found, least, expected) in [
         ("relabellings", params.count, 1, "expected 1 to 100,000,000"),
         ("exact_up_to", params.exact_up_to, 0, "expected 0 to 100,000,000"),
@@ -116,10 +116,10 @@ pub(crate) fn family_wise(
         }
     }
     let blocks = test.blocks.as_ref();
-    let sets = match blocks {
-        Some(blocks) if blocks.exchange() == Exchange::Whole => aligned(blocks.sets(), design.matrix()).0,
-        Some(blocks) => blocks.sets(),
-        None => free(values.nrows()),
+    let (sets, by_order) = match blocks {
+        Some(blocks) if blocks.exchange() == Exchange::Whole => aligned(blocks.sets(), design.matrix()),
+        Some(blocks) => (blocks.sets(), false),
+        None => (free(values.nrows()), false),
     };
     let chosen = match compared {
         Compared::Pooled => Resampling::choose(model, &sets),
@@ -252,7 +252,8 @@ pub(crate) fn family_wise(
             result.clusters = Some(clusters);
         }
     }
-    Ok(Some(result))
+    // Sign flips don't exchange rows of different blocks.
+    Ok(Some((result, by_order && resampling != Resampling::SignFlips)))
 }
 
 /// Largest statistic of each relabelled study, in ascending order.

@@ -49,8 +49,8 @@ pub struct GroupFit {
 ///
 /// [`SolverError::Smoothness`] if the smoothness is negative or not finite; [`SolverError::Interrupted`] if the monitor
 /// cancels the fit; an error if a factor is requested and the budget is too small for it;
-/// [`SolverError::Underdetermined`] or [`SolverError::UnderdeterminedWithPenalty`] if standard errors are requested and the
-/// samples, with the penalty, don't determine the coefficients;
+/// [`SolverError::Underdetermined`] or [`SolverError::UnderdeterminedWithPenalty`] if standard errors are requested and
+/// the samples, with the penalty, don't determine the coefficients;
 /// [`SolverError::LostResidual`] if they are requested and rounding errors hide a residual. A fit that doesn't converge
 /// isn't an error.
 ///

@@ -2,11 +2,10 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
-use spharm_monitor::{Monitor, number};
+use spharm_monitor::Monitor;
 use spharm_register::{Guide, RegisterParams, Registered, Subject, Template, register};
-use spharm_surface::geometry::{Vec3, bounds, cross, dot, sub};
-use spharm_surface::io::landmarks::unit_factor;
-use spharm_surface::nearest::TriangleTree;
+use spharm_surface::geometry::{Vec3, cross, dot, sub};
+use spharm_surface::io::landmarks::FarGuide;
 use spharm_surface::pose::{PoseParams, PoseSurface, differ, improved};
 use spharm_surface::{Mesh, Place, Similarity};
 
@@ -17,10 +16,6 @@ use crate::Error;
 const TURN: usize = 3;
 /// Number of parts into which landmarks are divided, so that each part can be left out once.
 const PARTS: usize = 5;
-/// Largest distance of a guiding landmark from its surface, as a fraction of the surface's extent.
-const FAR: f64 = 0.5;
-/// Largest distance, as a fraction of the surface's extent, at which all landmarks are in the surface's unit.
-const NEAR: f64 = 0.05;
 
 /// Corresponding points of all members, known before the registration.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,28 +24,6 @@ pub struct GuideLandmarks {
     pub members: Vec<Vec<Vec3>>,
     /// The p landmarks of the given template, in the template's frame; `None` if no template is given.
     pub template: Option<Vec<Vec3>>,
-}
-
-/// A landmark that can't guide, because it is far from its surface.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FarGuide {
-    /// Index of the member's farthest landmark.
-    pub landmark: usize,
-    /// Distance of this landmark from the surface.
-    pub distance: f64,
-    /// Factor by which the member's landmarks must be multiplied to lie on the surface, if they are in another unit.
-    pub factor: Option<f64>,
-}
-
-impl FarGuide {
-    /// Returns a description with the landmark's `name`.
-    #[must_use]
-    pub fn described(&self, name: &str) -> String {
-        let unit = self.factor.map_or_else(String::new, |factor| {
-            format!("; multiplied by {factor}, the landmarks lie on the surface, so they seem to be in another unit")
-        });
-        format!("{name} at a distance of {}{unit}", number(self.distance))
-    }
 }
 
 /// Distances between guiding landmarks and their corresponding points, averaged over the members, in the group's unit.
@@ -91,30 +64,10 @@ impl GuideLandmarks {
         }
     }
 
-    /// Returns a landmark of a member that can't guide, because it is farther from the member's surface than half the
-    /// surface's extent, or in another unit. `surface` is in the member's own frame.
-    #[must_use]
-    pub fn far(&self, member: usize, surface: &Mesh) -> Option<FarGuide> {
-        let points = self.members.get(member)?;
-        let tree = TriangleTree::new(surface);
-        let off = |point: &Vec3| tree.nearest(*point).map(|found| found.distance);
-        let distances = points.iter().map(off).collect::<Option<Vec<f64>>>()?;
-        let (landmark, distance) = distances.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let (low, high) = bounds(surface.vertices.iter().copied());
-        let extent = dot(sub(high, low), sub(high, low)).sqrt();
-        // Nearly all members' landmarks are near; [`unit_factor`] would measure them a second time.
-        let factor = (distance > NEAR * extent).then(|| unit_factor(points, surface)).flatten();
-        (factor.is_some() || distance > FAR * extent).then_some(FarGuide { landmark, distance, factor })
-    }
-
-    /// Refuses landmarks of a member that can't guide.
+    /// Refuses landmarks of a member that can't guide. `surface` is in the member's own frame.
     pub(super) fn check_near(&self, member: usize, surface: &Mesh) -> Result<(), Error> {
-        let Some(far) = self.far(member, surface) else { return Ok(()) };
-        Err(Error::Setting {
-            what: "guiding by landmarks",
-            expected: "landmarks near the surface, in its unit and frame",
-            found: far.described(&format!("landmark {} (counted from 0)", far.landmark)),
-        })
+        let far = self.members.get(member).and_then(|points| FarGuide::of(points, surface));
+        far.map_or(Ok(()), |far| Err(Error::FarGuide(far)))
     }
 
     /// Returns the template's landmarks, in the frame in which the template is mapped.

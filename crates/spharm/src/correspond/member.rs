@@ -55,8 +55,8 @@ pub struct Joining {
 impl Joining {
     /// Prepares a group for new members. `members` are coefficients of the group's own members: all of them or a few
     /// hundred. If the group was refined and there are at least three `members`, new members' points are refined by the
-    /// mean and the modes of `members`. New members are compared with some of them for warnings. Of
-    /// `params`, the settings of poses and registration are used.
+    /// mean and the modes of `members`. New members are compared with some of them for warnings. Of `params`,
+    /// the settings of poses and registration are used.
     ///
     /// # Errors
     ///

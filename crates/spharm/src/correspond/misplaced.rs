@@ -6,7 +6,7 @@ mod left_out;
 use rayon::prelude::*;
 use spharm_monitor::number;
 use spharm_surface::Similarity;
-use spharm_surface::geometry::{Vec3, bounds, dot, sub};
+use spharm_surface::geometry::{Vec3, bounds, diagonal, dot, sub};
 use spharm_surface::nearest::TriangleTree;
 
 use super::Group;
@@ -151,8 +151,7 @@ impl Group {
             return Err(not_finite());
         }
         let mean = mean(&self.places);
-        let (low, high) = bounds(mean.iter().copied());
-        let extent = length(sub(high, low));
+        let extent = diagonal(bounds(mean.iter().copied()));
         let far = FAR * extent;
         let mut found: Vec<MisplacedLandmarks> = if self.places.len() < LEAST {
             few::swapped(&in_space, far).into_iter().collect()

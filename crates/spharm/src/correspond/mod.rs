@@ -51,7 +51,7 @@ use crate::Error;
 
 pub use carry::Carried;
 pub use files::{GroupFiles, MemberOrigin};
-pub use guide::{FarGuide, GuideLandmarks, GuideReport};
+pub use guide::{GuideLandmarks, GuideReport};
 pub use member::{Joining, NewMember};
 pub use misplaced::{LandmarkCause, MisplacedLandmarks};
 pub use params::CorrespondParams;

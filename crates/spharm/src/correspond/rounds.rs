@@ -97,15 +97,16 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
     } else {
         together(&mut fitted.places, &sphere.faces, &masked)
     };
-    similarities = similarities.iter().zip(&motions).map(|(own, motion)| own.then(motion)).collect();
-    if params.keep_poses {
+    let moved = |(index, (own, motion)): (usize, (&Similarity, &Similarity))| match params.keep_poses {
         // The same without rounding errors.
-        similarities = (0..similarities.len()).map(|index| params.reflection(index).unwrap_or_default()).collect();
-    }
+        true => params.reflection(index).unwrap_or_default(),
+        false => own.then(motion),
+    };
+    similarities = similarities.iter().zip(&motions).enumerate().map(moved).collect();
     fitted.moved(&motions)?;
-    members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
     let weights = weights(&fitted.places, &sphere.faces, &masked);
     let spread = spread(&fitted.places, &mean, &weights);
+    members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
     let template_of_group =
         GroupTemplate { mean: fitted.mean()?, sphere, masked, spread, refined: refinement.is_some() };
     let guide = guided.map(|guided| guided.report(&fitted.places, &similarities, &left_out));

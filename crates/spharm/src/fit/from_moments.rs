@@ -10,11 +10,11 @@ use spharm_solver::lsq::{Denoise, Gcv, LsqReport, MomentFit, MomentProblem, Nois
 use spharm_solver::{LsqParams, MomentNormal, SolverError};
 use spharm_store::{Scalar, SchemeKey};
 use spharm_surface::Kind;
-use spharm_surface::range::{times, times_within};
+use spharm_surface::range::times;
 use spharm_transform::MomentGram;
 
 use super::denoise::{merge, parts, set_columns};
-use super::range::{restore_moments, smoothness_into_range, sums_into_range};
+use super::range::{restore_moments, restore_search, smoothness_into_range, sums_into_range};
 use super::shared::{check_auto, converged, strategy};
 use super::undetermined;
 use super::{by_channel, in_pool};
@@ -146,10 +146,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         gram_bytes: MomentGram::bytes(max_degree),
         ..LsqParams::default()
     };
-    let lambdas: &[f64] = match &gcv {
-        Some(gcv) => &gcv.by_channel,
-        None => &[],
-    };
+    let lambdas = gcv.as_ref().map_or(&[][..], |gcv| &gcv.by_channel);
     let mut found = by_channel::solve(&problem, &solver, lambdas, params.standard_errors && !params.denoise, monitor)
         .map_err(|error| refused(error, "stderr", moments))?;
     let squares = found.residual_squares.iter().zip(&found.lost).filter(|(_, lost)| !**lost).map(|(sum, _)| sum);
@@ -163,7 +160,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
     let largest_gap = moments.occupied.largest_gap().to_degrees();
     let resolved = (max_degree > 0).then(|| 180.0 / max_degree as f64);
     let mut warnings = FitWarning::of_lsq(&found.report, params.tolerance, None);
-    let gap = undetermined::warning(moments, &problem, &solver, (&found.report, has_factor), monitor)?;
+    let gap = undetermined::warning(moments, &problem, &solver, (&found.report, has_factor), largest_gap, monitor)?;
     let amplified = amplified.filter(|_| !params.denoise && gap.is_none() && found.report.shift == 0.0);
     let hidden = |removed: &Denoise| FitWarning::of_noise(relative_noise, &removed.gain, max_degree);
     warnings.extend(gap.into_iter().chain(amplified).chain(denoised.iter().find_map(hidden)));
@@ -181,14 +178,7 @@ fn solve(moments: &Moments, params: &FitParams, monitor: &dyn Monitor) -> Result
         removed.sigma = times(removed.sigma, e + weight_exponent / 2);
     }
     if let Some(gcv) = &mut gcv {
-        for smoothness in gcv.by_channel.iter_mut().chain([&mut gcv.smoothness]) {
-            *smoothness = times_within(*smoothness, weight_exponent);
-        }
-        let exponent = exponents.iter().copied().max().unwrap_or(0);
-        for [smoothness, score, _] in &mut gcv.tried {
-            *smoothness = times_within(*smoothness, weight_exponent);
-            *score = times_within(*score, 2 * exponent + weight_exponent);
-        }
+        restore_search(gcv, exponents.iter().copied().max().unwrap_or(0), weight_exponent);
     }
     if let Some(((row, channel), &found)) = found.coefficients.values().indexed_iter().find(|(_, x)| !x.is_finite()) {
         return Err(Error::NotFinite { row, channel, found });

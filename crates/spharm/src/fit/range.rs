@@ -9,7 +9,7 @@
 use ndarray::{Array2, ArrayView2, ArrayViewMut1, ArrayViewMut2};
 use spharm_harmonics::{Coefficients, Directions};
 use spharm_solver::ResidualNorms;
-use spharm_solver::lsq::{LsqReport, LsqWarning, MomentFit};
+use spharm_solver::lsq::{Gcv, LsqReport, LsqWarning, MomentFit};
 use spharm_surface::range::{even_exponent, exponent, scale_all, times, times_within, unless_ordinary};
 use spharm_surface::{Kind, Target};
 use spharm_transform::{SampleSums, synthesis};
@@ -182,15 +182,20 @@ pub(crate) fn restore_batch<'a>(
             restore(&mut report.residuals);
             restore_solution(report, exponent, weights);
             if let Some(gcv) = gcv {
-                for smoothness in gcv.by_channel.iter_mut().chain([&mut gcv.smoothness]) {
-                    *smoothness = times_within(*smoothness, weights);
-                }
-                for [smoothness, score, _] in &mut gcv.tried {
-                    *smoothness = times_within(*smoothness, weights);
-                    *score = times_within(*score, 2 * exponent + weights);
-                }
+                restore_search(gcv, exponent, weights);
             }
         }
+    }
+}
+
+/// Converts a search for the smoothness back to the targets' unit.
+pub(crate) fn restore_search(gcv: &mut Gcv, exponent: i32, weights: i32) {
+    for smoothness in gcv.by_channel.iter_mut().chain([&mut gcv.smoothness]) {
+        *smoothness = times_within(*smoothness, weights);
+    }
+    for [smoothness, score, _] in &mut gcv.tried {
+        *smoothness = times_within(*smoothness, weights);
+        *score = times_within(*score, 2 * exponent + weights);
     }
 }
 

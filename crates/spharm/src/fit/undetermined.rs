@@ -11,8 +11,9 @@ use crate::{Error, FitWarning};
 /// Condition number of the basis at the samples above which some functions of the degree are treated as undetermined.
 const UNDETERMINED: f64 = 1e6;
 
-/// Returns a warning if the samples don't determine a fit without a penalty. `report` is the report on this fit, and
-/// `has_factor` whether it computed a factor.
+/// Returns a warning if the samples don't determine a fit without a penalty. `report` is the report on this fit,
+/// `has_factor` says whether it computed a factor, and `largest_gap` is the diameter of the largest cap without
+/// samples, in degrees.
 ///
 /// Samples at few places, or with wide gaps, can leave functions undetermined that iterations don't notice. The
 /// condition number of a factor reveals these functions without a further fit.
@@ -21,14 +22,14 @@ pub(super) fn warning(
     problem: &MomentProblem,
     solver: &LsqParams,
     (report, has_factor): (&LsqReport, bool),
+    largest_gap: f64,
     monitor: &dyn Monitor,
 ) -> Result<Option<FitWarning>, Error> {
     let (max_degree, samples) = (problem.max_degree(), moments.sums.count);
     if solver.smoothness > 0.0 || max_degree == 0 {
         return Ok(None);
     }
-    let functions = basis_size(max_degree);
-    let (largest_gap, resolved) = (moments.occupied.largest_gap().to_degrees(), 180.0 / max_degree as f64);
+    let (functions, resolved) = (basis_size(max_degree), 180.0 / max_degree as f64);
     let few = report.warnings.iter().any(|warning| matches!(warning, LsqWarning::Underdetermined { .. }));
     let poor = report.shift > 0.0 || few || report.condition > UNDETERMINED;
     let sparse = largest_gap > resolved || moments.occupied.count() < functions;

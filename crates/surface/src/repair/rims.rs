@@ -7,7 +7,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use super::MeshRepair;
 use super::area_of;
 use super::sheets::{by_edge, sides, start};
-use crate::geometry::{Vec3, add, bounds, dot, face_normal, sub};
+use crate::geometry::{Vec3, add, bounds, diagonal, dot, face_normal, sub};
 
 /// Largest number of edges of a hole that [`repair`](super::repair) fills.
 pub const LARGEST_FAN: usize = 32;
@@ -59,7 +59,6 @@ pub fn rims(faces: &[[u32; 3]]) -> Vec<Vec<u32>> {
 /// Returns the diagonal of a mesh's bounding box; or twice the diagonal of the box around its [`bulk`], if that is
 /// smaller, as with specks far away.
 fn size(vertices: &[Vec3], faces: &[[u32; 3]]) -> f64 {
-    let diagonal = |(low, high): (Vec3, Vec3)| dot(sub(high, low), sub(high, low)).sqrt();
     let whole = diagonal(bounds(faces.as_flattened().iter().map(|&v| vertices[v as usize])));
     let bulk = diagonal(bulk(vertices, faces));
     if bulk > 0.0 { whole.min(MOST_OF_BULK * bulk) } else { whole }

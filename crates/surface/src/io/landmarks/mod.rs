@@ -21,7 +21,7 @@ use std::collections::{HashMap, HashSet};
 use std::io::Write;
 use std::path::Path;
 
-pub use placed::{Placed, unit_factor};
+pub use placed::{FarGuide, Placed, unit_factor, unit_hint};
 
 use super::atomic::write_new;
 use super::flaw::{Flaw, shown};

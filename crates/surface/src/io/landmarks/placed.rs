@@ -1,7 +1,9 @@
 //! Determines from the distances between landmarks and a surface whether both have the same frame, LPS or RAS.
 
+use spharm_monitor::number;
+
 use super::Landmarks;
-use crate::geometry::{Vec3, bounds, dot, scale, sub};
+use crate::geometry::{Vec3, bounds, diagonal, scale};
 use crate::mesh::Mesh;
 use crate::nearest::TriangleTree;
 
@@ -13,6 +15,8 @@ const NEARER: f64 = 4.0;
 const OFF: f64 = 0.05;
 /// Minimum number of landmarks that show a unit: fewer may lie on the surface by chance.
 const LEAST: usize = 3;
+/// Largest distance of a landmark that guides a registration from its surface, as a fraction of the surface's extent.
+const FAR: f64 = 0.5;
 /// Ratios of units of length, such as metres and millimetres.
 const FACTORS: [f64; 6] = [10.0, 100.0, 1000.0, 0.1, 0.01, 0.001];
 
@@ -33,19 +37,74 @@ pub struct Placed {
 /// in another unit. Returns `None` if the points are near the surface, or far from it in every unit.
 #[must_use]
 pub fn unit_factor(points: &[Vec3], surface: &Mesh) -> Option<f64> {
-    let tree = TriangleTree::new(surface);
+    factor(points, &TriangleTree::new(surface), diagonal(bounds(surface.vertices.iter().copied())))
+}
+
+/// Returns the text about a [`unit_factor`] that is appended to messages about landmarks far from their surface; empty
+/// without a factor.
+#[must_use]
+pub fn unit_hint(factor: Option<f64>) -> String {
+    factor.map_or_else(String::new, |factor| {
+        format!("; multiplied by {factor}, the landmarks lie on the surface, so they seem to be in another unit")
+    })
+}
+
+fn factor(points: &[Vec3], tree: &TriangleTree, extent: f64) -> Option<f64> {
     let off = |factor: f64| {
         let distance = |point: &Vec3| tree.nearest(scale(*point, factor)).map_or(f64::INFINITY, |found| found.distance);
         median(&points.iter().map(distance).collect::<Vec<_>>())
     };
-    let (low, high) = bounds(surface.vertices.iter().copied());
-    let least = OFF * dot(sub(high, low), sub(high, low)).sqrt();
+    let least = OFF * extent;
     let stored = off(1.0);
     if points.len() < LEAST || stored <= least {
         return None;
     }
     let best = FACTORS.into_iter().map(|factor| (factor, off(factor))).min_by(|a, b| a.1.total_cmp(&b.1));
     best.filter(|(_, there)| *there <= least && NEARER * there < stored).map(|(factor, _)| factor)
+}
+
+/// A landmark that can't guide a registration, because it is far from its surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FarGuide {
+    /// Index of the farthest landmark, counted from 0.
+    pub landmark: usize,
+    /// Distance of this landmark from the surface, in the surface's unit.
+    pub distance: f64,
+    /// Factor by which the landmarks must be multiplied to lie on the surface, if they are in another unit.
+    pub factor: Option<f64>,
+}
+
+impl FarGuide {
+    /// Returns the landmark that is farthest from a surface if it is farther than half the surface's extent, or if the
+    /// landmarks are in another unit.
+    #[must_use]
+    pub fn of(points: &[Vec3], surface: &Mesh) -> Option<Self> {
+        let tree = TriangleTree::new(surface);
+        let off = |point: &Vec3| tree.nearest(*point).map(|found| found.distance);
+        let distances = points.iter().map(off).collect::<Option<Vec<f64>>>()?;
+        let (landmark, distance) = distances.into_iter().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let extent = diagonal(bounds(surface.vertices.iter().copied()));
+        // Nearly all landmarks are near and need no search for their unit.
+        let factor = (distance > OFF * extent).then(|| factor(points, &tree, extent)).flatten();
+        (factor.is_some() || distance > FAR * extent).then_some(Self { landmark, distance, factor })
+    }
+
+    /// Returns the reason why the landmark, whose name is given, can't guide.
+    #[must_use]
+    pub fn reason(&self, name: &str) -> String {
+        format!(
+            "guiding by landmarks needs landmarks near the surface, in its unit and frame, found {name} at a distance of \
+             {}{}",
+            number(self.distance),
+            unit_hint(self.factor)
+        )
+    }
+}
+
+impl std::fmt::Display for FarGuide {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.reason(&format!("landmark {} (counted from 0)", self.landmark)))
+    }
 }
 
 impl Landmarks {
