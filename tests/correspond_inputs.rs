@@ -53,6 +53,29 @@ fn sum(values: &Value) -> f64 {
 }
 
 #[test]
+fn new_members_are_scaled_if_the_groups_members_were() {
+    let site = boxes();
+    let add = |group: &str, more: &[&str]| {
+        let mut command = tool("shape");
+        command.args(["correspond", "in/s04.ply", "--to", group, "-q", "-o"]).arg(format!("{group}-added"));
+        command.args(more).current_dir(site.path());
+        command
+    };
+    for (group, scale) in [("scaled", &["--scale"][..]), ("own", &[])] {
+        let settings = [&["-o", group, "--no-refinement", "--rounds", "1"], scale].concat();
+        succeed(&mut correspond(site.path(), &BOXES[..3], &settings));
+        succeed(&mut add(group, &[]));
+        let record = fs::read_to_string(site.path().join(format!("{group}-added/members/s04.json"))).expect("a record");
+        let scaled = json(&record)["to_group"]["scale"] != 1.0;
+        assert_eq!(scaled, !scale.is_empty(), "{record}");
+    }
+    fs::remove_dir_all(site.path().join("own-added")).expect("removed");
+    let error = fail(&mut add("own", &["--scale"]));
+    assert!(error.contains("keep their own sizes"), "{error}");
+    assert!(!site.path().join("own-added").exists());
+}
+
+#[test]
 fn landmarks_that_guide_stay_together() {
     let site = boxes();
     let group = |more: &[&str]| {

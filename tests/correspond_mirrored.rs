@@ -2,11 +2,14 @@
 
 use std::fs;
 
+use serde_json::Value;
 use spharm_model::Model;
 use spharm_surface::Similarity;
+use spharm_surface::generate::icosphere;
+use spharm_surface::geometry::dot;
 use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
-use crate::common::{fail, succeed};
+use crate::common::{fail, finish, succeed, text, tool};
 use crate::correspond::Site;
 
 /// A member that is mirrored, by `--mirrored` or by a table, has the same model as the surface of which it is the
@@ -65,6 +68,54 @@ fn mirrored_members_end_where_their_originals_would() {
     assert!(member("added", "s03")["registration"]["cover_rms"].as_f64().is_some_and(|rms| rms < 0.5));
     assert!(fail(&mut add(&[])).contains("was made with --mirrored"));
     assert!(fail(&mut add(&["--mirrored", "in/s04.ply"])).contains("in/s04.ply: not among the given surfaces"));
+}
+
+/// In a group of two sides, all members may seem mirrored. A warning says so and names the members of one side; the
+/// records state which members are mirror images.
+#[test]
+fn a_group_of_two_sides_is_noticed() {
+    let site = tempfile::tempdir().expect("a folder");
+    let site = site.path();
+    let ball = icosphere(3);
+    let names: Vec<String> = (0..4).map(|n| format!("s{n}_{}", ["L", "R"][n % 2])).collect();
+    for (name, wide) in names.iter().zip([6.0, 6.1, 6.2, 6.3]) {
+        let place = |v: &[f64; 3]| {
+            let at = |d: [f64; 3]| (6.0 * (dot(d, *v) - 1.0)).exp();
+            let bump = 1.0 + 0.4 * at([0.6, 0.64, 0.48]) + 0.3 * at([-0.36, 0.48, -0.8]);
+            [9.0 * v[0] * bump, wide * v[1] * bump, 4.0 * v[2] * bump]
+        };
+        let mut body = ball.with_vertices(ball.vertices.iter().map(place).collect());
+        if name.ends_with('R') {
+            body = Similarity::reflection().apply_mesh(&body);
+        }
+        let options = WriteOptions { overwrite: true, double: true };
+        write_mesh(site.join(format!("{name}.ply")), &body, &options).expect("a mesh");
+    }
+    let correspond = |more: &[&str]| {
+        let mut command = tool("shape");
+        command.arg("correspond").args(names.iter().map(|name| format!("{name}.ply"))).current_dir(site);
+        command.args(["--max-degree", "4", "--subdivisions", "2", "--rounds", "1", "--no-refinement", "--force"]);
+        let output = finish(command.args(["-o", "group"]).args(more));
+        assert!(output.status.success(), "{}", text(&output));
+        text(&output)
+    };
+    let said = correspond(&[]);
+    let expected = ["the group seems to mix two sides", "by their names, the members of the right side are s1_R, s3_R"];
+    assert!(expected.iter().all(|words| said.contains(words)), "{said}");
+    let said = correspond(&["--mirrored", "s1_R.ply", "s3_R.ply"]);
+    assert!(!said.contains("mix two sides") && !said.contains("mirror image"), "{said}");
+    let said = correspond(&["--mirror"]);
+    let records = names.iter().map(|name| -> Value {
+        let text = fs::read(site.join(format!("group/members/{name}.json"))).expect("a record");
+        serde_json::from_slice(&text).expect("JSON")
+    });
+    for (record, name) in records.zip(&names) {
+        let to_group: Similarity = serde_json::from_value(record["to_group"].clone()).expect("a similarity");
+        let found = (&record["mirrored"], &record["mirrored_first"]);
+        assert_eq!(found, (&to_group.mirrors().into(), &false.into()), "{name}");
+        assert_eq!(said.contains(&format!("{name} (mirrored)")), to_group.mirrors(), "{said}");
+    }
+    assert_eq!(said.matches("(mirrored)").count(), 2, "{said}");
 }
 
 /// A mirrored model is the model of the mirrored surface. An alignment with --mirrored includes the reflection in the

@@ -2,6 +2,7 @@
 
 use ndarray::Array2;
 use spharm::{Error, FitParams, FitWarning, Kind, Model, Objective, Signal, Smoothness, SolverError, Sphere, fit};
+use spharm_harmonics::{Directions, synthesis};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{Cortex, SplitMix64, cortex};
 use spharm_surface::io::{WriteOptions, write_mesh};
@@ -65,6 +66,52 @@ fn noise_is_removed_from_vertices_and_from_surfaces() {
     }
 }
 
+/// Standard errors contain the uncertainty of the gains, which are estimated: a gain of 0 doesn't mean that the
+/// coefficients are known to be 0.
+#[test]
+fn intervals_of_a_denoised_fit_contain_the_coefficients() {
+    for (objective, subdivisions, draws) in [(Objective::Vertices, 4, 16), (Objective::Surface, 3, 4)] {
+        let sphere = Sphere::icosphere(subdivisions);
+        let mut random = SplitMix64::new(11);
+        let known =
+            Array2::from_shape_fn((121, draws), |(k, _)| normal(&mut random) / (1.0 + k.isqrt() as f64).powi(3));
+        let clean = synthesis(&sphere.directions, known.view()).unwrap();
+        let values: Vec<f64> = clean.iter().map(|value| value + 0.3 * normal(&mut random)).collect();
+        let signal = Signal::new(values, clean.nrows(), draws);
+        let params = FitParams::lsq(10).with_objective(objective).with_surface_distance(false);
+        let found = fit(&sphere, &signal, &params.with_denoise(true).with_standard_errors(true)).unwrap();
+        assert!(found.report.denoise.iter().any(|removed| removed.noise.gain[10] == 0.0));
+        let errors = found.standard_errors.unwrap();
+        let ratios: Vec<f64> =
+            (found.coefficients.values() - &known).iter().zip(&errors).map(|(d, e)| d.abs() / e).collect();
+        let inside = ratios.iter().filter(|ratio| **ratio < 1.96).count() as f64 / ratios.len() as f64;
+        let largest = ratios.iter().copied().fold(0.0, f64::max);
+        assert!(inside > 0.92 && largest < 6.0, "{objective:?}: {inside} of the intervals, {largest}");
+    }
+}
+
+/// The solver's rounding errors, which are relative to the values, are neither noise nor detail.
+#[test]
+fn rounding_is_not_taken_for_detail() {
+    for seed in 0..8 {
+        let mut random = SplitMix64::new(seed);
+        let mut places = Sphere::icosphere(3).directions.as_slice().to_vec();
+        for place in &mut places {
+            *place = place.map(|value| value + 0.012 * normal(&mut random));
+            let length = place.iter().map(|value| value * value).sum::<f64>().sqrt();
+            *place = place.map(|value| value / length);
+        }
+        let sphere = Sphere::from_directions(Directions::from_unit_vectors(places).unwrap());
+        for (constant, slope) in [(2.5, 0.0), (1e9, 1e-6), (0.0, 1.0)] {
+            let values: Vec<f64> = sphere.directions.as_slice().iter().map(|u| constant + slope * u[0]).collect();
+            let signal = Signal::new(values, sphere.directions.len(), 1);
+            let found = fit(&sphere, &signal, &FitParams::lsq(10).with_denoise(true)).unwrap();
+            let warned = found.report.warnings.iter().any(|warning| matches!(warning, FitWarning::Detail { .. }));
+            assert!(!warned, "{constant} {slope}, seed {seed}: {:?}", found.report.denoise);
+        }
+    }
+}
+
 /// Each channel of a signal has its own noise level, in its own unit.
 #[test]
 fn channels_of_a_signal_are_denoised_apart() {
@@ -81,10 +128,10 @@ fn channels_of_a_signal_are_denoised_apart() {
     for (removed, sigma) in found.report.denoise.iter().zip(sigmas) {
         assert!((removed.noise.sigma / sigma - 1.0).abs() < 0.04, "{} {sigma}", removed.noise.sigma);
     }
-    // Damped coefficients have the standard error of the prior, which is smaller. The signal x y has degree 2 and
-    // isn't damped.
+    // Damped coefficients have a smaller standard error, in spite of the uncertainty of their gain. The signal x y has
+    // degree 2 and isn't damped.
     let errors = found.standard_errors.unwrap();
-    assert!(errors[[160, 1]] < 0.5 * errors[[4, 1]], "{} {}", errors[[160, 1]], errors[[4, 1]]);
+    assert!(errors[[160, 1]] < 0.6 * errors[[4, 1]], "{} {}", errors[[160, 1]], errors[[4, 1]]);
     let squares =
         |values: &Array2<f64>, from: usize| values.rows().into_iter().skip(from).map(|r| r[1] * r[1]).sum::<f64>();
     let plain = fit(&sphere, &signal, &FitParams::lsq(12)).unwrap();

@@ -213,7 +213,7 @@ fn coefficients_of_another_package_are_refused_where_models_are_wanted() {
     }
     let said = fail(&mut site.run("shape", &["align", "a.coef", "b.coef", "c.coef", "--group", "-o", "al"]));
     assert!(said.contains("a.coef: expected a model or a mesh") && said.contains("spharm import"), "{said}");
-    // A mesh may have any name, but an aligned mesh needs a known ending.
+    // A mesh may have any name, but an aligned mesh needs a known extension.
     succeed(&mut site.run("reconstruct", &["--model", "a.npz", "-o", "a.ply"]));
     for name in ["a.txt", "b.txt"] {
         std::fs::copy(site.path("a.ply"), site.path(name)).expect("a mesh");

@@ -1,6 +1,6 @@
 //! Errors of `fit` about its arguments: conflicting arguments, values that are too small, existing outputs.
 
-use spharm_surface::io::read_mesh;
+use spharm_surface::io::{WriteOptions, read_mesh, write_mesh};
 
 use crate::common::{fail, finish, succeed, text, tool};
 use crate::full_least_squares::{DEGREE, fit_alone, lsq, report_of};
@@ -132,4 +132,102 @@ fn outputs_are_not_replaced_unasked() {
     let skipped = succeed(lsq(&study, &arguments).arg("--skip-existing"));
     assert!(skipped.contains("nothing to do"), "{skipped}");
     assert_eq!(bytes()[1..], before[1..]);
+}
+
+#[test]
+fn a_dry_run_over_a_store_ends_as_the_run_would() {
+    let study = Study::new();
+    let mut sphere = read_mesh(study.path("sphere.surf.gii")).unwrap();
+    sphere.vertices[0][0] += 1e-9;
+    write_mesh(study.path("moved.surf.gii"), &sphere, &WriteOptions { overwrite: false, double: true }).unwrap();
+    let [store, moved, none] =
+        ["store", "moved.surf.gii", "none"].map(|name| study.path(name).to_str().expect("UTF-8").to_owned());
+    for (arguments, expected) in [
+        (&["--max-degree", "13", "--store", &store][..], "degree 13 is missing"),
+        (&["--max-degree", "12", "--method", "nlsf", "--memory", "13MiB", "--store", &store], "too small; at least"),
+        (&["--max-degree", "12", "--store", &none], "cannot open the store"),
+        (&["--max-degree", "12", "--method", "lsq", "--store", &none], "cannot open the store"),
+        (&["--max-degree", "12", "--store", &store, "--sphere", &moved], "has the same 642 directions within"),
+    ] {
+        let command = |more: &[&str]| {
+            let mut command = tool("fit");
+            if !arguments.contains(&"--sphere") {
+                command.arg("--sphere").arg(study.path("sphere.surf.gii"));
+            }
+            command.arg(study.path("s0.surf.gii")).args(["-q", "-o"]).arg(study.path("m.npz"));
+            command.args(arguments).args(more);
+            command
+        };
+        for more in [&["--dry-run"][..], &[]] {
+            let error = fail(&mut command(more));
+            assert!(error.contains(expected), "{more:?}: {error}");
+        }
+    }
+    let said = succeed(study.fit(&["s0.surf.gii"], &["--max-degree", "12", "--dry-run"]).arg("-o").arg(&none));
+    assert!(said.contains("fitted over 1 sphere"), "{said}");
+}
+
+#[test]
+fn the_environment_names_a_store_but_chooses_no_method() {
+    let study = Study::new();
+    let fit = |arguments: &[&str]| {
+        let mut command = fit_alone(&study, &[&DEGREE[..], &["--json", "--force"], arguments].concat());
+        report_of(command.env("SPHARM_STORE", study.path("store")))
+    };
+    let usual = fit(&[]);
+    assert_eq!((&usual["method"], &usual["store"]), (&"lsq".into(), &serde_json::Value::Null), "{usual}");
+    assert!(usual["surfaces"][0]["surface_distance"].is_object(), "a fit of the surface: {usual}");
+    let named = fit(&["--method", "mirf"]);
+    assert_eq!((&named["method"], named["store"].is_string()), (&"mirf".into(), true), "{named}");
+    assert_eq!(named["surfaces"][0]["passes"].as_array().unwrap().len(), 4, "{named}");
+}
+
+#[test]
+fn a_factor_is_named_only_if_it_is_used() {
+    let study = Study::new();
+    let mut build = tool("basis-build");
+    build.arg("--sphere").arg(study.path("sphere.surf.gii")).arg("--store").arg(study.path("store"));
+    succeed(build.args(["-q", "--factor-only", "--factor", "12"]));
+    for (preconditioner, used) in [("none", false), ("factor", true)] {
+        let mut fit = tool("fit");
+        fit.arg("--sphere").arg(study.path("sphere.surf.gii")).arg(study.path("s0.surf.gii")).args(DEGREE);
+        fit.args(["--method", "lsq", "--preconditioner", preconditioner, "--force", "--store"])
+            .arg(study.path("store"));
+        let said = text(&finish(fit.arg("-o").arg(study.path("m.npz"))));
+        assert_eq!(said.contains("using the Cholesky factor"), used, "{said}");
+    }
+}
+
+#[test]
+fn passes_that_end_early_are_named() {
+    let study = Study::new();
+    // On directions that are dense around a pole, different degrees are far from orthogonal.
+    let mut sphere = read_mesh(study.path("sphere.surf.gii")).unwrap();
+    for vertex in &mut sphere.vertices {
+        let radius = vertex.iter().map(|x| x * x).sum::<f64>().sqrt();
+        vertex[2] += 0.6 * radius;
+        let length = vertex.iter().map(|x| x * x).sum::<f64>().sqrt();
+        *vertex = vertex.map(|x| x / length);
+    }
+    let path = study.path("dense.ply");
+    write_mesh(&path, &sphere, &WriteOptions { overwrite: false, double: true }).unwrap();
+    let mut build = tool("basis-build");
+    succeed(build.arg("--sphere").arg(&path).arg("--store").arg(study.path("dense")).args([
+        "-q",
+        "--max-degree",
+        "12",
+    ]));
+    for (passes, warned) in [("1", false), ("2", true), ("6", false)] {
+        let mut fit = tool("fit");
+        fit.arg("--sphere")
+            .arg(&path)
+            .arg("--store")
+            .arg(study.path("dense"))
+            .arg(study.path("s0.surf.gii"))
+            .args(DEGREE);
+        fit.args(["-q", "--granularity", "1", "--passes", passes, "--force", "-o"]).arg(study.path("m.npz"));
+        let output = finish(&mut fit);
+        assert!(output.status.success(), "{}", text(&output));
+        assert_eq!(text(&output).contains("still falling after"), warned, "{}", text(&output));
+    }
 }

@@ -3,19 +3,25 @@
 use std::fs;
 use std::path::Path;
 
+use serde_json::{Value, json};
 use spharm_surface::generate::icosphere;
 use spharm_surface::io::write_mesh;
 
 use crate::common::{error_line, finish, succeed, text, tool};
 use crate::first_users::OPTIONS;
 use crate::freesurfer::write_label;
-use crate::shape_means::growing;
+use crate::shape_means::{growing, test};
 
 /// Creates models of ten subjects, of the left side in the folder `left` and of the right side in `right`; and a sphere
 /// and a label of the right side.
 fn site() -> tempfile::TempDir {
+    site_of(["lh", "rh"])
+}
+
+/// Creates the same files, with other names of the sides in the names of the models.
+fn site_of([left, right]: [&str; 2]) -> tempfile::TempDir {
     let site = growing();
-    for (from, to, side) in [("year1", "left", "lh"), ("year2", "right", "rh")] {
+    for (from, to, side) in [("year1", "left", left), ("year2", "right", right)] {
         fs::create_dir(site.path().join(to)).expect("a folder");
         for subject in 0..10 {
             let from = site.path().join(format!("{from}/s{subject}.spharm.npz"));
@@ -54,6 +60,51 @@ fn left_and_right_models_are_compared_only_when_mirrored() {
         );
         assert!(said.contains(&expected), "{said}");
     }
+}
+
+#[test]
+fn letters_in_names_state_the_sides_of_pairs() {
+    let site = site_of(["L", "R"]);
+    let site = site.path();
+    let sampling = ["--icosphere", "1"];
+    let said = text(&paired(site, "right", &sampling));
+    let expected =
+        "left/s0_L.spharm.npz belongs to the left hemisphere, but right/s0_R.spharm.npz belongs to the right";
+    assert!(said.contains(expected) && !said.contains("to join different subjects"), "{said}");
+    succeed(tool("shape").args(["rotate", "right", "--mirror", "-o", "mirrored"]).current_dir(site));
+    let output = paired(site, "mirrored", &sampling);
+    assert!(output.status.success() && !text(&output).contains("hemisphere"), "{}", text(&output));
+    // Groups may have names that end in letters.
+    let groups = ["--a", "left", "--b", "right", "--permutations", "0", "-o", "groups"];
+    let output = finish(&mut test(site, &groups));
+    assert!(output.status.success() && !text(&output).contains("hemisphere"), "{}", text(&output));
+}
+
+#[test]
+fn pairs_of_different_subjects_are_named() {
+    let site = site_of(["L", "R"]);
+    let site = site.path();
+    let rows = |by: usize| -> String {
+        let row = |s: usize| format!("s{s},left/s{s}_L.spharm.npz,right/s{}_R.spharm.npz\n", (s + by) % 10);
+        (0..10).map(row).collect()
+    };
+    for (by, is_shifted) in [(0, false), (1, true)] {
+        fs::write(site.join("t.csv"), format!("id,left,right\n{}", rows(by))).expect("a table");
+        let columns = ["--table", "t.csv", "--model-column", "left", "--minus", "right", "--mean"];
+        let said = text(&finish(test(site, &columns).args(["--permutations", "0", "-o", "t", "--force"])));
+        assert_eq!(said.contains("10 of 10 pairs seem to join different subjects"), is_shifted, "{said}");
+    }
+    // Each side lacks a subject, so the sides have equally many models.
+    fs::remove_file(site.join("left/s3_L.spharm.npz")).expect("removed");
+    fs::remove_file(site.join("right/s6_R.spharm.npz")).expect("removed");
+    let said = text(&paired(site, "right", &["--icosphere", "1"]));
+    let expected = "3 of 9 pairs seem to join different subjects, by the names of the models: left/s4_L.spharm.npz with \
+                    right/s3_R.spharm.npz, ";
+    assert!(said.contains(expected), "{said}");
+    let about: Value =
+        serde_json::from_str(&fs::read_to_string(site.join("test/test.json")).expect("a description")).expect("JSON");
+    assert_eq!((&about["pairs"][2], &about["pairs"][3]), (&json!(["s2_L", "s2_R"]), &json!(["s4_L", "s3_R"])));
+    assert!(about["warnings"].to_string().contains("to join different subjects"), "{about}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use spharm_model::Model;
 use spharm_surface::io::{WriteOptions, read_mesh, read_signal, write_mesh, write_signal};
 use spharm_surface::{CoordinateSystem, Mesh, Signal, VolumeGeometry};
 
@@ -51,6 +52,12 @@ fn a_reconstruction_lies_in_the_volume_of_its_input() {
     write(&study, "placed.surf.gii", |mesh| mesh.meta.coordinate_system = Some(system.clone()));
     fit(&study, "placed.surf.gii");
     assert_eq!(reconstruct(&study, "again.surf.gii").meta.coordinate_system, Some(system));
+    // 3D Slicer takes files that don't state their axes as LPS.
+    let axes = |mesh: Mesh| mesh.meta.file_metadata.into_iter().find(|(name, _)| name == "SPACE").map(|(_, axes)| axes);
+    assert_eq!(axes(reconstruct(&study, "again.vtk")).as_deref(), Some("RAS"));
+    write(&study, "slicer.ply", |mesh| mesh.meta.file_metadata.push(("SPACE".to_owned(), "LPS".to_owned())));
+    fit(&study, "slicer.ply");
+    assert_eq!(axes(reconstruct(&study, "slicer.vtk")).as_deref(), Some("LPS"));
 }
 
 /// Runs a fit that gives the expected warning, and that `--strict` refuses.
@@ -112,6 +119,61 @@ fn freesurfer_maps_and_gzipped_surfaces_are_fitted() {
     let output = study.path("smooth.mgz");
     succeed(tool("reconstruct").arg("--model").arg(study.path("m.npz")).arg("-o").arg(&output));
     assert_eq!(read_signal(&output).unwrap().vertices, thickness.vertices);
+}
+
+#[test]
+fn values_are_read_from_tables_with_missing_values_and_from_numpy_arrays() {
+    let study = Study::new();
+    let vertices = read_mesh(study.path("s0.surf.gii")).unwrap().vertices.len();
+    let fit = |name: &str, more: &[&str]| {
+        let mut command = tool("fit");
+        command.arg("--sphere").arg(study.path("sphere.surf.gii")).arg(study.path(name)).args(more);
+        let output = finish(command.args(["-L", "4", "--force", "-o"]).arg(study.path("v.npz")));
+        assert!(output.status.success(), "{}", text(&output));
+        (Model::read(study.path("v.npz")).unwrap().coefficients, text(&output))
+    };
+    let mut values: Vec<f64> = (0..vertices).map(|vertex| 2.5 + 0.001 * vertex as f64).collect();
+    values[1] = f64::NAN;
+    let rows = values.iter().enumerate();
+    let rows: Vec<String> = rows.map(|(vertex, x)| format!("{vertex},{x:?}\n").replace("NaN", "NA")).collect();
+    std::fs::write(study.path("v.csv"), format!("vno,thickness\n{}", rows.concat())).unwrap();
+    ndarray_npy::write_npy(study.path("v.npy"), &ndarray::Array1::from(values.clone())).unwrap();
+    let (of_table, said) = fit("v.csv", &[]);
+    assert!(said.contains("\"vno\" was left out") && !said.contains("exactly 0"), "{said}");
+    assert_eq!(of_table, fit("v.npy", &[]).0);
+    std::fs::write(study.path("w.csv"), "2.5\n2.75\n").unwrap();
+    let error = fail(tool("fit").arg(study.path("w.csv")).args(["-L", "4", "-o"]).arg(study.path("w.npz")));
+    assert!(error.contains("w.csv") && error.contains("--sphere"), "{error}");
+    // Zeros that may stand for missing values are a warning, unless a mask leaves them out.
+    values[..20].fill(0.0);
+    ndarray_npy::write_npy(study.path("v.npy"), &ndarray::Array1::from(values.clone())).unwrap();
+    let expected = format!("20 of {vertices} values of channel 1 are exactly 0");
+    assert!(fit("v.npy", &[]).1.contains(&expected));
+    let kept: Vec<u8> = values.iter().map(|value| u8::from(*value != 0.0)).collect();
+    ndarray_npy::write_npy(study.path("mask.npy"), &ndarray::Array1::from(kept)).unwrap();
+    let mask = study.path("mask.npy");
+    assert!(!fit("v.npy", &["--mask", mask.to_str().unwrap()]).1.contains("exactly 0"));
+}
+
+/// The distance of a signal at held-out vertices is in the signal's unit, as its rms is.
+#[test]
+fn the_table_states_the_unit_of_distances_at_held_out_vertices() {
+    let study = Study::new();
+    let vertices = read_mesh(study.path("s0.surf.gii")).unwrap().vertices;
+    let values = Signal::new(vertices.iter().map(|v| v[0].abs()).collect(), vertices.len(), 1);
+    write_signal(study.path("v.csv"), &values, &WriteOptions::default()).unwrap();
+    let fit = |more: &[&str]| {
+        let mut command = tool("fit");
+        command.arg("--sphere").arg(study.path("sphere.surf.gii")).arg(study.path("v.csv"));
+        command.args(["-L", "4", "--hold-out", "0.1", "--force", "-o"]).arg(study.path("h.npz"));
+        succeed(command.args(more))
+    };
+    let report: serde_json::Value = serde_json::from_str(&fit(&["--json"])).unwrap();
+    let square = report["surfaces"][0]["held_out"]["held_out"]["msd_raw"].as_f64().unwrap();
+    let table = fit(&[]);
+    let shown = spharm_monitor::number(square.sqrt());
+    assert!(table.contains("rms held out") && table.split_whitespace().any(|cell| cell == shown), "{table}: {shown}");
+    assert!(table.contains("rms held out: at the held-out vertices, in the input's unit"), "{table}");
 }
 
 #[test]

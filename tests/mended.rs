@@ -143,7 +143,10 @@ fn the_surface_around_several_parts_is_fitted() {
     write_mesh(site.path("parts.ply"), &two_balls(4, 0.9), &WriteOptions::default()).expect("written");
     let fit = ["--surface", "parts.ply", "--max-degree", "8", "-o", "m.spharm.npz"];
     let error = fail(&mut site.run("fit", &[&fit[..], &["--fix"]].concat()));
-    assert!(error.contains("--wrap 128 replaces the mesh by the closed surface around it"), "{error}");
+    let wrap = "; --wrap 128 replaces the mesh by the closed surface around it; alternatively, ";
+    assert!(error.contains(&format!("{wrap}--largest-repair ")), "{error}");
+    let error = fail(&mut site.run("fit", &fit));
+    assert!(error.contains(&format!("{wrap}give --fix --largest-repair ")), "{error}");
     let output = finish(&mut site.run("fit", &[&fit[..], &["--wrap", "48"]].concat()));
     assert!(output.status.success(), "{}", text(&output));
     assert!(
@@ -163,9 +166,17 @@ fn the_surface_around_several_parts_is_fitted() {
     assert!(again("50").contains("wrapped with 50 voxels"));
     let output = finish(&mut site.run("fit", &[&fit[..], &["--wrap", "5"]].concat()));
     assert!(text(&output).contains("expected a number of voxels from 16 to 512"), "{}", text(&output));
-    for (name, said) in [("wild/teapot.obj", ""), ("wild/beetle.obj", ""), ("wild/woody.obj", "encloses no voxel")] {
+    // The beetle has no floor.
+    for (name, percent, said) in [
+        ("wild/teapot.obj", "0", ""),
+        ("wild/beetle.obj", "0", "span large holes, but at most 25 % is allowed"),
+        ("wild/beetle.obj", "40", ""),
+        ("wild/woody.obj", "0", "the mesh is an open sheet"),
+    ] {
         let Some(path) = shared(name) else { return };
-        let options = ["--wrap", "32", "--max-degree", "6", "-o", "w.spharm.npz", "--force", "--surface"];
+        let options =
+            ["--wrap", "32", "--largest-repair", percent, "--max-degree", "6", "-o", "w.spharm.npz", "--force"];
+        let options = [&options[..], &["--surface"]].concat();
         let output = finish(site.run("fit", &options).arg(path));
         assert_eq!(output.status.success(), said.is_empty(), "{name}: {}", text(&output));
         assert!(text(&output).contains(said), "{name}: {}", text(&output));
@@ -191,6 +202,27 @@ fn a_wrap_that_loses_a_body_is_refused() {
     succeed(&mut site.run("fit", &[&fit[..], &["--largest-repair", percent]].concat()));
     let output = finish(&mut site.run("fit", &["--surface", "apart.ply", "--largest-repair", "40", "-o", "n.npz"]));
     assert!(!output.status.success() && text(&output).contains("--wrap"), "{}", text(&output));
+}
+
+/// A wrap is advised only if it would succeed, and its spans are limited like the fillings of `--fix`.
+#[test]
+fn a_wrap_that_spans_a_large_hole_is_refused() {
+    let site = Site::new();
+    let write = |name: &str, mesh: &Mesh| write_mesh(site.path(name), mesh, &WriteOptions::default()).expect("written");
+    let ball = icosphere(4);
+    let above = |face: &&[u32; 3]| face.iter().all(|&v| ball.vertices[v as usize][2] > 0.5);
+    write("cap.ply", &Mesh::new(ball.vertices.clone(), ball.faces.iter().filter(above).copied().collect()));
+    write("apart.ply", &two_balls(3, 2.5));
+    let fit = ["--max-degree", "4", "-o", "m.spharm.npz", "--surface"];
+    for name in ["cap.ply", "apart.ply"] {
+        let error = fail(&mut site.run("fit", &[&fit[..], &[name, "--fix"]].concat()));
+        assert!(error.contains(" allows this repair") && !error.contains("--wrap"), "{error}");
+    }
+    let error = fail(&mut site.run("fit", &[&fit[..], &["cap.ply", "--wrap", "32"]].concat()));
+    assert!(error.contains("would span large holes, but at most 25 % is allowed: 3"), "{error}");
+    let option = error.split_once("; --largest-repair ").and_then(|(_, rest)| rest.split_once(" allows this wrap"));
+    let (percent, _) = option.expect("the option");
+    succeed(&mut site.run("fit", &[&fit[..], &["cap.ply", "--wrap", "32", "--largest-repair", percent]].concat()));
 }
 
 /// A mesh that is refused is repaired on trial: the error states the changes, and the options with which they are made.
@@ -256,8 +288,13 @@ fn the_error_names_the_options_that_repair_a_mesh() {
     for option in ["a repair is possible", "--wrap", "--fix"] {
         assert!(!error.contains(option), "{error}");
     }
-    let error = refused("strip.ply", &["--force", "--fix"]);
-    assert!(error.contains("strip.ply") && error.contains("not orientable") && !error.contains("--wrap"), "{error}");
+    for change in [&["--fix"][..], &["--wrap", "32"]] {
+        let error = refused("strip.ply", &[&["--force"][..], change].concat());
+        assert!(
+            error.contains("strip.ply") && error.contains("not orientable") && !error.contains("--wrap"),
+            "{error}"
+        );
+    }
 }
 
 /// Values at masked vertices have no effect, and the model still covers the entire sphere.

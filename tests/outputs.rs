@@ -106,7 +106,7 @@ fn no_output_replaces_an_input_or_another_output() {
         ],
     ] {
         let output = finish(&mut site.command(&arguments));
-        // An ending of another format may also be the reason for the refusal; nothing is written in any case.
+        // An extension of another format may also be the reason for the refusal; nothing is written in any case.
         assert!(matches!(output.status.code(), Some(1 | 2)), "{arguments:?}: {}", text(&output));
         assert_eq!(site.files(), before, "{arguments:?}");
     }

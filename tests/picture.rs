@@ -1,6 +1,9 @@
-//! Figures of studies: sides, and sizes on paper.
+//! Figures of studies: sides, and sizes on paper. Colours by a column of a table.
 
-use crate::common::{succeed, tool};
+use spharm_surface::generate::icosphere;
+use spharm_surface::io::{WriteOptions, write_mesh};
+
+use crate::common::{finish, succeed, text, tool};
 
 const STUDY: &str = r#"
 title = "Figures"
@@ -36,4 +39,30 @@ fn figures_of_studies_have_all_sides_and_legible_text_on_the_width_of_a_page() {
     let sizes = svg.split("font-size=\"").skip(1).filter_map(|rest| rest.split_once('"'));
     let sizes: Vec<f64> = sizes.map(|(size, _)| size.parse().expect("a number")).collect();
     assert!(sizes.len() >= 6 && sizes.iter().all(|size| size * 72.0 / 300.0 >= 7.0), "{sizes:?}");
+}
+
+/// The models of each time of a series have the same names, so the table of another time also has their rows.
+#[test]
+fn a_table_of_other_files_of_the_same_names_gives_a_warning() {
+    let site = tempfile::tempdir().expect("a folder");
+    for folder in ["early", "late"] {
+        std::fs::create_dir(site.path().join(folder)).expect("a folder");
+        let path = site.path().join(folder).join("a.ply");
+        write_mesh(path, &icosphere(1), &WriteOptions::default()).expect("a surface");
+    }
+    let warned = |cell: &str, table: &str| {
+        std::fs::write(site.path().join(table), format!("model\tsize\n{cell}\t3\n")).expect("a table");
+        let mut drawing = tool("picture");
+        drawing.args(["late/a.ply", "--size", "64", "--force", "-o", "a.png", "--colour-by", &format!("{table}:size")]);
+        let output = finish(drawing.current_dir(site.path()));
+        assert!(output.status.success(), "{}", text(&output));
+        text(&output).contains(&format!("other files of the same names, such as {cell} for late/a.ply (1 of 1 rows)"))
+    };
+    assert!(warned("early/a.ply", "early/t.tsv"), "relative to the current folder");
+    assert!(warned("a.ply", "early/t.tsv"), "relative to the table");
+    for (cell, table) in
+        [("late/a.ply", "early/t.tsv"), ("a.ply", "late/t.tsv"), ("a", "early/t.tsv"), ("gone/a.ply", "t.tsv")]
+    {
+        assert!(!warned(cell, table), "{cell} in {table}");
+    }
 }

@@ -137,7 +137,7 @@ fn names_from_files_are_text() {
     assert_closed(&html);
     assert!(!html.contains("<img src=x") && !html.contains("<script>alert") && !html.contains("<b>state"), "raw names");
     assert!(!element(&html, "info").contains(['<', '>', '\u{2028}']));
-    let expected = name.strip_suffix(".spharm.npz").expect("the ending");
+    let expected = name.strip_suffix(".spharm.npz").expect("the extension");
     assert_eq!(info(&html)["items"][0]["name"], expected);
     assert!(html.contains("<td class=\"failed\"><bdi>failed</bdi></td>"));
     assert_eq!(html.matches("class=\"sortable models\"").count(), 1);

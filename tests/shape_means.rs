@@ -164,7 +164,7 @@ fn numbers_that_may_be_codes_and_repeated_subjects_are_named() {
         fs::write(site.join("named.csv"), format!("{name},model,group\n{rows}")).expect("a table");
         report(site, &["--table", "named.csv", "--effect", "group"], name)["warnings"].to_string()
     };
-    for name in ["Subj", "PTID", "RID", "child", "Patient ID"] {
+    for name in ["Subj", "PTID", "RID", "child", "Patient ID", "id", "ID", "pid"] {
         let warnings = table(name, 2);
         assert!(warnings.contains(&format!("have more than one row ({name} p0 has 2)")), "{warnings}");
     }

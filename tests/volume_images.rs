@@ -73,6 +73,49 @@ fn one_time_of_several_is_fitted_and_recorded() {
     assert!((balls / 1.5_f64.powi(3) - 1.0).abs() < 0.05, "{balls}");
 }
 
+/// Models of two times share a folder and a table only under names that differ, and models of an earlier run that
+/// remain in the folder are named.
+#[test]
+fn times_in_one_folder_are_kept_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    write_times(&at("v.nii"));
+    let run = |time: &str, more: &[&str]| {
+        let mut command = tool("volumes");
+        command.current_dir(folder.path()).args(["v.nii", "--time", time, "--max-degree", "4", "-o", "s"]).args(more);
+        command
+    };
+    let column = |name: &str| -> Vec<String> {
+        let table = fs::read_to_string(at("s/volumes.tsv")).unwrap();
+        let rows: Vec<Vec<&str>> = table.lines().map(|line| line.split('\t').collect()).collect();
+        let column = rows[0].iter().position(|head| *head == name).unwrap();
+        rows[1..].iter().map(|row| row[column].to_owned()).collect()
+    };
+    succeed(&mut run("1", &[]));
+    assert_eq!(column("time"), ["1"]);
+    let template = ["--skip-existing", "--name-template", "{stem}.t{time}"];
+    for refused in [fail(&mut run("2", &[])), fail(&mut run("2", &["--skip-existing"]))] {
+        assert!(refused.contains("--skip-existing --name-template '{stem}.t{time}'"), "{refused}");
+    }
+    succeed(&mut run("2", &template));
+    assert_eq!(column("time"), ["2", "1"]);
+    assert_eq!(column("model"), ["s/v.t2.1.spharm.npz", "s/v.1.spharm.npz"]);
+    // Without --time the table has other columns, and the template lacks a number.
+    let mut without = tool("volumes");
+    without.current_dir(folder.path()).args(["v.nii", "--max-degree", "4", "-o", "s"]).args(template);
+    let without = finish(&mut without);
+    assert!(
+        without.status.code() == Some(2) && text(&without).contains("so --time must be given"),
+        "{}",
+        text(&without)
+    );
+    // A new table names the models that it lacks.
+    let output = finish(run("1", &["--force", "-q"]).args(["--name-template", "{stem}.t{time}"]));
+    let warned =
+        "s: 2 models are not in s/volumes.tsv (v.1.spharm.npz, v.t2.1.spharm.npz), perhaps from an earlier run";
+    assert!(output.status.success() && text(&output).contains(warned), "{}", text(&output));
+}
+
 /// Two time points of one file are different subjects: quality control doesn't call them equal, and all stages read
 /// the chosen one.
 #[test]

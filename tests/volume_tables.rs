@@ -143,6 +143,27 @@ fn a_table_without_a_model_is_no_obstacle_and_a_label_is_one_row() {
 }
 
 #[test]
+fn large_changes_of_the_volume_are_warned_of() {
+    let site = Site::new();
+    let square = |[x, y, z]: [f64; 3]| x * x + y * y + z * z;
+    write_volume(&site.path("in/shell.nii"), |at| u8::from((16.0..42.0).contains(&square(at))));
+    write_volume(&site.path("in/torus.nii"), |[x, y, z]| u8::from((x.hypot(y) - 5.0).powi(2) + z * z < 4.0));
+    write_volume(&site.path("in/one.nii"), |at| u8::from(at == [0.5; 3]));
+    let warned = |name: &str, option: &str| {
+        let file = format!("in/{name}.nii");
+        succeed_with_warnings(&mut site.run(&[file.as_str(), option, "--force", "-q"]))
+    };
+    let shell = warned("shell", "--fix");
+    assert!(shell.contains("warning: in/shell.nii label 1: the volume was repaired: 1 cavity filled ("), "{shell}");
+    assert!(shell.contains(" % of the label)"), "{shell}");
+    let torus = warned("torus", "--cut-handles");
+    assert!(torus.contains("warning: in/torus.nii label 1: the model has a volume of "), "{torus}");
+    assert!(torus.contains("before its handles were cut, the label's surface had one of 384.0 (+"), "{torus}");
+    let one = warned("one", "--fix");
+    assert!(one.contains("biases volume, area and sphericity; the label is too small for a shape model"), "{one}");
+}
+
+#[test]
 fn labels_of_two_files_with_one_name_are_told_apart() {
     let site = Site::new();
     std::fs::create_dir(site.path("other")).expect("a folder");

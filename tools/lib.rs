@@ -29,6 +29,7 @@ mod status;
 mod store;
 mod study;
 mod surfaces;
+mod verbs;
 mod volumes;
 
 use std::borrow::Cow;
@@ -149,7 +150,8 @@ struct Parsed {
 impl Parsed {
     fn of<T: Into<OsString> + Clone>(arguments: impl IntoIterator<Item = T>) -> Result<Self, clap::Error> {
         let mut command = command();
-        let matches = command.try_get_matches_from_mut(arguments)?;
+        let matches = command.try_get_matches_from_mut(arguments);
+        let matches = matches.map_err(|error| verbs::suggested(error, &command))?;
         // clap checks conflicts among the arguments before the verb and among those after it, but not across the verb.
         let mut verb = &matches;
         while let Some((_, next)) = verb.subcommand() {

@@ -70,7 +70,7 @@ first = found["estimator"][0]
 transformers, weights = first[:-1], first[-1].coef_[0]
 steps = np.array([-2, 0, 2])
 shapes = transformers.inverse_transform(np.outer(steps, weights / np.linalg.norm(weights)))
-normals = sp.fit(shapes[1], transformers[0].group_.sphere, 6).normals()
+normals = sp.fit(shapes[1], sp.icosphere(4), 6).normals()
 outwards = [((shape.vertices - shapes[1].vertices) * normals).sum(axis=1) for shape in shapes]
 titles = ["mean" if step == 0 else f"{abs(step)} sd towards {'patients' if step > 0 else 'controls'}" for step in steps]
 most = np.abs(outwards).max()

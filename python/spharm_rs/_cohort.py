@@ -184,8 +184,8 @@ def fit_cohort(
     fix : bool
         Repair meshes, as `repair` does, and labels of volumes.
     largest_repair : float, optional
-        With ``fix`` or ``wrap``: share of a mesh's area, from 0 to 1, that a repair may drop or add, or a wrap leave out,
-        as for `repair`.
+        With ``fix`` or ``wrap``: share of a mesh's area, from 0 to 1, that a repair may drop or add, or a wrap leave out
+        or span, as for `repair`.
     wrap : int, optional
         Replace meshes by the closed surface around them, as `repair` does, instead of repairing them.
     cut_handles : bool

@@ -52,10 +52,13 @@ def _settings(
     """Checks the types of `fit`'s keyword arguments; the library checks their values."""
     if isinstance(smoothness, bool) or not (smoothness is None or isinstance(smoothness, (str, int, float, np.number))):
         raise ValueError(f"smoothness: expected a number of at least 0, or 'auto', found {smoothness!r}")
+    method = str(method or ("irf" if store is not None else "lsq"))
+    if passes is None:
+        passes = 16 if accelerate else 4 if method == "mirf" else 1
     return {
         "max_degree": _arrays.whole("max_degree", max_degree),
-        "method": str(method or ("irf" if store is not None else "lsq")),
-        "passes": _arrays.whole("passes", (16 if accelerate else 1) if passes is None else passes, 1),
+        "method": method,
+        "passes": _arrays.whole("passes", passes, 1),
         "granularity": _arrays.whole("granularity", granularity, 1),
         "objective": None if objective is None else str(objective),
         "surface_distance": bool(surface_distance),
@@ -236,7 +239,8 @@ def fit(
 
         An array with three columns is always read as positions x, y, z, and over a sphere with triangles the surface
         between them is fitted, not the values. For a signal of three channels, give ``objective="vertices"``, or use
-        `solve`. A warning is given if the positions enclose hardly any volume.
+        `solve`. A warning is given if the positions enclose hardly any volume. A file of values, such as ``.func.gii``, is a
+        signal, whatever its number of channels.
     sphere : Surface or what `as_surface` takes, Parametrization, Model, or ndarray of float, (n, 3), optional
         A sphere with the same vertices in the same order, of any radius, centred at the origin. Without it the surface
         is first mapped to a sphere, as by `parametrize`; that sphere becomes the model's.
@@ -245,8 +249,8 @@ def fit(
     fix : bool
         Without a sphere: repair the surface before it is mapped, as `repair` does; a warning states the changes.
     largest_repair : float, optional
-        With ``fix`` or ``wrap``: share of the area, from 0 to 1, that the repair may drop or add, or the wrap leave out,
-        as for `repair`.
+        With ``fix`` or ``wrap``: share of the area, from 0 to 1, that the repair may drop or add, or the wrap leave
+        out or span, as for `repair`.
     wrap : int, optional
         Without a sphere: replace the surface by the closed surface around it, as `repair` does, instead of repairing it.
     cut_handles : bool
@@ -287,7 +291,8 @@ def fit(
     store : str, os.PathLike or Store, optional
         Basis store.
     passes : int, optional
-        Passes over the store, of ``irf`` and ``mirf``; by default 1, and at most 16 with ``accelerate``.
+        Passes over the store, of ``irf`` and ``mirf``; by default 1 for ``irf`` and 4 for ``mirf``, and at most 16 with
+        ``accelerate``.
     granularity : int
         Largest number of basis functions that ``irf`` solves for together.
     start_degree : int

@@ -11,6 +11,9 @@ from ._warnings import warn
 #: cortices, and 0.001 for a sheet 120 times as wide as thick.
 _LEAST = 1e-3
 
+#: Area, for coordinates of at most 1, below which all points are taken to be on a line.
+_LEAST_AREA = 1e-6
+
 
 def warn_of_signal(values: Floats, triangles: Triangles) -> None:
     """Warns if values at a sphere's vertices, (n, 3), are fitted as a surface but enclose hardly any volume."""
@@ -20,7 +23,8 @@ def warn_of_signal(values: Floats, triangles: Triangles) -> None:
     a, b, c = (corners[triangles[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     volume, area = float((a * normals).sum()) / 6, float(np.linalg.norm(normals, axis=1).sum()) / 2
-    if 36 * np.pi * volume**2 < _LEAST * area**3:
+    # Of points on a line, both figures are rounding errors.
+    if area < _LEAST_AREA or 36 * np.pi * volume**2 < _LEAST * area**3:
         warn(
             [
                 "surface: an array of shape (n, 3) is fitted as positions of a surface, but these enclose hardly any volume; "

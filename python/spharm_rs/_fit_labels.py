@@ -95,7 +95,7 @@ def fit_labels(
     Parameters
     ----------
     volume : str, os.PathLike or array_like of int, (i, j, k)
-        As for `parametrize_volume`.
+        As for `parametrize_volume`; floats are taken if they are whole numbers.
     max_degree : int, optional
         Highest degree L, inclusive. By default from 4 to 60, by the median number of the labels' voxels: the model of such
         a label resolves one and a half voxels. Give the same degree for all volumes that you compare.
@@ -147,7 +147,7 @@ def fit_labels(
     collects = _arrays.on_error(on_error)
     least = _arrays.whole("min_voxels", min_voxels)
     chosen = None if labels is None else _chosen(labels)
-    core = _core.Labels(_volume(volume, False, affine, spacing, axes), image=_image(channel, time, volume))
+    core = _core.Labels(_volume(_whole(volume), False, affine, spacing, axes), image=_image(channel, time, volume))
     warn(core.warnings())
     there = core.labels(bool(fix), chosen)
     name = os.fspath(volume) if isinstance(volume, (str, os.PathLike)) else "the volume"
@@ -185,6 +185,19 @@ def fit_labels(
 
     found = in_parallel(work, items, workers, failed if collects else None)
     return _warned(found, len(items), callback(progress))
+
+
+def _whole(volume: Path | ArrayLike) -> Any:
+    """Returns a volume; an array of floats as integers, if they are whole numbers."""
+    if isinstance(volume, (str, os.PathLike)) or np.ma.is_masked(volume):
+        return volume
+    array = np.asarray(volume)
+    if array.dtype.kind != "f":
+        return array
+    if np.isnan(array).any():
+        raise ValueError("volume: expected whole numbers as labels, found NaN; if NaN is the background, set it to 0")
+    # Other numbers are refused where the array is checked.
+    return array.astype(np.int64) if (array == np.rint(array)).all() and (abs(array) < 2**53).all() else array
 
 
 def _chosen(labels: Iterable[int] | int) -> list[int]:

@@ -23,7 +23,15 @@ from ._warnings import warn
 from .reports import FitReport
 
 
-#: The ending of compressed models.
+#: Subdivisions of the icosphere on which it is seen whether a surface's triangles face inwards.
+_TO_SEE_SIDES = 4
+
+_MIRRORED = (
+    "the parameterisation is mirrored, so that its normals point inwards, and the surface's curvatures have the opposite "
+    "sign, except for the Gaussian curvature; reverse the signs for outward normals"
+)
+
+#: The extension of compressed models.
 _COMPRESSED = ".sphz"
 
 
@@ -58,6 +66,9 @@ class Model(Values):
     >>> half = (model + model.truncate(0)) / 2
     >>> half == 0.5 * model, half[1, 1].tolist()
     (True, [4.5, 0.0, 0.0])
+
+    ``sum(models) / len(models)`` is the mean of models, also of different degrees; NumPy's functions, such as ``np.mean``,
+    take models as arrays of coefficients, and need equal degrees.
     """
 
     _inner: _core.Model
@@ -210,7 +221,8 @@ class Model(Values):
     def normals(self, at: Any = None, *, degree: int | None = None, threads: int | None = None) -> Floats:
         """Returns unit normals of the surface at directions, (n, 3), by default those of the fit; see `shape.geometry`.
 
-        Normals are of first derivatives, whose error falls more slowly with the degree than that of positions.
+        Normals are of first derivatives, whose error falls more slowly with the degree than that of positions. If the
+        parameterisation is mirrored, they point inwards, and there is a warning.
         """
         from . import shape
 
@@ -220,11 +232,18 @@ class Model(Values):
         """Returns the mean curvature of the surface at directions, (n,), by default those of the fit; see `shape.geometry`.
 
         In the inverse of the surface's unit. The curvature is of second derivatives, so it needs a higher degree than
-        positions do: compare the curvatures of two degrees.
+        positions do: compare the curvatures of two degrees. It is positive where the surface is convex; if the
+        parameterisation is mirrored, it is negative there, and there is a warning.
         """
         from . import shape
 
         return shape.geometry(self, at, degree=degree, threads=threads).mean_curvature
+
+    def _warn_if_mirrored(self, degree: int | None) -> None:
+        mesh = self.surface(_TO_SEE_SIDES, degree=degree)
+        # The volume of a flat surface is a rounding error.
+        if mesh.volume < -1e-9 * mesh.area**1.5:
+            warn([_MIRRORED])
 
     @property
     def area(self) -> float:
@@ -358,14 +377,14 @@ class Model(Values):
         Parameters
         ----------
         path : str or os.PathLike
-            By convention ``NAME.spharm.npz``; an ending has to be ``.npz``.
+            By convention ``NAME.spharm.npz``; an extension has to be ``.npz``.
         overwrite : bool
             Replace an existing file.
 
         Raises
         ------
         ValueError
-            If the name has the ending of another format.
+            If the name has the extension of another format.
         """
         name = os.fspath(path)
         if (ending := pathlib.PurePath(name).suffix.lower()) not in ("", ".npz"):
@@ -493,7 +512,8 @@ class Model(Values):
         ----------
         format : str
             A format of `to`, or ``"frame"`` and ``"xarray"`` for what `to_frame` and `to_xarray` return: rows in any order,
-            absent ones being zero.
+            absent ones being zero. Channels x, y and z are found by name, and other channels are taken in their order. A
+            frame may have degree and order as columns, as after ``reset_index``.
         array : Any
         sphere : Surface or what `as_surface` takes, or array_like of float, (n, 3), optional
             As for `Model`.

@@ -37,7 +37,7 @@ def to_xarray(coefficients: Floats, surface: bool) -> Any:
 
 def of_table(table: Any) -> tuple[Floats, bool]:
     """Returns the coefficients, (K, c), of a frame or an array as written above, in any order of rows, and whether its
-    channels are x, y and z. Rows that are absent are zero."""
+    channels are x, y and z, which are found by name. Rows that are absent are zero."""
     if hasattr(table, "dims"):
         if set(table.dims) != {"harmonic", "channel"}:
             raise ValueError(f"table: expected the dimensions harmonic and channel, found {', '.join(map(str, table.dims))}")
@@ -49,8 +49,11 @@ def of_table(table: Any) -> tuple[Floats, bool]:
         degrees, orders = table.coords["degree"].values, table.coords["order"].values
     elif hasattr(table, "index") and hasattr(table, "columns"):
         levels = [str(name) for name in table.index.names]
+        if not set(levels) & {"degree", "order"} and {"degree", "order"} <= set(table.columns):
+            table, levels = table.set_index(["degree", "order"]), ["degree", "order"]
         if sorted(levels) != ["degree", "order"]:
-            raise ValueError(f"table: expected an index of degree and order, found {', '.join(levels)}")
+            found = ", ".join(levels)
+            raise ValueError(f"table: expected an index of degree and order, or columns of these names; found the index {found}")
         values, names = table.to_numpy(), list(table.columns)
         degrees, orders = (table.index.get_level_values(name).to_numpy() for name in ("degree", "order"))
     else:
@@ -68,6 +71,8 @@ def of_table(table: Any) -> tuple[Floats, bool]:
     rows = degrees**2 + degrees + orders
     if len(np.unique(rows)) < len(rows):
         raise ValueError("table: expected each degree and order once, found duplicates")
+    names = [str(name) for name in names]
+    surface = sorted(names) == list("xyz")
     coefficients = np.zeros(((int(degrees.max()) + 1) ** 2, values.shape[1]))
-    coefficients[rows] = values
-    return coefficients, [str(name) for name in names] == list("xyz")
+    coefficients[rows] = values[:, [names.index(name) for name in "xyz"]] if surface else values
+    return coefficients, surface

@@ -43,7 +43,7 @@ class Picture:
         Raises
         ------
         ValueError
-            If the name has another ending.
+            If the name has another extension.
         """
         name = os.fsdecode(path)
         if not name.lower().endswith(".png"):

@@ -44,7 +44,8 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
     With ``wrap``, the mesh is replaced by the closed surface around it instead, whatever its defects: the surface of the
     voxels of a grid whose generalized winding number is above 0.5, without handles and cavities, smoothed, and moved onto
     the mesh where it is at most a voxel away. Walls and gaps thinner than a voxel are lost. A wrap that leaves out more
-    than 0.05 of the mesh's area, or of the body's voxels, is refused.
+    than 0.05 of the mesh's area, or of the body's voxels, is refused, and so is a wrap with more than 0.25 of its area
+    farther than a voxel from the mesh, where it spans holes.
 
     Parameters
     ----------
@@ -52,7 +53,8 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
     largest_repair : float, optional
         Share of the area, from 0 to 1, that the repair may lose by welding, drop with pieces or add by filling holes, if
         more than the usual 0.05 lost, 0.05 dropped and 0.25 added. With ``wrap``: share of the mesh's area and of the
-        body's voxels that the wrap may leave out, if more than the usual 0.05.
+        body's voxels that the wrap may leave out, and of the wrap's area that may span holes, if more than the usual
+        0.05 and 0.25.
     wrap : int, optional
         Number of voxels along the longest side of the mesh, from 16 to 512; 128 suits most meshes.
 
@@ -63,8 +65,9 @@ def repair(surface: Any, *, largest_repair: float | None = None, wrap: int | Non
     Raises
     ------
     MeshError
-        If the repair would drop or add a larger share of the area, a wrap would enclose nothing or leave out a larger
-        share, or the mesh can't enclose a body: an open sheet, or a surface with one side only.
+        If the repair would drop or add a larger share of the area, a wrap would enclose nothing, leave out a larger
+        share or span larger holes, or the mesh can't enclose a body: an open sheet, or a surface with one side only
+        and a rim.
 
     Examples
     --------

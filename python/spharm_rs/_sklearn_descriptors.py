@@ -15,7 +15,8 @@ from ._arrays import Floats, whole
 from ._fit import fit as fit_surface
 from ._model import Model
 from ._parametrize import Parametrization, parametrize
-from ._sklearn_inputs import Input, Meshes, named
+from ._sklearn_inputs import Input, Meshes
+from ._sklearn_named import named
 
 KINDS = ("singular_values", "power")
 MEASURES = ("size", "volume", "area", "sphericity")
@@ -132,6 +133,13 @@ class Descriptors(Meshes, TransformerMixin, BaseEstimator):  # type: ignore[misc
         ------
         MeshError
             If a mesh can't be used; the message has its position in X and its path.
+        FileNotFoundError
+            If a path doesn't exist; the message has its position in X and the path.
+
+        Warns
+        -----
+        SpharmWarning
+            If a mesh or its model is doubtful; the message has its position in X and its path.
         """
         check_is_fitted(self, "n_features_out_")
         found = []

@@ -1,10 +1,9 @@
-"""Lists the surfaces passed to scikit-learn's estimators, and names them in errors."""
+"""Lists the surfaces passed to scikit-learn's estimators."""
 
 from __future__ import annotations
 
 import os
-from contextlib import contextmanager
-from typing import Any, Iterator, Sequence, Union
+from typing import Any, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +12,8 @@ from . import _arrays
 from ._arrays import Floats
 from ._model import Model
 from ._parametrize import Parametrization
+from ._sklearn_named import named
 from ._surface import Surface, as_surface
-from .errors import SpharmError
 
 #: A surface that was given: a path, which is read when needed, a mesh, or a model.
 Input = Union[str, Surface, Model, Parametrization]
@@ -54,36 +53,6 @@ def _input(item: Any) -> Input:
             raise ValueError(f"expected a surface, found a {item!r}")
         return item
     return item if isinstance(item, Parametrization) else as_surface(item)
-
-
-def _at(index: int, item: Input, text: str) -> str:
-    """Returns an error's text with the position of the surface, and its path if the text doesn't begin with it."""
-    path = f"{os.fspath(item)}: " if isinstance(item, (str, os.PathLike)) else ""
-    return f"X[{index}]: {'' if text.startswith(path) else path}{text}"
-
-
-@contextmanager
-def named(index: int, item: Any) -> Iterator[None]:
-    """Adds the position of a surface, and its path, to errors."""
-    try:
-        yield
-    except (SpharmError, ValueError) as error:
-        error.args = (_at(index, item, str(error)), *error.args[1:])
-        raise
-
-
-@contextmanager
-def named_among(items: Sequence[Input], names: Sequence[str]) -> Iterator[None]:
-    """Replaces the name of a member, with which errors of groups begin, by its position and its path."""
-    try:
-        yield
-    except (SpharmError, ValueError) as error:
-        text = str(error)
-        for index, (item, name) in enumerate(zip(items, names)):
-            if (found := text.removeprefix("the ")).startswith(f"{name}: "):
-                error.args = (_at(index, item, found.removeprefix(f"{name}: ")), *error.args[1:])
-                break
-        raise
 
 
 def rows(X: ArrayLike, columns: int, of: str) -> Floats:

@@ -356,7 +356,7 @@ def write_surface(path: Path, surface: Any, *, overwrite: bool = False, double: 
 
 
 def read_signal(path: Path) -> Floats:
-    """Reads values on vertices: GIfTI, FreeSurfer's curv, MGH/MGZ maps, CSV, TSV. Missing values are NaN, as in the file.
+    """Reads values on vertices: GIfTI, FreeSurfer's curv, MGH/MGZ maps, NumPy's .npy, CSV, TSV. Missing values are NaN.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ class Measures:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """The geometry of a surface at n directions; curvatures are positive on a sphere.
+    """The geometry of a surface at n directions. Curvatures are positive where the surface is convex; see `geometry`.
 
     Attributes
     ----------
@@ -224,7 +224,8 @@ def geometry(
     Returns
     -------
     Geometry
-        Normals follow the parameterisation: if the sphere is mirrored (``Measures.inwards``), they point inwards.
+        Normals and curvatures follow the parameterisation. If it is mirrored (``Measures.inwards``), normals point
+        inwards, curvatures except the Gaussian have the opposite sign, and there is a warning.
     """
     positions, normals, columns = _core.shape_geometry(
         _model("model", model),
@@ -234,6 +235,7 @@ def geometry(
         progress=callback(progress),
     )
     element, mean, gaussian, _, _, index, curvedness = columns.T
+    model._warn_if_mirrored(degree)
     return Geometry(positions, normals, element, mean, gaussian, columns[:, 3:5], index, curvedness)
 
 

@@ -19,6 +19,7 @@ from ._arrays import Floats
 from ._fit_many import fit_many
 from ._sklearn_descriptors import Descriptors
 from ._sklearn_inputs import Meshes, rows
+from ._sklearn_named import warned
 from ._sklearn_shape import ShapeFeatures
 from ._surface import as_surface, named_icosphere
 from ._transform import Transform
@@ -90,17 +91,18 @@ class SpharmTransformer(Meshes, TransformerMixin, BaseEstimator):  # type: ignor
         X : array_like of float, (s, n, 3), or sequence of surfaces
         """
         check_is_fitted(self, "sphere_")
-        models = fit_many(
-            X,
-            self.sphere_,
-            self.max_degree,
-            # Fits the vertices, so that `transform` recovers the rows passed to `inverse_transform`.
-            objective="vertices",
-            surface_distance=False,
-            smoothness=self.smoothness,
-            weights=self.weights,
-            threads=self.threads,
-        )
+        with warned():
+            models = fit_many(
+                X,
+                self.sphere_,
+                self.max_degree,
+                # Fits the vertices, so that `transform` recovers the rows passed to `inverse_transform`.
+                objective="vertices",
+                surface_distance=False,
+                smoothness=self.smoothness,
+                weights=self.weights,
+                threads=self.threads,
+            )
         return np.stack([model.coefficients.T.ravel() for model in models])
 
     def inverse_transform(self, X: ArrayLike) -> Floats:

@@ -94,6 +94,26 @@ def test_given_poses_are_kept() -> None:
         sp.shape.correspond(bodies, 6, pose="given", scale=True)
 
 
+def test_smaller_bodies_are_not_turned() -> None:
+    """Bodies of one shape correspond at equal vertices, whatever their sizes and poses."""
+    bodies = lumps([1, 1.02, 0.98, 1.01, 0.8, 0.6])
+    turns = [np.linalg.qr(np.random.default_rng(k).normal(size=(3, 3)))[0] for k in range(6)]
+    turns = [turn * np.linalg.det(turn) for turn in turns]
+    bodies = [sp.Surface(np.asarray(body.vertices) @ turn.T, body.faces) for body, turn in zip(bodies, turns)]
+    group = sp.shape.correspond(bodies[:5], 8, subdivisions=3)
+    member = group.add(bodies[5])
+    assert member.transform.scale == 1.0 and all(transform.scale == 1.0 for transform in group.transforms)
+    transforms, models = [*group.transforms, member.transform], [*group.models, member.model]
+    matrices = [np.array(transform.matrix)[:3, :3] @ turn for transform, turn in zip(transforms, turns)]
+    cosines = [(np.trace(matrix @ matrices[0].T) - 1) / 2 for matrix in matrices]
+    assert min(cosines) > np.cos(np.radians(0.5))
+    found = sp.shape.procrustes(models, method="fixed", scale=True)
+    assert found.report["spread_after"] < 0.02
+    # The models are at the bodies' own sizes.
+    for model, body in zip(models, bodies):
+        assert model.volume == pytest.approx(body.volume, rel=0.02)
+
+
 def test_places_are_carried_to_where_truth_says(group: sp.shape.Group, marks: list[sp.Landmarks]) -> None:
     assert group.names == ("s01", "s02", "s03", "s04", "s05") and len(group) == 5
     errors = []

@@ -54,6 +54,10 @@ def test_a_signal_of_three_channels_is_not_taken_for_a_surface_without_a_warning
     signal = sp.Transform(sphere.vertices, 10).synthesis(np.random.default_rng(0).normal(size=(121, 3)))
     with pytest.warns(sp.SpharmWarning, match='enclose hardly any volume; for a signal of three channels, give objective="vertices"'):
         sp.fit(signal, sphere, 10, surface_distance=False)
+    one = signal[:, 0]
+    for on_a_line in (np.c_[one, one, one], np.c_[one, 2 * one, -one], np.c_[one, np.ones_like(one), np.ones_like(one)]):
+        with pytest.warns(sp.SpharmWarning, match="enclose hardly any volume"):
+            sp.fit(on_a_line, sphere, 4, surface_distance=False)
     sheet = sphere.vertices * [1, 1, 0.02]
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -323,6 +327,14 @@ def test_a_mask_of_fewer_vertices_than_coefficients_gives_the_solution_of_minimu
         assert any("150 vertices don't determine 441 coefficients" in str(one.message) for one in warned)
         assert (preconditioner == "factor") == any("no Cholesky factor was" in str(one.message) for one in warned)
         assert np.abs(model.coefficients - best.coefficients).max() < 1e-5 * np.abs(best.coefficients).max()
+
+
+def test_mirf_makes_several_passes(study: Study, tmp_path: Path) -> None:
+    store = sp.Store(tmp_path / "store")
+    store.build(study[1], 6)
+    usual, four, one = (sp.fit(*study, 6, store=store, method="mirf", passes=passes) for passes in (None, 4, 1))
+    assert np.array_equal(usual.coefficients, four.coefficients)
+    assert not np.array_equal(usual.coefficients, one.coefficients)
 
 
 def test_settings_that_the_method_does_not_have_are_refused(study: Study, tmp_path: Path) -> None:

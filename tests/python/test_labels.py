@@ -108,6 +108,18 @@ def test_wrong_volumes_and_labels_are_refused() -> None:
         sp.fit_labels(cells(), on_error="skip")  # type: ignore[arg-type]
 
 
+def test_floats_are_labels_if_they_are_whole_numbers() -> None:
+    volume = cells().astype(np.float32)
+    found = list(sp.fit_labels(volume, 3, labels=[1, 2]))
+    assert [cell.voxels for cell in found] == [int((volume == label).sum()) for label in (1, 2)]
+    volume[0, 0, 0] = np.nan
+    with pytest.raises(ValueError, match="found NaN; if NaN is the background, set it to 0"):
+        sp.fit_labels(volume, 3)
+    volume[0, 0, 0] = 0.5
+    with pytest.raises(ValueError, match="expected whole numbers as labels, found float32"):
+        sp.fit_labels(volume, 3)
+
+
 def test_a_speck_at_the_border_that_the_repair_drops_is_ignored() -> None:
     volume = cells()
     volume[0, 0, 0] = 1

@@ -170,8 +170,36 @@ def test_a_wrap_is_the_closed_surface_around_all_parts(tmp_path: Path) -> None:
     kept = sp.repair(apart, wrap=32, largest_repair=0.4)
     assert 0.3 < kept.report["wrap"]["lost_area"] < 0.36 and 0.2 < kept.report["wrap"]["left_out"] < 0.3
     sheet = (np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
-    with pytest.raises(sp.MeshError, match="encloses no voxel of a grid with 64 voxels"):
+    with pytest.raises(sp.MeshError, match="the mesh is an open sheet"):
         sp.repair(sheet, wrap=64)
+
+
+def test_a_wrap_is_advised_first_but_only_if_it_would_succeed() -> None:
+    ball = sp.icosphere(4)
+    for distance, advised in ((0.9, True), (3.0, False)):
+        vertices = np.concatenate([ball.vertices, ball.vertices + [distance, 0, 0]])
+        both = (vertices, np.concatenate([ball.faces, ball.faces + len(ball.vertices)]))
+        for call in (sp.repair, lambda surface: sp.fit(surface, max_degree=2)):
+            with pytest.raises(sp.MeshError, match=r"largest_repair=0\.5[01]") as refused:
+                call(both)
+            first = "replaces the mesh by the closed surface around it; alternatively, "
+            assert (first in str(refused.value)) == advised and ("wrap=" in str(refused.value)) == advised
+    cap = without_cap(-0.8)
+    with pytest.raises(sp.MeshError, match=r"span large holes, but at most 25 % is allowed: .*; largest_repair=0\.\d\d allows"):
+        sp.repair(cap, wrap=32)
+    share = sp.repair(cap, wrap=32, largest_repair=0.5).report["wrap"]["bridged_area"]
+    assert 0.3 < share < 0.5
+
+
+def test_triangles_with_wide_gaps_are_no_sheet() -> None:
+    ball = sp.icosphere(3)
+    corners = ball.vertices[ball.faces]
+    soup = (0.999 * corners + 0.001 * corners.mean(axis=1, keepdims=True)).reshape(-1, 3)
+    apart = (soup, np.arange(len(soup)).reshape(-1, 3))
+    for call in (sp.repair, lambda surface: sp.fit(surface, max_degree=2)):
+        with pytest.raises(sp.MeshError, match=r"1280 separate pieces; the gaps .* welding distance of 1e-5 .*wrap=128\)"):
+            call(apart)
+    assert characteristic(sp.repair(apart, wrap=32).surface) == 2
 
 
 def test_surfaces_that_enclose_nothing_are_refused_with_the_reason() -> None:

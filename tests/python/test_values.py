@@ -92,7 +92,7 @@ def test_tables_have_degrees_orders_and_channels() -> None:
     assert part[1, 0].tolist() == [0, 0, 0] and np.array_equal(part[1, 1], model(1)[1, 1])
     refused: list[tuple[Any, str]] = [
         (np.eye(3), "expected a DataFrame or a DataArray, found ndarray"),
-        (frame.reset_index(), "expected an index of degree and order"),
+        (frame.reset_index(drop=True), "expected an index of degree and order"),
         (frame.rename(index={1: -1}, level="degree"), "expected an order from -l to l"),
         (frame.rename(index={0: 2}, level="order"), "expected an order from -l to l for degree l, found degree 0 and order 2"),
         (frame.rename(index={-1: 1}, level="order"), "expected each degree and order once"),

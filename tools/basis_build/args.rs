@@ -14,8 +14,9 @@ use spharm_store::basis::DEFAULT_CHUNK_ROWS;
 /// Compute the basis of a sampling scheme once, and keep it in a store for all fits over this scheme
 ///
 /// Writes one immutable file per degree into the store. Existing files are kept, so the same command resumes an
-/// interrupted build, and a higher --max-degree extends a finished one. Of existing files, only the headers and
-/// the tables of chunks are checked; `spharm store verify` checks every byte. Several builds may run at once.
+/// interrupted build, and a higher --max-degree extends a finished one. Many degrees are written at once, so a build
+/// that is interrupted early has no finished files. Of existing files, only the headers and the tables of chunks are
+/// checked; `spharm store verify` checks every byte. Several builds may run at once.
 ///
 /// With --factor, the Cholesky factor of the normal equations to degree L is also computed and kept beside the basis. A
 /// full least-squares fit over the scheme then only takes two triangular solves. The factor takes 4 (L + 1)^4 bytes of

@@ -48,9 +48,9 @@ pub(crate) struct Cli {
     pub(super) normalization: Normalization,
     /// File to write; for several models, a folder
     ///
-    /// The name may have the format's ending or no ending: .coef for pdm; .mat; .sh, .txt or .dat for pyshtools; .fits
-    /// or .fit for healpy; .npy for s2fft, ktch and flowshape; .json or .csv for aics; .1D or .txt for afni; .csv;
-    /// .json.
+    /// The name may have the format's extension or none: .coef for pdm; .mat; .sh, .txt or .dat for pyshtools;
+    /// .fits or .fit for healpy; .npy for s2fft, ktch and flowshape; .json or .csv for aics; .1D or .txt for afni;
+    /// .csv; .json.
     #[arg(short, long, value_name = "OUT", help_heading = OUTPUT)]
     pub(super) output: PathBuf,
     /// Print a report as JSON instead of text

@@ -101,7 +101,8 @@ pub(super) struct Input {
     #[arg(long, group = "mending", conflicts_with = "sphere")]
     pub(super) fix: bool,
     /// Raise the limits of --fix and --wrap to this percentage of a mesh's area; the usual limits are 5 for area lost
-    /// by welding, 5 for dropped pieces, 25 for filled holes, and 5 for parts that --wrap leaves out
+    /// by welding, 5 for dropped pieces, 25 for filled holes, 5 for parts that --wrap leaves out, and 25 for the part
+    /// of the wrap that spans holes
     #[arg(long, value_name = "PERCENT", requires = "mending", value_parser = percent, hide_short_help = true)]
     pub(super) largest_repair: Option<f64>,
     /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the
@@ -110,8 +111,8 @@ pub(super) struct Input {
     /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
     /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
     /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost; a wrap that leaves out more than 5 % of
-    /// the mesh is refused. 128 voxels suit most meshes; 16 to 512 are allowed. The new mesh is written next to the
-    /// model, NAME.fixed.surf.gii.
+    /// the mesh, or spans holes by more than 25 % of its area, is refused, and so is an open sheet. 128 voxels suit
+    /// most meshes; 16 to 512 are allowed. The new mesh is written next to the model, NAME.fixed.surf.gii.
     #[arg(long, value_name = "VOXELS", group = "mending", conflicts_with_all = ["sphere", "fix", "cut_handles"], value_parser = voxels, hide_short_help = true)]
     pub(super) wrap: Option<usize>,
     #[command(flatten)]
@@ -124,8 +125,11 @@ pub(super) struct Input {
     /// reconstruct restores the original surface.
     #[arg(long, conflicts_with = "sphere", hide_short_help = true)]
     pub(super) cut_handles: bool,
-    /// Folder of the basis store
-    #[arg(long, value_name = "DIR", env = "SPHARM_STORE")]
+    /// Folder of the basis store [env: SPHARM_STORE, see --help]
+    ///
+    /// Without this option, --method irf, sirf, mirf and nlsf use the folder named by the environment variable
+    /// SPHARM_STORE. The variable doesn't change the method or the objective.
+    #[arg(long, value_name = "DIR")]
     pub(super) store: Option<PathBuf>,
     /// Weights of the vertices
     ///
@@ -187,7 +191,11 @@ pub(super) struct MethodArgs {
     /// the model. Use 0 for groups, so that their maps differ no more than the surfaces do.
     #[arg(long, value_name = "RMS", conflicts_with_all = ["sphere", "label", "moments"], hide_short_help = true)]
     pub(super) area: Option<f64>,
-    /// Passes, p (irf, mirf) [default: 1; with --accelerate 16]
+    /// Passes, p [default: irf 1, mirf 4; with --accelerate 16]
+    ///
+    /// Further passes bring a model closer to the least squares. One pass reaches it only on samplings on which the
+    /// degrees of different blocks are nearly orthogonal, such as an icosphere with many more vertices than
+    /// coefficients.
     #[arg(long, value_name = "P", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) passes: Option<u32>,
     /// Basis functions per block, g (irf) [default: 100]
@@ -330,4 +338,11 @@ pub(super) enum MethodName {
     Nlsf,
     /// Quadrature on a resampled grid
     Quadrature,
+}
+
+impl MethodName {
+    /// Returns whether the method reads a basis store.
+    pub(super) fn is_streamed(self) -> bool {
+        !matches!(self, Self::Lsq | Self::Quadrature)
+    }
 }

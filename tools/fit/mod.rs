@@ -88,7 +88,7 @@ fn options(cli: &Cli, params: FitParams) -> Result<Options> {
     let input = &cli.input;
     let about = [
         ("tool", json!("fit")),
-        ("store", json!(input.store.as_ref().map(shown))),
+        ("store", json!(params.store.as_ref().map(shown))),
         ("manifest", json!(input.manifest.as_ref().map(shown))),
         ("shard", json!(cli.cohort.shard.map(|shard| shard.to_string()))),
         ("sphere", json!(input.sphere.as_ref().map(shown))),

@@ -1,10 +1,13 @@
 //! Converts the arguments of `fit` to the library's settings. Conflicting arguments are usage errors.
 
+use std::path::PathBuf;
+
 use anyhow::Result;
 use clap::ValueEnum;
 use spharm::{FitParams, Method, Objective, Preconditioner, Weights, defaults};
 use spharm_cli::Usage;
 use spharm_cli::values::Dtype;
+use spharm_store::catalog::schemes;
 
 use super::args::{Cli, MethodName};
 
@@ -32,8 +35,12 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         "area" => Weights::Area,
         file => Weights::read(file)?,
     };
+    let (name, store) = method_and_store(cli);
+    let method = method(cli, name, store.is_some())?;
+    // A path that is wrong is found before any surface is read, also for methods that don't need the store.
+    store.as_deref().map(schemes).transpose()?;
     let params = FitParams::lsq(degree)
-        .with_method(method(cli)?)
+        .with_method(method)
         .with_objective(cli.method.objective.unwrap_or_default())
         .with_area(cli.method.area)
         .with_smoothness(cli.method.smoothness.unwrap_or_default())
@@ -46,7 +53,7 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
         .with_max_iterations(cli.solver.max_iterations)
         .with_preconditioner(cli.solver.preconditioner)
         .with_strict(cli.input.strict)
-        .with_store(cli.input.store.clone())
+        .with_store(store)
         .with_scalar(cli.solver.dtype.map(Dtype::scalar))
         .with_verify(cli.solver.verify)
         .with_memory(cli.resources.memory.map(|size| size.0))
@@ -55,14 +62,22 @@ pub(super) fn params(cli: &Cli) -> Result<FitParams> {
     Ok(params)
 }
 
-fn method(cli: &Cli) -> Result<Method, Usage> {
+/// Returns the method, and the folder of the store. SPHARM_STORE names the folder only for a method that needs one: it
+/// never changes the method or the objective.
+fn method_and_store(cli: &Cli) -> (MethodName, Option<PathBuf>) {
+    let given = cli.input.store.clone();
+    let method = cli.method.method.unwrap_or(if given.is_some() { MethodName::Irf } else { MethodName::Lsq });
+    let of_environment = || std::env::var_os("SPHARM_STORE").filter(|store| !store.is_empty()).map(PathBuf::from);
+    (method, if method.is_streamed() { given.or_else(of_environment) } else { given })
+}
+
+fn method(cli: &Cli, method: MethodName, store: bool) -> Result<Method, Usage> {
     use MethodName::{Irf, Lsq, Mirf, Nlsf, Quadrature, Sirf};
     let args = &cli.method;
-    let method = args.method.unwrap_or(if cli.input.store.is_some() { Irf } else { Lsq });
     let name = method.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned());
-    let streamed = !matches!(method, Lsq | Quadrature);
+    let streamed = method.is_streamed();
     let needs = [
-        (cli.input.store.is_none(), "--store DIR, with a basis made by spharm basis-build"),
+        (!store, "--store DIR, with a basis made by spharm basis-build"),
         (
             cli.input.sphere.is_none() && cli.input.manifest.is_none(),
             "--sphere SPHERE, the sphere for which the basis was built",
@@ -75,7 +90,7 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
     let by_factor = cli.solver.preconditioner != Preconditioner::Auto;
     let (tolerance, most) = (cli.solver.tolerance, cli.solver.max_iterations);
     let weighted = cli.input.weights != "uniform" || args.hold_out.is_some();
-    let of_surface_in_store = args.objective == Some(Objective::Surface) && cli.input.store.is_some();
+    let of_surface_in_store = args.objective == Some(Objective::Surface) && store;
     let of_basis = cli.solver.dtype.is_some() || cli.solver.verify;
     let conflicts = [
         (args.start_degree.is_some() && !matches!(method, Sirf | Mirf), "--start-degree", ""),
@@ -101,7 +116,12 @@ fn method(cli: &Cli) -> Result<Method, Usage> {
         return Err(Usage::conflict(format!("{flag} cannot be used with --method {name}{hint}")));
     }
     let accelerate = args.accelerate;
-    let passes = args.passes.map_or(if accelerate { defaults::ACCELERATED_PASSES } else { 1 }, |p| p as usize);
+    let usual = match method {
+        _ if accelerate => defaults::ACCELERATED_PASSES,
+        Mirf => Method::mirf().passes(),
+        _ => 1,
+    };
+    let passes = args.passes.map_or(usual, |p| p as usize);
     let granularity = args.granularity.unwrap_or(defaults::GRANULARITY);
     let start_degree = args.start_degree.unwrap_or(0);
     Ok(match method {

@@ -42,7 +42,10 @@ pub(crate) struct Cli {
     /// Label of the vertices whose values are read: lh.NAME.label in each subject's label/; `none` reads all vertices
     ///
     /// Outside the label, values are extrapolated from the edge of the label, because the zeros on the medial wall
-    /// aren't measurements. Surfaces are always read entirely. [default: cortex, if it exists]
+    /// aren't measurements. The extrapolated values count as data and change the model beside the wall: for values with
+    /// a standard deviation of 0.4 mm and a wall of 5 % of the vertices, by at most 0.07 mm (rms 0.003 mm) at degree
+    /// 20. `spharm fit --mask` leaves these vertices out instead, but at high degrees the data don't determine its
+    /// model on the wall. Surfaces are always read entirely. [default: cortex, if it exists]
     #[arg(long, value_name = "NAME|none", requires = "signal", help_heading = help::INPUT)]
     pub(super) mask: Option<String>,
     /// Hemispheres to fit

@@ -99,7 +99,7 @@ fn of_hemispheres(cli: &Cli, name: String, sphere: impl Fn(Hemi) -> PathBuf) -> 
     Files { sphere: sphere(first), right, name }
 }
 
-/// Returns a file's name without its endings.
+/// Returns a file's name without its extensions.
 fn stem(path: &Path) -> Result<String> {
     let name = path.file_name().and_then(|name| name.to_str());
     let name = name.with_context(|| format!("{}: expected a name in UTF-8", path.display()))?;

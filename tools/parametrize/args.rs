@@ -50,7 +50,8 @@ pub(crate) struct Cli {
     #[arg(long, group = "mending", help_heading = INPUT)]
     pub(super) fix: bool,
     /// Raise the limits of --fix and --wrap to this percentage of a mesh's area; the usual limits are 5 for area lost
-    /// by welding, 5 for dropped pieces, 25 for filled holes, and 5 for parts that --wrap leaves out
+    /// by welding, 5 for dropped pieces, 25 for filled holes, 5 for parts that --wrap leaves out, and 25 for the part
+    /// of the wrap that spans holes
     #[arg(long, value_name = "PERCENT", requires = "mending", value_parser = percent, hide_short_help = true, help_heading = INPUT)]
     pub(super) largest_repair: Option<f64>,
     /// Replace each mesh by the closed surface around it, computed on a grid with this number of voxels along the
@@ -59,8 +60,8 @@ pub(crate) struct Cli {
     /// For meshes that --fix can't close: parts that overlap, lie inside each other or lack large pieces, double walls,
     /// and surfaces that intersect themselves. Holes are spanned and handles removed; vertices within a voxel of the
     /// mesh are moved onto it. Walls and gaps thinner than a voxel are lost; a wrap that leaves out more than 5 % of
-    /// the mesh is refused. 128 voxels suit most meshes; 16 to 512 are allowed. The new mesh is written to
-    /// --surface-output.
+    /// the mesh, or spans holes by more than 25 % of its area, is refused, and so is an open sheet. 128 voxels suit
+    /// most meshes; 16 to 512 are allowed. The new mesh is written to --surface-output.
     #[arg(long, value_name = "VOXELS", group = "mending", conflicts_with_all = ["fix", "cut_handles"], value_parser = voxels, hide_short_help = true, help_heading = INPUT)]
     pub(super) wrap: Option<usize>,
     #[command(flatten, next_help_heading = INPUT)]

@@ -74,7 +74,8 @@ pub(crate) struct Cli {
     /// Colour each surface by its value in a numeric column of a table, such as a table written by `spharm volumes`
     /// or `spharm shape measure`
     ///
-    /// The surfaces' paths or names are in the column `model` or, if there is no such column, in the first column.
+    /// The surfaces' paths or names are in the column `model` or, if there is no such column, in the first column. A
+    /// warning is given if the column has the paths of other files of the same names.
     #[arg(long, value_name = "TABLE:COLUMN", value_parser = column, conflicts_with = "map", help_heading = INPUT)]
     pub(super) colour_by: Option<(PathBuf, String)>,
     /// Move the centres of all surfaces to the centre of the first surface

@@ -40,7 +40,8 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let maps = content.maps.iter().chain(&content.contour).map(|map| &map.path);
     budget.check_inputs("picture", files.iter().chain(&cli.sphere).chain(maps).map(PathBuf::as_path))?;
     let by_column = cli.colour_by.as_ref();
-    let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files)).transpose()?;
+    let console = cli.common.console();
+    let numbers = by_column.map(|(table, column)| surfaces::numbers(table, column, &files, &console)).transpose()?;
     let numbers = numbers.unwrap_or_default();
     let read: Vec<Surface> = files.iter().map(|path| Surface::read(path)).collect::<Result<_>>()?;
     check_memory(cli, &read, panels, budget)?;
@@ -85,7 +86,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         let paint = Paint::Scalar { values, range: *range, label };
         panels.push(Panel { paint, ..Panel::new(&meshes[0], caption) });
     }
-    let contour = content.contour.map(|map| ContourMap::read(map, content.level, &meshes[0], &cli.common.console()));
+    let contour = content.contour.map(|map| ContourMap::read(map, content.level, &meshes[0], &console));
     let contour = contour.transpose()?;
     if let Some(contour) = &contour {
         let of_first = |panel: &&mut Panel<'_>| std::ptr::eq(panel.mesh, &raw const meshes[0]);

@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use spharm::Model;
+use spharm_cli::console::Console;
 use spharm_cli::paths::{expand, model_name};
 use spharm_cohort::is_model;
 use spharm_render::fit_into;
@@ -42,16 +44,28 @@ pub(super) fn fit_each(meshes: &mut [Mesh]) {
 }
 
 /// Returns a number for each surface from a column of a table. The surfaces' paths or names are in the table's column
-/// `model` or, without one, in its first column.
+/// `model` or, without one, in its first column. Warns if this column has the paths of other files than the surfaces.
 ///
 /// # Errors
 ///
 /// If a surface has no row, or its cell isn't a number.
-pub(super) fn numbers(path: &Path, column: &str, surfaces: &[PathBuf]) -> Result<Vec<f64>> {
+pub(super) fn numbers(path: &Path, column: &str, surfaces: &[PathBuf], console: &Console) -> Result<Vec<f64>> {
     let table = Table::read(path)?;
     let key = if table.has("model") { "model" } else { table.names().next().unwrap_or_default() }.to_owned();
     let named = || format!("{}: column {key:?}", path.display());
-    let rows = rows_of(table.texts(&key)?, surfaces).with_context(named)?;
+    let keys = table.texts(&key)?;
+    let rows = rows_of(keys.clone(), surfaces).with_context(named)?;
+    let other = |(surface, row): &(&PathBuf, &usize)| is_other_file(path, keys[**row], surface);
+    let others: Vec<(&PathBuf, &usize)> = surfaces.iter().zip(&rows).filter(other).collect();
+    if let Some((surface, row)) = others.first() {
+        let (count, cell, surface) = (others.len(), keys[**row], surface.display());
+        console.warn(format!(
+            "{}: other files of the same names, such as {cell} for {surface} ({count} of {} rows); check that this is \
+             the table of these surfaces",
+            named(),
+            rows.len()
+        ));
+    }
     let cells = table.texts(column)?;
     let number = |(surface, row): (&PathBuf, usize)| {
         let found = finite(cells[row]);
@@ -61,4 +75,22 @@ pub(super) fn numbers(path: &Path, column: &str, surfaces: &[PathBuf]) -> Result
         })
     };
     surfaces.iter().zip(rows).map(number).collect()
+}
+
+/// Returns whether a cell of a table is the path of an existing file other than the surface. Paths are relative to the
+/// current folder or to the table.
+fn is_other_file(table: &Path, cell: &str, surface: &Path) -> bool {
+    let folder = table.parent().unwrap_or(Path::new(""));
+    let paths = [PathBuf::from(cell), folder.join(cell)];
+    let found: Vec<PathBuf> =
+        paths.iter().filter(|path| path.is_file()).filter_map(|path| path.canonicalize().ok()).collect();
+    // Copies under other names, such as reconstructions, and aligned copies, have the table of their originals.
+    let same_name = |path: &PathBuf| path.file_name() == surface.file_name() && !is_copy(path, surface);
+    surface.canonicalize().is_ok_and(|own| !found.contains(&own)) && found.iter().any(same_name)
+}
+
+/// Returns whether two files are models of the same input.
+fn is_copy(a: &Path, b: &Path) -> bool {
+    let input = |path: &Path| Model::read(path).ok()?.provenance.input;
+    input(a).zip(input(b)).is_some_and(|(a, b)| a == b)
 }

@@ -11,9 +11,9 @@ use spharm_surface::io::Output;
 
 use super::args::Cli;
 
-/// Default ending of the files of surfaces in an output folder.
+/// Default extension of the files of surfaces in an output folder.
 const SURFACE: &str = "surf.gii";
-/// Default ending of the files of signals in an output folder.
+/// Default extension of the files of signals in an output folder.
 const SIGNAL: &str = "func.gii";
 
 /// A model, and the file for its values.
@@ -24,7 +24,7 @@ pub(super) struct Item {
 
 enum Target {
     File(PathBuf),
-    /// A path without an ending; the ending depends on whether the model is a surface or a signal.
+    /// A path without an extension; the extension depends on whether the model is a surface or a signal.
     Stem(PathBuf),
 }
 

@@ -28,9 +28,10 @@ pub(crate) struct CohortArgs {
     pub(crate) status: Option<PathBuf>,
     /// Report the work to be done, without doing it
     ///
-    /// Checks all existing models, and reads the first surfaces and spheres. Of the other files, at most the first
-    /// bytes are read: the files must exist, and FreeSurfer and PLY files must have as many vertices as their spheres.
-    /// Other errors in these files are found only by the fit. The exit status is 1 if rows would fail.
+    /// Checks all existing models, and reads the first surfaces and spheres; if the fits need a basis store, all
+    /// spheres are read, and the store and the memory are checked for each. Of the other files, at most the first bytes
+    /// are read: the files must exist, and FreeSurfer and PLY files must have as many vertices as their spheres. Other
+    /// errors in these files are found only by the fit. The exit status is 1 if rows would fail.
     #[arg(long)]
     pub(crate) dry_run: bool,
     /// Format of the lines on stderr: text, or one JSON object per line

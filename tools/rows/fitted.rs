@@ -60,7 +60,7 @@ impl Fitted {
         }
         if columns.held_out {
             let held_out = self.report.held_out.as_ref();
-            cells.push(number(held_out.map(|of| of.held_out.msd.unwrap_or(of.held_out.msd_raw))));
+            cells.push(number(held_out.map(|of| of.held_out.rms())));
         }
         if columns.denoise {
             // A signal with several channels shows the estimates of its first channel only.
@@ -102,19 +102,21 @@ impl Columns {
         let mut head = vec!["model"];
         head.extend(if self.surface { &["rms", "95 %", "hausdorff", "msd", "xsd"][..] } else { &["msd", "xsd"] });
         head.extend(if self.surface { &[][..] } else { &["rms", "max", "between"] });
-        head.extend(self.held_out.then_some("msd held out"));
+        head.extend(self.held_out.then_some("rms held out"));
         head.extend(if self.denoise { &["sigma", "freedom"][..] } else { &[] });
         head.push("file");
         head.into_iter().map(str::to_owned).collect()
     }
 
-    pub(super) fn units(self) -> &'static str {
-        if self.surface {
+    pub(super) fn units(self) -> String {
+        let units = if self.surface {
             "rms, 95 %, hausdorff: distances between model and surface in both directions, in the input's unit; msd, \
              xsd: squared distances at the vertices, bounding box scaled to volume 1"
         } else {
             "msd, xsd: squared distances, bounding box scaled to volume 1; rms, max: distances in the input's unit; \
              between: rms at the centres of triangles"
-        }
+        };
+        let held_out = if self.held_out { "; rms held out: at the held-out vertices, in the input's unit" } else { "" };
+        format!("{units}{held_out}")
     }
 }

@@ -15,7 +15,7 @@ use spharm_exchange::Format;
 use spharm_monitor::number;
 use spharm_surface::Similarity;
 use spharm_surface::io::{Output, WriteOptions, read_mesh, to_write_mesh, write_mesh};
-use spharm_surface::pose::{DOUBTFUL, Pose, PoseParams, PoseSurface, distance, group_poses, pose};
+use spharm_surface::pose::{Pose, PoseParams, PoseSurface, distance, group_poses, pose};
 
 use super::args::{ReportArgs, Resources};
 use super::outputs::{check_beside, finish};
@@ -69,8 +69,8 @@ pub(super) fn are_meshes<'a>(files: impl IntoIterator<Item = &'a Path>) -> Resul
     }
 }
 
-/// Returns whether a file holds coefficients of another package, by its name. Other packages' files have endings that
-/// files of points or meshes may have, too, such as `.txt`.
+/// Returns whether a file holds coefficients of another package, by its name. Other packages' files have extensions
+/// that files of points or meshes may have, too, such as `.txt`.
 fn are_coefficients(path: &Path) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
     [Format::Pdm, Format::Mat].iter().flat_map(|format| format.endings()).any(|ending| name.ends_with(ending))
@@ -174,8 +174,7 @@ fn to_target(asked: &Asked<'_>, target: &Path, monitor: &ConsoleMonitor) -> Resu
     let found = found.into_iter().collect::<Result<Vec<_>>>()?;
     let least = 1e-3 * fixed.size();
     let doubt = |(path, (pose, _)): (&PathBuf, &(Pose, f64))| {
-        let Pose { distance, second, .. } = *pose;
-        (second < DOUBTFUL * distance.max(least)).then(|| {
+        pose.doubt(least).map(|(distance, second)| {
             format!(
                 "{}: the pose is doubtful: the distance between the surfaces is {distance:.4}, but another pose has a \
                  similar distance of {second:.4}",

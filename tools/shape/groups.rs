@@ -12,6 +12,7 @@ use spharm::{Coefficients, Kind, Monitor};
 use spharm_cli::console::Console;
 use spharm_cli::output::counted;
 use spharm_cli::paths::model_name;
+use spharm_model::recorded_name;
 use spharm_surface::Hemisphere;
 
 use super::args::read_all;
@@ -30,12 +31,14 @@ pub(super) fn equal_models(
 
 /// A group of models, all of the same degree.
 pub(super) struct Group {
-    /// Names of the members: their file names without endings.
+    /// Names of the members: their file names without extensions.
     pub(super) names: Vec<String>,
     pub(super) members: Vec<Coefficients>,
     pub(super) degree: usize,
     /// Hemisphere of each member; `None` if unknown.
     pub(super) hemispheres: Vec<Option<Hemisphere>>,
+    /// Side of each member: its hemisphere or, if this is unknown, the side by a word or letter in its name.
+    pub(super) sides: Vec<Option<Hemisphere>>,
     pub(super) warnings: Vec<String>,
 }
 
@@ -59,11 +62,14 @@ pub(super) fn read_group(
             bail!("{}: expected a model of {expected}, found {found}", path.display());
         }
         let of_model = (model.coefficients.clone(), model.scheme_key.clone());
-        Ok((of_model, (model.hemisphere(Some(path)), Smoothing::of(&model.provenance))))
+        let hemisphere = model.hemisphere(Some(path));
+        let side = hemisphere.or_else(|| side_of(model, path));
+        Ok((of_model, ((hemisphere, side), Smoothing::of(&model.provenance))))
     };
     let (models, records): (Vec<_>, Vec<_>) = read_all(paths, monitor, read)?.into_iter().unzip();
     let (members, keys): (Vec<_>, Vec<_>) = models.into_iter().unzip();
-    let (hemispheres, smoothing): (Vec<_>, Vec<_>) = records.into_iter().unzip();
+    let (of_members, smoothing): (Vec<_>, Vec<_>) = records.into_iter().unzip();
+    let (hemispheres, sides): (Vec<_>, Vec<_>) = of_members.into_iter().unzip();
     let CommonDegree { members, degree, warning } = to_common_degree(&members, degree)?;
     let mut warnings: Vec<String> = warning.iter().map(ToString::to_string).collect();
     let smoothing = SmoothingDiffers::of(&smoothing);
@@ -83,7 +89,16 @@ pub(super) fn read_group(
     warnings.extend(mean_among(paths));
     warnings.iter().for_each(|warning| console.warn(warning));
     let names = paths.iter().map(|path| model_name(path)).collect();
-    Ok(Group { names, members, degree, hemispheres, warnings })
+    Ok(Group { names, members, degree, hemispheres, sides, warnings })
+}
+
+/// Returns the side of a model without a known hemisphere, by the name of its input or of its file, such as `s1_L`.
+fn side_of(model: &spharm::Model, path: &Path) -> Option<Hemisphere> {
+    let input = model.provenance.input.as_ref().map(|input| Path::new(recorded_name(&input.path)));
+    let stated = |path: &Path| Hemisphere::and_rest_of(&model_name(path)).0;
+    let of_files = [input, Some(path)].into_iter().flatten().find_map(stated)?;
+    // The model knows whether it was mirrored since.
+    model.hemisphere(Some(Path::new(if of_files == Hemisphere::Left { "lh" } else { "rh" })))
 }
 
 /// Returns the distances of centred surfaces from their mean, without alignment.

@@ -16,7 +16,7 @@ use spharm_surface::io::landmarks::{Landmarks, unit_factor, unit_hint};
 use spharm_surface::{Mesh, Similarity};
 use spharm_transform::synthesis;
 
-/// Endings of landmark files. An ending that is the end of a longer one (`.json`) comes after the longer one
+/// Extensions of landmark files. An extension that is the end of a longer one (`.json`) comes after the longer one
 /// (`.mrk.json`).
 const ENDINGS: [&str; 5] = [".mrk.json", ".fcsv", ".json", ".csv", ".tsv"];
 /// Distance of a landmark from its surface above which a warning is given, as a fraction of the surface's extent.
@@ -176,7 +176,7 @@ fn in_folder(folder: &Path, model: &Path) -> Result<PathBuf> {
     match found {
         Some(path) => Ok(path),
         None => bail!(
-            "{}: no landmarks of {name}: expected a file {name} with one of the endings {}",
+            "{}: no landmarks of {name}: expected a file {name} with one of the extensions {}",
             folder.display(),
             ENDINGS.join(", ")
         ),

@@ -83,7 +83,7 @@ pub(super) fn csv<'a>(header: &[&str], rows: impl IntoIterator<Item = &'a [Strin
     text
 }
 
-/// Endings of the names of tables.
+/// Extensions of the names of tables.
 pub(super) const TABLES: [&str; 2] = [".csv", ".tsv"];
 
 /// Returns the text of a table for a file: with tabs if its name ends in .tsv, otherwise CSV.

@@ -19,6 +19,8 @@ pub(super) struct SchemeRow {
     /// Number of factors beside the basis.
     factors: usize,
     damaged: usize,
+    /// Number of files of a newer format version.
+    newer: usize,
     bytes: u64,
 }
 
@@ -73,7 +75,8 @@ impl From<SchemeSummary> for SchemeRow {
             degrees: summary.degrees,
             complete_to: summary.complete_to,
             factors: summary.factors,
-            damaged: summary.damaged,
+            damaged: summary.damaged - summary.newer,
+            newer: summary.newer,
             bytes: summary.bytes,
         }
     }
@@ -90,7 +93,8 @@ pub(super) fn scheme_lines(rows: Vec<SchemeRow>) -> Vec<Vec<String>> {
             None if row.degrees == 0 => "none".to_owned(),
             None => format!("{} without degree 0", row.degrees),
         };
-        let damage = if row.damaged > 0 { format!(", {} damaged", row.damaged) } else { String::new() };
+        let unreadable = |count: usize, what: &str| if count > 0 { format!(", {count} {what}") } else { String::new() };
+        let damage = unreadable(row.damaged, "damaged") + &unreadable(row.newer, "of a newer format version");
         lines.push(vec![
             row.key,
             row.directions.map_or("-".to_owned(), |n| n.to_string()),

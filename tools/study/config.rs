@@ -319,7 +319,11 @@ mod tests {
     fn what_is_wrong_is_named_with_the_nearest_key() {
         for (from, to, expected) in [
             ("max_degree", "max_degre", "unknown key `max_degre` in [fit]: did you mean `max_degree`?"),
-            ("max_degree = 15", "max_degree = 15\nfix = true", "give options of spharm fit as arguments = [\"--fix\"]"),
+            (
+                "max_degree = 15",
+                "max_degree = 15\nfix = true",
+                "to pass an option to spharm fit, write `arguments = [\"--fix\"]`",
+            ),
             ("effect =", "effects =", "unknown key `effects` in [[test]]: did you mean `effect`?"),
             ("[modes]", "[mode]", "unknown key `mode`: did you mean `modes`?"),
             ("count =", "colour =", "unknown key `colour` in [modes]: expected one of count"),

@@ -67,7 +67,7 @@ pub(super) fn check(table: &Table) -> Result<()> {
                 match nearest {
                     Some((_, nearest)) => bail!("unknown key `{unknown}`{place}: did you mean `{nearest}`?"),
                     None if section == "fit" => bail!(
-                        "unknown key `{unknown}`{place}: give options of spharm fit as arguments = [\"--{}\"]",
+                        "unknown key `{unknown}`{place}: to pass an option to spharm fit, write `arguments = [\"--{}\"]`",
                         unknown.replace('_', "-")
                     ),
                     None => bail!("unknown key `{unknown}`{place}: expected one of {}", keys.join(", ")),

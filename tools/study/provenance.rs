@@ -52,7 +52,7 @@ struct Input {
     file: FileRecord,
 }
 
-/// File name endings of the results that are the same in every run with the same inputs, threads and memory. Reports
+/// File name extensions of the results that are the same in every run with the same inputs, threads and memory. Reports
 /// aren't compared, because they contain times.
 const COMPARED: [&str; 5] = ["npz", "csv", "tsv", "gii", "png"];
 

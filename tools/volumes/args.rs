@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use clap::Args;
 use spharm_cli::Common;
 use spharm_cli::help::{self, INPUT, METHOD, OUTPUT, RESOURCES};
-use spharm_cli::names::NameTemplate;
 use spharm_cli::size::Size;
 use spharm_cli::surfaces::Labels;
 use spharm_cli::threads::Threads;
 use spharm_cli::volumes::{LabelSurfaceArgs, VolumeArgs};
+
+use super::names::ImageTemplate;
 
 /// Make a model of every label in label volumes, and one table of all labels
 ///
@@ -41,14 +42,14 @@ pub(crate) struct Cli {
     pub(super) label_surface: LabelSurfaceArgs,
     /// Repair labels whose surface isn't of genus zero
     ///
-    /// Keeps the largest piece, fills cavities and removes handles, instead of refusing the label. A warning says if a
-    /// label loses more than 5 % of its voxels.
+    /// Keeps the largest piece, fills cavities and removes handles, instead of refusing the label. A warning says if
+    /// this drops, adds or removes more than 5 % of the label's voxels.
     #[arg(long, help_heading = INPUT)]
     pub(super) fix: bool,
     /// Cut the handles of labels along short loops, and fill both sides of each cut
     ///
     /// The model and its row describe the cut surface, NAME.cut.surf.gii. The model keeps the seams, so that
-    /// reconstruct restores the original surface.
+    /// reconstruct restores the original surface. A warning says if the volume changes by more than 5 %.
     #[arg(long, help_heading = INPUT)]
     pub(super) cut_handles: bool,
     /// Skip labels with fewer than N voxels
@@ -79,9 +80,9 @@ pub(crate) struct Cli {
     ///
     /// Placeholders stand for parts of each volume's path, with links resolved: {stem} is the file's name without
     /// folder and format, {label} the label, {parent} the folder that contains the file, {parent2} the folder above
-    /// {parent}.
+    /// {parent}, {channel} and {time} the numbers given by --channel and --time.
     #[arg(long, value_name = "TEMPLATE", default_value = "{stem}", help_heading = OUTPUT)]
-    pub(super) name_template: NameTemplate,
+    pub(super) name_template: ImageTemplate,
     /// Keep existing models that were made from the same file and label with the same settings
     ///
     /// Files are compared by their contents: if one label of a file was edited, the models of all labels in this

@@ -1,16 +1,19 @@
 //! `volumes`: makes a model of every label of many volumes, and one table of all models.
 
 mod args;
+mod names;
 mod table;
+mod warnings;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use anyhow::{Context, Result, anyhow, bail};
 use serde_json::json;
 use spharm::fit_mesh::steps_of;
-use spharm::parametrize::volume::{is_volume, steps_of_labels};
+use spharm::parametrize::volume::{VoxelValues, is_volume, steps_of_labels};
 use spharm::shape::{MeasureParams, descriptors, measure};
 use spharm::{FileRecord, FitParams, Model, Monitor, Preparation};
 use spharm_cli::exit;
@@ -27,6 +30,7 @@ use spharm_cohort::run::{self, Cohort, Event, Observer, Outcome as RowOutcome, R
 use spharm_surface::io::write_new;
 
 pub(crate) use self::args::Cli;
+use self::names::{advice_on_images, same_name};
 use self::table::{Outcome, Row};
 use crate::rows::if_exists;
 
@@ -44,14 +48,16 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     if table.is_file() && !replaced {
         bail!(
             "{}: the file exists; give --skip-existing to resume, --force to replace the file, or another --output or \
-             --table",
-            table.display()
+             --table{}",
+            table.display(),
+            advice_on_images(cli.volume.reading().image)
         );
     }
     check_outputs([OutputFile::with_ending(&table, "--table", &[".tsv", ".csv"])], replaced)?;
-    let volumes = volumes(&cli.volumes)?;
-    let earlier =
-        if cli.skip_existing && table.is_file() { Some(table::earlier(&table, cli.max_degree)?) } else { None };
+    let (volumes, image) = (volumes(&cli.volumes)?, cli.volume.reading().image);
+    let template = cli.name_template.of(image)?;
+    let resumed = cli.skip_existing && table.is_file();
+    let earlier = if resumed { Some(table::earlier(&table, image, cli.max_degree)?) } else { None };
     let earlier = earlier.filter(|text| table::has_models(text));
     let (reading, label_surface) = (cli.volume.reading(), cli.label_surface.surface(&cli.volume)?);
     let preparation =
@@ -75,6 +81,7 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let found = Mutex::default();
     let mut call = Call {
         cli,
+        template,
         params,
         reader: &reader,
         monitor: &monitor,
@@ -85,17 +92,20 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
     let pool = cli.threads.pool()?;
     let done = pool.install(|| volumes.iter().try_for_each(|path| call.volume(path)));
     prepare(&table)?;
-    let Found { rows, refused, losses } = call.found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let text = table::lines(&rows, max_degree);
-    let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text));
+    let Found { rows, refused, losses, skipped } = call.found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let text = table::lines(&rows, image, max_degree);
+    let text = earlier.map_or(text.clone(), |earlier| table::with_earlier(&earlier, &text, image));
     if refused > 0 && table.is_file() {
         bail!(
-            "{}: {} fitted with other settings or inputs, so the table was left unchanged; give --force, or choose \
-             another --output",
+            "{}: {} {} fitted with other settings or inputs, so the table was left unchanged; give --force, or choose \
+             another --output{}",
             table.display(),
-            counted_were(refused)
+            counted(refused, "model"),
+            if refused == 1 { "was" } else { "were" },
+            advice_on_images(image)
         );
     }
+    let known: HashSet<OsString> = table::models(&text).into_iter().chain(skipped).collect();
     let as_json = cli.json.then(|| table::to_json(&text));
     let written = table::to_file(&table, text)?;
     write_new(&table, replaced, |out| out.write_all(written.as_bytes()))?;
@@ -104,15 +114,17 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         Outcome::Failed(_) | Outcome::Skipped(_) => None,
     });
     let doubts = call.inputs.warnings().into_iter().chain(steps_of_labels(&steps.collect::<Vec<_>>()));
-    doubts.chain(table::cut_off(&rows)).chain(reader.warnings()).for_each(|warning| monitor.console().warn(warning));
+    // If the run was interrupted, models of the labels that it didn't reach aren't of an earlier run.
+    let whole = done.is_ok() && cli.table.is_none();
+    let others = whole.then(|| warnings::of_earlier_runs(&cli.output, &table, &known)).flatten();
+    let doubts = doubts.chain(warnings::of_volumes(&rows)).chain(warnings::cut_off(&rows)).chain(reader.warnings());
+    doubts.chain(others).for_each(|warning| monitor.console().warn(warning));
     let failed = rows.iter().filter(|row| matches!(row.outcome, Outcome::Failed(_))).count();
     let skipped = rows.iter().filter(|row| matches!(row.outcome, Outcome::Skipped(_))).count();
     let models = counted(rows.len() - failed - skipped, "model");
     let repaired = rows.iter().filter(|row| matches!(&row.outcome, Outcome::Model(model) if !model.repair.is_empty()));
-    let repaired = match repaired.count() {
-        0 => String::new(),
-        repaired => format!(", {repaired} repaired"),
-    };
+    let repaired = repaired.count();
+    let repaired = if repaired > 0 { format!(", {repaired} repaired") } else { String::new() };
     let skipped = if skipped > 0 { format!(", {skipped} skipped") } else { String::new() };
     match as_json {
         Some(rows) => print_json(&json!({
@@ -134,19 +146,6 @@ pub(crate) fn run(cli: &Cli) -> Result<()> {
         bail!("{}: {failed} of {} failed; see the column `error`", table.display(), counted(rows.len(), "row"));
     }
     Ok(())
-}
-
-/// Returns the error for a label whose model has the same path as a model of the volume `first`.
-fn same_name(record: &FileRecord, model: &Path, first: &Path, volume: &Path) -> anyhow::Error {
-    let remedy = match NameTemplate::distinguishing(&[first.to_owned(), volume.to_owned()]) {
-        Some(template) => format!("give --name-template '{template}'"),
-        None => "rename one of the files, or process the files in separate calls".to_owned(),
-    };
-    anyhow!("{record}: {} is the model of another file, {}; {remedy}", model.display(), first.display())
-}
-
-fn counted_were(models: usize) -> String {
-    format!("{} {}", counted(models, "model"), if models == 1 { "was" } else { "were" })
 }
 
 /// Returns the degree that suits the labels of the first volume that has any of the chosen labels.
@@ -214,6 +213,8 @@ impl Cli {
 /// State of a call of the verb `volumes`.
 struct Call<'a> {
     cli: &'a Cli,
+    /// Names of the models.
+    template: NameTemplate,
     params: RunParams,
     reader: &'a SurfaceReader,
     monitor: &'a ConsoleMonitor,
@@ -230,8 +231,10 @@ struct Found {
     rows: Vec<Row>,
     /// Number of existing models that were made with other settings or of another input.
     refused: usize,
-    /// Warnings about repairs that dropped a large part of a label.
+    /// Warnings about repairs that changed a large part of a label.
     losses: Vec<String>,
+    /// Names of existing models whose labels were skipped, which have warnings of their own.
+    skipped: Vec<OsString>,
 }
 
 /// Observer of the run that fits a volume's labels.
@@ -247,7 +250,7 @@ impl Call<'_> {
         let read = self.reader.volume(path, self.monitor);
         let read = read.map_err(anyhow::Error::from).and_then(|volume| Ok((FileRecord::of(path)?, volume)));
         let file = path.display().to_string();
-        let row = |label, outcome| Row { file: file.clone(), label, voxels: None, border: None, outcome };
+        let row = |label, outcome| Row { file: file.clone(), label, voxels: None, border: None, volume: None, outcome };
         let (record, volume) = match read {
             Ok(found) => found,
             Err(error) => return self.failed(row(None, Outcome::default()), &error),
@@ -261,9 +264,11 @@ impl Call<'_> {
             );
         }
         let (mut fits, mut rows) = (Vec::new(), Vec::new());
-        let (before, image) = (self.lock().rows.len(), self.reader.reading().image);
+        let (before, reading) = (self.lock().rows.len(), self.reader.reading());
+        // Grey values and probabilities give a volume of their own.
+        let voxel = (reading.values == VoxelValues::Labels).then(|| volume.affine.determinant().abs());
         for &label in &wanted {
-            let record = record.clone().with_label(label, [image.channel, image.time]);
+            let record = record.clone().with_label(label, [reading.image.channel, reading.image.time]);
             let row = Row {
                 voxels: there.get(&label).copied(),
                 // `None` if the volume has no such label.
@@ -271,12 +276,14 @@ impl Call<'_> {
                     .contains_key(&label)
                     .then(|| volume.touches_border_if(label, self.cli.fix, self.monitor))
                     .transpose()?,
+                volume: there.get(&label).zip(voxel).map(|(&voxels, voxel)| voxels as f64 * voxel),
                 ..row(Some(label), Outcome::default())
             };
             let model = self.output(path, label)?;
             let known = row.voxels.zip(row.border);
             if let Some(reason) = known.and_then(|(voxels, border)| self.cli.reason_to_skip(voxels, border)) {
                 if model.is_file() {
+                    self.lock().skipped.extend(model.file_name().map(ToOwned::to_owned));
                     let model = model.display();
                     self.monitor
                         .console()
@@ -313,7 +320,7 @@ impl Call<'_> {
     /// Returns the path of a label's model.
     fn output(&self, volume: &Path, label: i64) -> Result<PathBuf> {
         let named = [(volume.to_owned(), Some(label))];
-        let named = self.cli.name_template.outputs(&named, &self.cli.output, ".spharm.npz")?;
+        let named = self.template.outputs(&named, &self.cli.output, ".spharm.npz")?;
         Ok(named.into_iter().next().unwrap_or_default())
     }
 
@@ -339,6 +346,7 @@ impl Call<'_> {
             file: path.display().to_string(),
             kept: fitted.is_none(),
             repair: table::repair(&model.provenance),
+            cut: table::handles_cut(&model.provenance) > 0,
             steps: steps_of(&model.provenance),
             measures: measure(&model.coefficients, &measures, self.monitor).with_context(|| name.to_owned())?,
             residual: fitted.or_else(recorded),

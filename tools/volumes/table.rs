@@ -1,15 +1,15 @@
 //! The table that `volumes` writes, with a row for each label.
 
 use std::collections::HashSet;
+use std::ffi::OsString;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use spharm::model::Provenance;
-use spharm::parametrize::volume::VoxelSteps;
+use spharm::parametrize::volume::{ImageChoice, VoxelSteps};
 use spharm::shape::{Descriptors, Measures};
 use spharm_cli::inputs::read_text;
-use spharm_cli::output::first_of;
 use spharm_cohort::cell;
 
 /// Maximum size in bytes of a table written by an earlier call.
@@ -23,6 +23,8 @@ pub(super) struct Row {
     pub(super) voxels: Option<usize>,
     /// Whether the label touches the border of the volume and so may be cut off.
     pub(super) border: Option<bool>,
+    /// Volume of the label's voxels, if the volume has labels.
+    pub(super) volume: Option<f64>,
     pub(super) outcome: Outcome,
 }
 
@@ -58,6 +60,8 @@ pub(super) struct Model {
     pub(super) kept: bool,
     /// Short description of the label's repairs and cuts; empty if there were none.
     pub(super) repair: String,
+    /// Whether handles were cut.
+    pub(super) cut: bool,
     /// Warning that the model resolves the steps of the surface's voxels, if it does.
     pub(super) steps: Option<VoxelSteps>,
     pub(super) measures: Measures,
@@ -66,6 +70,7 @@ pub(super) struct Model {
     pub(super) descriptors: Descriptors,
 }
 
+/// The columns before those of the image and the powers.
 const COLUMNS: [&str; 16] = [
     "file",
     "label",
@@ -85,14 +90,20 @@ const COLUMNS: [&str; 16] = [
     "error",
 ];
 
+/// Returns the names and cells of the columns of the image: those of the channel and the time, if they were chosen.
+fn image_cells(image: ImageChoice) -> impl Iterator<Item = (&'static str, usize)> {
+    let named = [("channel", image.channel), ("time", image.time)];
+    named.into_iter().filter_map(|(name, number)| Some((name, number?)))
+}
+
 /// Text of a cell without a value, as in BIDS.
 const NONE: &str = "n/a";
 
 /// Returns the text of the table: one tab-separated line per row. The last columns are the powers of the degrees up to
 /// `max_degree`.
-pub(super) fn lines(rows: &[Row], max_degree: usize) -> String {
-    let lines = rows.iter().map(|row| cells(row, max_degree).join("\t") + "\n");
-    std::iter::once(head(max_degree) + "\n").chain(lines).collect()
+pub(super) fn lines(rows: &[Row], image: ImageChoice, max_degree: usize) -> String {
+    let lines = rows.iter().map(|row| cells(row, image, max_degree).join("\t") + "\n");
+    std::iter::once(head(image, max_degree) + "\n").chain(lines).collect()
 }
 
 /// Returns a table as JSON: an object per row with numbers as numbers, null for cells without a value, and the powers
@@ -148,10 +159,10 @@ fn has_commas(path: &Path) -> bool {
 }
 
 /// Returns the header line of the table.
-fn head(max_degree: usize) -> String {
+fn head(image: ImageChoice, max_degree: usize) -> String {
     let powers = (1..=max_degree).map(|degree| format!("power_{degree}"));
-    let head: Vec<String> = COLUMNS.iter().map(|&name| name.to_owned()).chain(powers).collect();
-    head.join("\t")
+    let names = COLUMNS.into_iter().chain(image_cells(image).map(|(name, _)| name));
+    names.map(str::to_owned).chain(powers).collect::<Vec<String>>().join("\t")
 }
 
 /// Returns whether a table was written by a call that made no model, so that replacing it loses no results.
@@ -166,15 +177,18 @@ fn read(table: &Path) -> Result<String> {
 }
 
 /// Reads the table of an earlier call, which must have the same columns.
-pub(super) fn earlier(table: &Path, max_degree: Option<usize>) -> Result<String> {
+pub(super) fn earlier(table: &Path, image: ImageChoice, max_degree: Option<usize>) -> Result<String> {
     let text = read(table)?;
     let powers = powers(&text);
     let max_degree = max_degree.unwrap_or(powers);
-    let (found, expected) = (text.lines().next().unwrap_or_default(), head(max_degree));
+    let (found, expected) = (text.lines().next().unwrap_or_default(), head(image, max_degree));
     if found != expected {
         if powers == max_degree {
-            let table = table.display();
-            bail!("{table}: expected the columns of this version, found others; give --force, or another --output");
+            bail!(
+                "{}: expected the columns of this version, with the given --channel and --time, found others; give \
+                 --force, or another --output",
+                table.display()
+            );
         }
         bail!(
             "{}: expected the columns of degree {max_degree}, found those of degree {powers}; give --force, or another --output",
@@ -195,13 +209,22 @@ pub(super) fn has_models(table: &str) -> bool {
     table.lines().any(|line| matches!(line.split('\t').nth(2), Some("fitted" | "kept")))
 }
 
-/// Appends the rows of an earlier table's models to `table`, except those whose file and label are already in `table`.
-/// Both tables have the same columns.
-pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
-    fn key(line: &str) -> Vec<&str> {
-        line.splitn(3, '\t').take(2).collect()
+/// Returns the names of the files of a table's models.
+pub(super) fn models(table: &str) -> HashSet<OsString> {
+    let column = COLUMNS.iter().position(|name| *name == "model").unwrap_or_default();
+    let cells = table.lines().skip(1).filter_map(|line| line.split('\t').nth(column));
+    cells.filter(|cell| *cell != NONE).filter_map(|cell| Some(Path::new(cell).file_name()?.to_owned())).collect()
+}
+
+/// Appends the rows of an earlier table's models to `table`, except those whose file, label and image are already in
+/// `table`. Both tables have the same columns.
+pub(super) fn with_earlier(earlier: &str, table: &str, image: ImageChoice) -> String {
+    fn key(line: &str, images: usize) -> Vec<&str> {
+        let (cells, of_image) = (line.split('\t'), line.split('\t').skip(COLUMNS.len()));
+        cells.take(2).chain(of_image.take(images)).collect()
     }
-    let own: HashSet<Vec<&str>> = table.lines().map(key).collect();
+    let images = image_cells(image).count();
+    let own: HashSet<Vec<&str>> = table.lines().map(|line| key(line, images)).collect();
     let kept = |line: &str| {
         let cells: Vec<&str> = line.splitn(4, '\t').collect();
         match cells[..] {
@@ -209,10 +232,11 @@ pub(super) fn with_earlier(earlier: &str, table: &str) -> String {
             _ => None,
         }
     };
-    table.to_owned() + &earlier.lines().filter(|line| !own.contains(&key(line))).filter_map(kept).collect::<String>()
+    table.to_owned()
+        + &earlier.lines().filter(|line| !own.contains(&key(line, images))).filter_map(kept).collect::<String>()
 }
 
-fn cells(row: &Row, max_degree: usize) -> Vec<String> {
+fn cells(row: &Row, image: ImageChoice, max_degree: usize) -> Vec<String> {
     let or_none = |text: Option<String>| text.unwrap_or_else(|| NONE.to_owned());
     let number = |value: f64| format!("{value:?}");
     let (state, model, error) = match &row.outcome {
@@ -241,36 +265,18 @@ fn cells(row: &Row, max_degree: usize) -> Vec<String> {
         or_none(model.map(|model| cell(&model.file))),
         or_none(error.map(|error| cell(error))),
     ];
-    cells.into_iter().chain(powers).collect()
+    cells.into_iter().chain(image_cells(image).map(|(_, number)| number.to_string())).chain(powers).collect()
 }
 
-/// Returns a warning about the models of labels at the border of their volume; `None` if there are none.
-pub(super) fn cut_off(rows: &[Row]) -> Option<String> {
-    let at_border = |row: &&Row| row.border == Some(true) && matches!(row.outcome, Outcome::Model(_));
-    warning_of_cut(&rows.iter().filter(at_border).map(Row::name).collect::<Vec<_>>())
-}
-
-/// Returns a warning about labels that may be cut off, which names the first few of them.
-fn warning_of_cut(labels: &[String]) -> Option<String> {
-    const NAMED: usize = 3;
-    const REMEDY: &str = "--skip-border leaves out such labels";
-    match labels {
-        [] => None,
-        [only] => {
-            Some(format!("{only} touches the border of the volume, which may have cut off a part of it; {REMEDY}"))
-        }
-        labels => Some(format!(
-            "{} labels touch the border of their volume, which may have cut off parts of them: {}; {REMEDY}",
-            labels.len(),
-            first_of(labels.iter().map(String::as_str), NAMED)
-        )),
-    }
+/// Returns the number of handles that were cut, as recorded in a model's provenance.
+pub(super) fn handles_cut(provenance: &Provenance) -> u64 {
+    provenance.handles.as_ref().and_then(|handles| handles["genus_before"].as_u64()).unwrap_or(0)
 }
 
 /// Returns a short description of the repairs and cuts recorded in a model's provenance.
 pub(super) fn repair(provenance: &Provenance) -> String {
     let of = |name: &str| provenance.repair.as_ref().and_then(|repair| repair[name].as_u64()).unwrap_or(0);
-    let cut = provenance.handles.as_ref().and_then(|handles| handles["genus_before"].as_u64()).unwrap_or(0);
+    let cut = handles_cut(provenance);
     let counted = |count: u64, one: &str, many: &str| format!("{count} {}", if count == 1 { one } else { many });
     let voxels = |name: &str| counted(of(name), "voxel", "voxels");
     let handles = |count: u64| counted(count, "handle", "handles");
@@ -293,11 +299,11 @@ pub(super) fn repair(provenance: &Provenance) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Returns the row of a label with a model.
-    fn fitted(label: i64, border: Option<bool>) -> Row {
+    pub(in super::super) fn fitted(label: i64, border: Option<bool>) -> Row {
         let measures = Measures {
             area: 1.0,
             area_change: 0.0,
@@ -313,34 +319,14 @@ mod tests {
             file: "a.npz".to_owned(),
             kept: false,
             repair: String::new(),
+            cut: false,
             steps: None,
             measures,
             residual: None,
             descriptors: Descriptors { power: vec![1.0], singular_values: vec![1.0, 0.0, 0.0], channels: 3 },
         };
         let outcome = Outcome::Model(Box::new(model));
-        Row { file: "a".to_owned(), label: Some(label), voxels: Some(1), border, outcome }
-    }
-
-    #[test]
-    fn labels_that_may_be_cut_off_are_counted_and_named() {
-        let names = ["a 1", "a 2", "b 1", "b 7", "c 3"].map(str::to_owned);
-        let found = |count: usize| warning_of_cut(&names[..count]).unwrap_or_default();
-        assert_eq!(found(0), "");
-        assert!(found(1).starts_with("a 1 touches the border") && found(1).contains("--skip-border"), "{}", found(1));
-        assert!(found(3).starts_with("3 labels touch") && found(3).contains("them: a 1, a 2, b 1; "), "{}", found(3));
-        assert!(found(5).contains("a 1, a 2, b 1 and 2 more; --skip-border"), "{}", found(5));
-        let failed = Row {
-            file: "a".to_owned(),
-            label: Some(1),
-            voxels: Some(1),
-            border: Some(true),
-            outcome: Outcome::default(),
-        };
-        assert_eq!(cut_off(std::slice::from_ref(&failed)), None);
-        let rows = [fitted(2, Some(true)), fitted(3, Some(false)), fitted(4, None), failed];
-        let warning = cut_off(&rows).unwrap_or_default();
-        assert!(warning.starts_with("a label 2 touches the border"), "{warning}");
+        Row { file: "a".to_owned(), label: Some(label), voxels: Some(1), border, volume: None, outcome }
     }
 
     #[test]
@@ -350,9 +336,10 @@ mod tests {
             label: Some(3),
             voxels: Some(8),
             border: Some(true),
+            volume: None,
             outcome: Outcome::Failed("no\nball".to_owned()),
         };
-        let text = lines(&[failed], 2);
+        let text = lines(&[failed], ImageChoice::default(), 2);
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split('\t').collect()).collect();
         assert_eq!((lines.len(), lines[0].len(), lines[1].len()), (2, 18, 18));
         assert_eq!(lines[1][..5], ["a b.nii", "3", "failed", "yes", "8"]);
@@ -361,5 +348,22 @@ mod tests {
         assert_eq!((&json["file"], &json["label"], &json["border"]), (&json!("a b.nii"), &json!(3), &json!(true)));
         assert!(json["volume"].is_null() && json["voxels"] == 8 && json["centroid_z"].is_null(), "{json}");
         assert!(json["power"] == json!([]) && json["error"] == "no ball", "{json}");
+    }
+
+    /// The rows of another time are other rows, and another run's table must have the same columns.
+    #[test]
+    fn rows_of_times_are_kept_apart() {
+        let at = |time| ImageChoice { time: Some(time), ..ImageChoice::default() };
+        let [first, third] = [1, 3].map(|time| lines(&[fitted(1, None), fitted(2, None)], at(time), 1));
+        assert!(first.starts_with(&(COLUMNS.join("\t") + "\ttime\tpower_1\n")), "{first}");
+        assert_eq!((&to_json(&first)[0]["time"], models(&first).len()), (&json!(1), 1));
+        assert_eq!(with_earlier(&first, &third, at(3)).lines().count(), 1 + 2 + 2);
+        assert_eq!(with_earlier(&first, &first, at(1)).lines().count(), 1 + 2);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.tsv");
+        std::fs::write(&path, &first).unwrap();
+        assert_eq!(earlier(&path, at(3), None).unwrap(), first);
+        let error = earlier(&path, ImageChoice::default(), None).unwrap_err().to_string();
+        assert!(error.contains("with the given --channel and --time, found others"), "{error}");
     }
 }

@@ -84,6 +84,7 @@ fn of_surface(error: &SurfaceError) -> Option<String> {
         SurfaceError::VolumeInput { .. } => {
             Some("spharm fit and spharm parametrize accept volumes, with --label N and without --sphere".to_owned())
         }
+        SurfaceError::NotAMesh { .. } => Some("spharm fit accepts values together with --sphere".to_owned()),
         SurfaceError::Io { path, cause, .. } => of_missing(path, cause),
         // These errors occur when two surfaces are compared vertex by vertex.
         SurfaceError::TopologyDiffers { .. }
@@ -206,9 +207,12 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::OneSided { closed: true } => {
             Some(of_wrap())
         }
-        ParametrizeError::LargeRepair { repair, succeeds: true, .. } => percent_to_allow(repair)
-            .map(|percent| format!("--largest-repair {percent} allows this repair; alternatively, {}", of_wrap())),
-        ParametrizeError::LargeRepair { .. } => Some(of_wrap()),
+        ParametrizeError::LargeRepair { repair, succeeds, wraps, .. } => {
+            let percent = percent_to_allow(repair).filter(|_| *succeeds);
+            let allow = percent.map(|percent| format!("--largest-repair {percent} allows this repair"));
+            let advice: Vec<String> = wraps.then(of_wrap).into_iter().chain(allow).collect();
+            (!advice.is_empty()).then(|| advice.join("; alternatively, "))
+        }
         ParametrizeError::LossyWrap { wrap, .. } => {
             Some(format!("--largest-repair {} allows this wrap", percent_to_wrap(wrap)))
         }
@@ -222,10 +226,16 @@ fn of_parametrize(error: &ParametrizeError) -> Option<String> {
         ParametrizeError::NotLabels { .. } => {
             Some("use --threshold LEVEL for grey values, or --probability for probabilities".to_owned())
         }
-        ParametrizeError::SeveralImages { channels, times, .. } => Some(match (channels, times) {
+        ParametrizeError::SeveralImages { channels, times, chosen, .. } => Some(match (channels, times) {
             (1, 1) => "omit --channel and --time".to_owned(),
-            (1, times) => format!("give --time N from 1 to {times}, and omit --channel"),
-            (channels, 1) => format!("give --channel N from 1 to {channels}, and omit --time"),
+            (1, times) => {
+                let omit = if chosen.channel.is_some() { ", and omit --channel" } else { "" };
+                format!("give --time N from 1 to {times}{omit}")
+            }
+            (channels, 1) => {
+                let omit = if chosen.time.is_some() { ", and omit --time" } else { "" };
+                format!("give --channel N from 1 to {channels}{omit}")
+            }
             (channels, times) => format!("give --channel N from 1 to {channels} and --time N from 1 to {times}"),
         }),
         ParametrizeError::NoVoxelSize { .. } => Some("give the voxel size with --voxel-size X,Y,Z".to_owned()),
@@ -249,7 +259,9 @@ fn of_wrap() -> String {
 /// Returns the advice to repair a mesh: the flags that allow the necessary repairs.
 fn of_mending(mending: &Mending) -> String {
     let large = percent_to_allow(&mending.repair).map(|percent| format!(" --largest-repair {percent}"));
-    format!("give --fix{}{}", large.unwrap_or_default(), if mending.handles > 0 { " --cut-handles" } else { "" })
+    let cut = if mending.handles > 0 { " --cut-handles" } else { "" };
+    let fix = format!("give --fix{}{cut}", large.unwrap_or_default());
+    if mending.wraps { format!("{}; alternatively, {fix}", of_wrap()) } else { fix }
 }
 
 fn of_moments(error: &MomentsError) -> Option<String> {

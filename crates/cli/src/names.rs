@@ -172,7 +172,7 @@ fn in_its_folder(input: &Path) -> PathBuf {
     }
 }
 
-/// Returns whether a path that isn't a folder yet names a file rather than a folder to be made, by its ending.
+/// Returns whether a path that isn't a folder yet names a file rather than a folder to be made, by its extension.
 #[must_use]
 pub fn is_named_file(path: &Path) -> bool {
     const ENDINGS: [&str; 11] = ["npz", "sphz", "csv", "tsv", "npy", "json", "gii", "gz", "png", "mgh", "mgz"];
@@ -185,7 +185,7 @@ pub fn is_named_file(path: &Path) -> bool {
 ///
 /// # Errors
 ///
-/// If `output` is a model's file but there are several surfaces, if it has the ending of another format, or if two
+/// If `output` is a model's file but there are several surfaces, if it has the extension of another format, or if two
 /// surfaces would share a file.
 pub fn model_files(
     output: Option<&Path>,

@@ -153,7 +153,7 @@ impl<'a> OutputFile<'a> {
 }
 
 /// Refuses outputs that couldn't be written at the end of a verb's work: existing files (without `force`), folders,
-/// names that end in another format's ending, and two outputs of the same name. Called before any work; the writers
+/// names that end in another format's extension, and two outputs of the same name. Called before any work; the writers
 /// check again.
 ///
 /// # Errors

@@ -52,13 +52,13 @@ pub fn natural_order(paths: &mut [PathBuf]) {
     alphanumeric_sort::sort_path_slice(paths);
 }
 
-/// Returns the name of a model without folder and endings, for display: `models/lh.pial.spharm.npz` is `lh.pial`.
+/// Returns the name of a model without folder and extensions, for display: `models/lh.pial.spharm.npz` is `lh.pial`.
 #[must_use]
 pub fn model_name(model: &Path) -> String {
     model_file_name(model).to_string_lossy().into_owned()
 }
 
-/// Returns the name of a model without folder and endings, with the exact bytes, for use in file names.
+/// Returns the name of a model without folder and extensions, with the exact bytes, for use in file names.
 #[must_use]
 pub fn model_file_name(model: &Path) -> OsString {
     ModelFiles { model: file_stem(model).into() }.file_name()
@@ -84,7 +84,7 @@ pub fn utf8(path: &Path) -> Result<&str> {
     path.to_str().with_context(|| format!("{}: expected a path in UTF-8", path.display()))
 }
 
-/// Appends an ending, given with or without its dot, to a name that may contain dots.
+/// Appends an extension, given with or without its dot, to a name that may contain dots.
 pub fn with_ending(path: &Path, ending: &str) -> PathBuf {
     let mut path = path.as_os_str().to_owned();
     path.push(".");

@@ -140,7 +140,7 @@ pub enum CohortError {
     FileId {
         /// Path of the file.
         path: PathBuf,
-        /// The name without the ending of its format.
+        /// The name without the extension of its format.
         id: String,
         /// Reason why this can't be the id.
         problem: String,

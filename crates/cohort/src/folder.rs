@@ -11,19 +11,19 @@ use crate::error::CohortError;
 use crate::manifest::{Row, check_id};
 use crate::origin::Origin;
 
-/// Endings of the names of volumes and other inputs, whose formats aren't in [`FORMATS`].
+/// Extensions of the names of volumes and other inputs, whose formats aren't in [`FORMATS`].
 const OTHER_ENDINGS: [&str; 9] =
     [".nii", ".moments", ".nrrd", ".nhdr", ".ome.tif", ".ome.tiff", ".tif", ".tiff", ".npy"];
 
 /// Lists the surfaces in a folder as rows, in natural order: `cell.2.ply` comes before `cell.10.ply`.
 ///
-/// A row is made for each mesh and each volume (NIfTI, NRRD, TIFF) whose name has the ending of its format; its id is
-/// the name without the ending. Skipped are hidden files, spheres such as those a run writes (`a.sphere.surf.gii`),
-/// repaired and cut surfaces beside such a sphere (`a.fixed.surf.gii`, `a.cut.surf.gii`), surfaces of labels beside
-/// such a sphere (`a.surf.gii`, if the sphere's metadata name a label), broken links, and names that may be of values
-/// on vertices (`.gii` alone, `.mgz`) or have no ending of their own (FreeSurfer's `lh.pial`). List such surfaces in a
-/// table. A volume's name doesn't say whether it holds labels or an image, so images get rows, too. Folders within the
-/// folder aren't searched.
+/// A row is made for each mesh and each volume (NIfTI, NRRD, TIFF) whose name has the extension of its format; its id
+/// is the name without the extension. Skipped are hidden files, spheres such as those a run writes
+/// (`a.sphere.surf.gii`), repaired and cut surfaces beside such a sphere (`a.fixed.surf.gii`, `a.cut.surf.gii`),
+/// surfaces of labels beside such a sphere (`a.surf.gii`, if the sphere's metadata name a label), broken links, and
+/// names that may be of values on vertices (`.gii` alone, `.mgz`) or have no extension of their own (FreeSurfer's
+/// `lh.pial`). List such surfaces in a table. A volume's name doesn't say whether it holds labels or an image, so
+/// images get rows, too. Folders within the folder aren't searched.
 ///
 /// # Errors
 ///
@@ -109,7 +109,7 @@ fn is_named_surface(path: &Path) -> bool {
     given && (is_named_mesh(path) || is_named_volume(path))
 }
 
-/// Returns whether a file has the ending of a volume's format, other than that of NumPy arrays.
+/// Returns whether a file has the extension of a volume's format, other than that of NumPy arrays.
 fn is_named_volume(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     is_volume(path) && !name.ends_with(".npy") && !name.ends_with(".npy.gz")
@@ -142,9 +142,10 @@ pub fn file_stem(path: &Path) -> OsString {
     let proper = FORMATS.iter().filter(|format| !format.hemisphere_prefix).flat_map(|format| format.endings);
     let endings =
         proper.chain(&OTHER_ENDINGS).filter(|ending| unpacked.ends_with(**ending) && unpacked.len() > ending.len());
-    // Both `.surf.gii` and `.gii` are endings; the longest match is removed.
+    // Both `.surf.gii` and `.gii` are extensions; the longest match is removed.
     let length = endings.map(|ending| unpacked.len() - ending.len()).min().unwrap_or(name.len());
-    // Each call of `Path::file_stem` removes the last dot and what follows it, so an ending with n dots takes n calls.
+    // Each call of `Path::file_stem` removes the last dot and what follows it, so an extension with n dots takes n
+    // calls.
     let dots = name.get(length..).unwrap_or_default().matches('.').count();
     let mut exact = PathBuf::from(path.file_name().unwrap_or_default());
     (0..dots).for_each(|_| exact = PathBuf::from(exact.file_stem().unwrap_or_default()));

@@ -305,7 +305,12 @@ impl Request<'_> {
         for (setting, found, wanted) in [
             ("smoothness", fixed.and_then(|_| recorded.map(|settings| settings.smoothness)), fixed),
             ("hold_out", recorded.and_then(|settings| settings.hold_out), params.hold_out),
-            ("tolerance", recorded.and_then(|settings| settings.tolerance), Some(params.tolerance)),
+            // Earlier versions also recorded a tolerance of other methods, which have none.
+            (
+                "tolerance",
+                recorded.and_then(|settings| settings.tolerance.filter(|_| iterated)),
+                iterated.then_some(params.tolerance),
+            ),
         ] {
             // Compare with a tolerance, because writing and reading a number may change its last bit.
             let same = match (found, wanted) {

@@ -83,8 +83,8 @@ impl Format {
         }
     }
 
-    /// Returns the endings that the name of a file in this format may have, in lower case. A name without an ending is
-    /// valid too.
+    /// Returns the extensions that the name of a file in this format may have, in lower case. A name without an
+    /// extension is valid too.
     #[must_use]
     pub fn endings(self) -> &'static [&'static str] {
         match self {

@@ -147,7 +147,7 @@ pub struct Settings {
     /// Fraction of the vertices that the fit held out.
     #[serde(default)]
     pub hold_out: Option<f64>,
-    /// Requested tolerance for the optimality; `None` in models of version 0.1.
+    /// Requested tolerance for the optimality, for the full least squares; `None` in models of version 0.1.
     #[serde(default)]
     pub tolerance: Option<f64>,
     /// Maximum number of iterations, for iterative methods.

@@ -31,14 +31,14 @@ const STAGES: [f64; 13] = [0.3, 0.212, 0.15, 0.11, 0.08, 0.056, 0.04, 0.028, 0.0
 /// area distortion of figures with arms nearly doubles (homer: 0.15 instead of 0.08).
 const BOUND: f64 = 0.02;
 
-/// Share of the allowed area distortion that may be spent on lower shape distortion.
+/// Share of the allowed area distortion that may be used to lower the shape distortion.
 const FOR_SHAPE: f64 = 0.75;
 
 /// Area distortion that the adaptation aims at, as a share of the allowed distortion. The rest is a margin for the last
 /// smoothing, which still changes areas slightly.
 const AIM: f64 = 0.98;
 
-/// Largest area distortion spent on lower shape distortion. Beyond it, the error of a fit increases.
+/// Largest area distortion accepted in exchange for lower shape distortion. With more, the error of a fit increases.
 const MOST_FOR_SHAPE: f64 = 0.3;
 
 /// Largest number of rounds that adapt the target areas.
@@ -63,7 +63,7 @@ const WORTHWHILE: f64 = 0.99;
 #[derive(Clone, Debug, PartialEq)]
 pub struct CaldParams {
     /// Allowed area distortion, as the root mean square of the log area ratio, from 0 to 1; 0 for areas as equal as
-    /// possible. Default 0.1. It is spent on lower shape distortion and on residual-adaptive areas.
+    /// possible. Default 0.1. The allowed distortion is used for lower shape distortion and residual-adaptive areas.
     pub area: f64,
     /// Degree of the model whose residual the areas adapt to; below 2, areas aren't adapted. Default `None`: the
     /// degree, at most 100, with half as many basis functions as the surface has vertices. In any case the model has at

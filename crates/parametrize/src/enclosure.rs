@@ -1,11 +1,11 @@
 //! Refuses repaired meshes that enclose no body: surfaces with one side, and sheets closed by filling their rim.
 
 use spharm_surface::Mesh;
-use spharm_surface::repair::MeshRepair;
+use spharm_surface::repair::{MeshRepair, WELDING_DISTANCE, repair, rims};
 use spharm_surface::topology::{Topology, area, signed_volume};
 
 use crate::error::ParametrizeError;
-use crate::geometry::{add, scale};
+use crate::geometry::{add, norm, scale, sub};
 
 /// Smallest share of the area in filled holes for which a mesh may be a sheet. The rim of a flat sheet is as large as
 /// the sheet, so its filling has half of the area.
@@ -15,13 +15,53 @@ const FILLED: f64 = 0.4;
 /// ball, 0.6 for half of a ball, 0.005 for a cap of a ball that spans 15 degrees, and 0 for a sheet.
 const COMPACT: f64 = 0.005;
 
+/// Largest share of the area outside of the largest piece with which a mesh is still checked as one piece.
+const SPECKS: f64 = 0.05;
+
+/// Largest share of the area outside of the largest piece with which this piece may stand for the mesh in a message.
+const REST: f64 = 0.5;
+
+/// Checks that a mesh can be wrapped: it must not be a single open piece that is a sheet or has one side only. Sheets
+/// of several pieces may be the sides of a body. A closed surface with one side passes through itself, and the closed
+/// surface around it encloses a body.
+///
+/// # Errors
+///
+/// [`OneSided`](ParametrizeError::OneSided) or [`OpenSheet`](ParametrizeError::OpenSheet).
+///
+/// # Panics
+///
+/// When a triangle's index is out of range.
+pub(crate) fn check_one_piece(mesh: &Mesh) -> Result<(), ParametrizeError> {
+    let (largest, found) = repair(mesh);
+    if found.dropped_area > SPECKS {
+        return Ok(());
+    }
+    match check_enclosure(mesh, &largest, &rims(&largest.faces), &found) {
+        Ok(_) | Err(ParametrizeError::OneSided { closed: true }) => Ok(()),
+        Err(ParametrizeError::OneSided { closed: false }) => {
+            // A small hole doesn't make a strip of a surface that passes through itself. The rim of a strip is so long
+            // that a disk within it would be larger than the strip.
+            let disk = rim_length(&largest).powi(2) / (4.0 * std::f64::consts::PI);
+            if disk < FILLED * (area(&largest) + disk) {
+                Ok(())
+            } else {
+                Err(ParametrizeError::OneSided { closed: false })
+            }
+        }
+        Err(error) => Err(error),
+    }
+}
+
 /// Checks that a mesh can enclose a body after its repair. `open` has the rims that the repair left open, and `found`
 /// its changes. Returns whether the repaired mesh has two sides. A mesh with two sides may lose one by a repair that
 /// joins parts which only touch.
 ///
 /// # Errors
 ///
-/// [`OneSided`](ParametrizeError::OneSided) or [`OpenSheet`](ParametrizeError::OpenSheet) if it can't.
+/// [`OneSided`](ParametrizeError::OneSided) or [`OpenSheet`](ParametrizeError::OpenSheet) if it can't;
+/// [`BadSurface`](ParametrizeError::BadSurface) if only its largest piece is a sheet, which has less than half of the
+/// area.
 ///
 /// # Panics
 ///
@@ -37,7 +77,21 @@ pub(crate) fn check_enclosure(
         let error = ParametrizeError::OneSided { closed: given.boundary_edges == 0 };
         return if given.one_sided { Err(error) } else { Ok(false) };
     }
-    filling_of_sheet(mended, open, found).map_or(Ok(true), |filled| Err(ParametrizeError::OpenSheet { filled }))
+    let Some(filled) = filling_of_sheet(mended, open, found) else { return Ok(true) };
+    Err(if found.dropped_area > REST { apart(found.pieces + 1) } else { ParametrizeError::OpenSheet { filled } })
+}
+
+/// Returns the error of a mesh whose triangles or parts don't meet.
+fn apart(pieces: usize) -> ParametrizeError {
+    ParametrizeError::BadSurface {
+        problems: format!(
+            "the surface consists of {pieces} separate pieces; the gaps between them are wider than the welding \
+             distance of {WELDING_DISTANCE:e} of the surface's size"
+        ),
+        handles: 0,
+        remedy: "join the pieces",
+        mending: None,
+    }
 }
 
 /// Returns whether no two triangles have an edge in the same direction. This takes much less time than a [`Topology`].
@@ -45,6 +99,16 @@ fn is_consistent(faces: &[[u32; 3]]) -> bool {
     let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
     edges.sort_unstable();
     edges.windows(2).all(|pair| pair[0] != pair[1])
+}
+
+/// Returns the length of the edges that belong to one triangle only.
+fn rim_length(mesh: &Mesh) -> f64 {
+    let mut edges: Vec<[u32; 2]> = mesh.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
+    edges.iter_mut().for_each(|edge| edge.sort_unstable());
+    edges.sort_unstable();
+    let alone = edges.chunk_by(|a, b| a == b).filter(|same| same.len() == 1).map(|same| same[0]);
+    let length = |[a, b]: [u32; 2]| norm(sub(mesh.vertices[a as usize], mesh.vertices[b as usize]));
+    alone.map(length).sum()
 }
 
 /// Returns the share of filled holes in the area of a sheet, with the `open` rims filled, too; `None` if the mesh isn't
@@ -134,6 +198,31 @@ mod tests {
             let error = parametrize(&mesh, &CaldParams::default()).unwrap_err().to_string();
             assert!(error.contains("open sheet") && !error.contains("a repair is possible"), "{error}");
         }
+    }
+
+    /// The largest piece is a single triangle, but the surface isn't a sheet.
+    #[test]
+    fn triangles_with_gaps_are_separate_pieces() {
+        let ball = icosphere(3);
+        let apart = |shrink: f64| {
+            let corners = |face: &[u32; 3]| {
+                let at = face.map(|v| ball.vertices[v as usize]);
+                let middle = scale(add(add(at[0], at[1]), at[2]), shrink / 3.0);
+                at.map(|corner| add(scale(corner, 1.0 - shrink), middle))
+            };
+            let vertices: Vec<_> = ball.faces.iter().flat_map(corners).collect();
+            Mesh::new(vertices, (0..ball.faces.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect())
+        };
+        let soup = apart(1e-3);
+        let tried = parametrize(&soup, &CaldParams::default()).unwrap_err();
+        for error in [tried, Input::Mesh(soup).mended(&Silent).unwrap_err()] {
+            let text = error.to_string();
+            assert!(text.contains("1280 separate pieces; the gaps between them are wider than"), "{text}");
+            assert!(text.contains("the welding distance of 1e-5") && !text.contains("sheet"), "{text}");
+            assert!(matches!(error, ParametrizeError::BadSurface { mending: None, .. }), "{error}");
+        }
+        let welded = Input::Mesh(apart(1e-6)).mended(&Silent).unwrap();
+        assert!(welded.mesh().is_some_and(|mesh| defects(mesh).0.is_empty()), "{:?}", welded.mesh_repair());
     }
 
     /// A ball cut in half is open, too, but encloses a body.

@@ -131,8 +131,8 @@ pub enum ParametrizeError {
 
     /// The file has several images and none is chosen, or the chosen image doesn't exist.
     #[error(
-        "{}: the file has {} and {}; choose one channel and one time point (chosen: {chosen})",
-        path.display(), counted(*channels, "channel"), counted(*times, "time point")
+        "{}: the file has {} and {}; choose {} (chosen: {chosen})",
+        path.display(), counted(*channels, "channel"), counted(*times, "time point"), to_choose(*channels, *times)
     )]
     SeveralImages {
         /// Path of the file.
@@ -235,6 +235,8 @@ pub enum ParametrizeError {
         most: f64,
         /// Whether the repaired surface could be mapped to the sphere, perhaps after cutting its handles.
         succeeds: bool,
+        /// Whether a wrap of the mesh would succeed instead, see [`would_wrap`](crate::wrap::would_wrap).
+        wraps: bool,
     },
 
     /// The monitor asked to stop.
@@ -271,16 +273,13 @@ pub enum ParametrizeError {
         enough: Option<usize>,
     },
 
-    /// A wrap would leave out a large part of the mesh.
-    #[error(
-        "a wrap with {} voxels along the longest side would leave out a large part of the surface, but at most {} % is \
-         allowed: {}{}",
-        wrap.voxels, (1e4 * *most).round() / 1e2, wrap.losses(), remedy_for_losses(wrap, *most)
-    )]
+    /// A wrap would leave out a large part of the mesh, or a large part of the wrap would span holes of the mesh.
+    #[error("a wrap with {} voxels along the longest side would {}", wrap.voxels, flaw_of_wrap(wrap, *most))]
     LossyWrap {
         /// The wrap that wasn't accepted.
         wrap: Box<Wrap>,
-        /// The largest share of the area, or of the body's voxels, that a wrap may leave out.
+        /// The limit that the wrap exceeds: the largest share of the area, or of the body's voxels, that it may leave
+        /// out; or, if it leaves out less than this limit, the largest share of its own area that may span holes.
         most: f64,
     },
 
@@ -325,6 +324,28 @@ pub enum ParametrizeError {
         /// The value given.
         found: String,
     },
+}
+
+/// Names what has to be chosen in a file of several images.
+fn to_choose(channels: usize, times: usize) -> &'static str {
+    match (channels, times) {
+        (1, 2..) => "one time point",
+        (2.., 1) => "one channel",
+        _ => "one channel and one time point",
+    }
+}
+
+fn flaw_of_wrap(wrap: &Wrap, most: f64) -> String {
+    let percent = (1e4 * most).round() / 1e2;
+    if wrap.loss() > most {
+        let (losses, remedy) = (wrap.losses(), remedy_for_losses(wrap, most));
+        return format!("leave out a large part of the surface, but at most {percent} % is allowed: {losses}{remedy}");
+    }
+    let bridged = 100.0 * wrap.bridged_area;
+    format!(
+        "span large holes, but at most {percent} % is allowed: {bridged:.1} % of the wrap's area is farther than a \
+         voxel from the mesh; use a surface that encloses a body, not an open sheet"
+    )
 }
 
 fn remedy_for_losses(wrap: &Wrap, most: f64) -> &'static str {

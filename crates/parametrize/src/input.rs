@@ -86,7 +86,8 @@ impl Input {
     /// # Errors
     ///
     /// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if the mesh can't enclose a body;
-    /// [`ParametrizeError::BadSurface`] if only the repaired mesh has one side; [`ParametrizeError::Interrupted`].
+    /// [`ParametrizeError::BadSurface`] if only the repaired mesh has one side, or the pieces of the mesh lie apart;
+    /// [`ParametrizeError::Interrupted`].
     pub fn mended(self, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
         let Self::Mesh(mesh) = &self else { return Ok(self) };
         let Repaired { mesh: mut mended, exponent, repair, two_sided } = repaired(mesh, monitor)?;

@@ -12,6 +12,9 @@ pub struct Mending {
     pub repair: MeshRepair,
     /// Number of handles of the repaired mesh.
     pub handles: usize,
+    /// Whether the repair drops a large part of the mesh, and a wrap would keep it, see
+    /// [`would_wrap`](crate::wrap::would_wrap).
+    pub wraps: bool,
 }
 
 impl fmt::Display for Mending {

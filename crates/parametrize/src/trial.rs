@@ -10,6 +10,10 @@ use crate::error::ParametrizeError;
 use crate::flaws::Flaws;
 use crate::handles::fill_holes;
 use crate::mending::Mending;
+use crate::wrap::would_wrap;
+
+/// Share of the area in dropped pieces above which a wrap is tried, too.
+const DROPPED: f64 = 0.05;
 
 /// A repaired copy of a mesh.
 pub(crate) struct Repaired {
@@ -43,15 +47,18 @@ pub(crate) fn repaired(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Repaired, P
 /// # Errors
 ///
 /// [`ParametrizeError::OneSided`] or [`ParametrizeError::OpenSheet`] if the mesh can't enclose a body;
-/// [`ParametrizeError::Interrupted`].
+/// [`ParametrizeError::BadSurface`] if its pieces lie apart; [`ParametrizeError::Interrupted`].
 pub(crate) fn mending(mesh: &Mesh, monitor: &dyn Monitor) -> Result<Option<Box<Mending>>, ParametrizeError> {
-    let Repaired { mesh, repair, two_sided, .. } = repaired(mesh, monitor)?;
+    let Repaired { mesh: mended, repair, two_sided, .. } = repaired(mesh, monitor)?;
     if !two_sided || !repair.is_any() {
         return Ok(None);
     }
-    let (defects, handles) = defects(&mesh);
-    let succeeds = defects.is_empty();
-    Ok(succeeds.then(|| Box::new(Mending { repair, handles })))
+    let (defects, handles) = defects(&mended);
+    if !defects.is_empty() {
+        return Ok(None);
+    }
+    let wraps = repair.dropped_area > DROPPED && would_wrap(mesh, monitor)?;
+    Ok(Some(Box::new(Mending { repair, handles, wraps })))
 }
 
 /// Returns the defects, other than handles, that prevent a mesh from being mapped to the sphere, and the mesh's number

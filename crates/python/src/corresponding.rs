@@ -13,7 +13,7 @@ use spharm::correspond::{
     NewMember,
 };
 use spharm::model::made;
-use spharm::pose::PoseParams;
+use spharm::pose::{GroupPoseWarning, PoseParams};
 use spharm::shape::groupwise::{GroupwiseReport, StageReport};
 use spharm::shape::{Rotation, Similarity, Transform};
 use spharm::{Error, Kind, Model as InnerModel, Stage};
@@ -100,7 +100,16 @@ impl Group {
 
     #[getter]
     fn warnings(&self) -> Vec<String> {
-        self.warnings.iter().map(|(member, text)| format!("{}: {text}", self.names[*member])).collect()
+        let of_pose = |warning: &CorrespondWarning| match warning {
+            CorrespondWarning::Pose(of_pose) => Some(*of_pose),
+            _ => None,
+        };
+        let of_poses: Vec<GroupPoseWarning> = self.inner.report.warnings.iter().filter_map(of_pose).collect();
+        let moved = self.names.iter().zip(&self.inner.similarities);
+        let members: Vec<(&str, bool)> = moved.map(|(name, moved)| (name.as_str(), moved.mirrors())).collect();
+        let of_group = GroupPoseWarning::two_sides(&of_poses, &members);
+        let of_members = self.warnings.iter().map(|(member, text)| format!("{}: {text}", self.names[*member]));
+        of_group.into_iter().chain(of_members).collect()
     }
 
     /// Returns for each direction whether the template has counterparts there.

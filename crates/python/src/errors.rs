@@ -108,21 +108,22 @@ fn with_advice(error: &Error) -> String {
         Error::Parametrize(ParametrizeError::BadSurface { mending: Some(mending), .. }) => {
             let largest = largest(&mending.repair).map(|largest| format!(", {largest}")).unwrap_or_default();
             let cut = if mending.handles > 0 { " and give cut_handles=True" } else { "" };
-            Some(format!("call spharm_rs.repair(surface{largest}){cut}"))
+            let fix = format!("call spharm_rs.repair(surface{largest}){cut}");
+            Some(if mending.wraps { format!("{}; alternatively, {fix}", around()) } else { fix })
         }
         Error::Parametrize(ParametrizeError::BadSurface { handles: 1.., .. }) => {
             Some("cut_handles=True cuts the handles".to_owned())
         }
-        Error::Parametrize(ParametrizeError::LargeRepair { repair, succeeds: true, .. }) => {
-            largest(repair).map(|largest| format!("{largest} allows this repair; alternatively, {}", around()))
+        Error::Parametrize(ParametrizeError::LargeRepair { repair, succeeds, wraps, .. }) => {
+            let allow = largest(repair).filter(|_| *succeeds).map(|largest| format!("{largest} allows this repair"));
+            let advice: Vec<String> = wraps.then(around).into_iter().chain(allow).collect();
+            (!advice.is_empty()).then(|| advice.join("; alternatively, "))
         }
         Error::Parametrize(ParametrizeError::LossyWrap { wrap, .. }) => {
             Some(format!("{} allows this wrap", setting(percent_to_wrap(wrap))))
         }
         Error::Parametrize(
-            ParametrizeError::BadSurface { mending: None, .. }
-            | ParametrizeError::LargeRepair { .. }
-            | ParametrizeError::OneSided { closed: true },
+            ParametrizeError::BadSurface { mending: None, .. } | ParametrizeError::OneSided { closed: true },
         ) => Some(around()),
         Error::Shape(ShapeError::NotTwoGroups) => {
             Some("for other designs, except tests of positions, give variance_groups= instead of welch=True".to_owned())

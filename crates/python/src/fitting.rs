@@ -378,7 +378,7 @@ pub(crate) fn category(warning: &FitWarning) -> &'static str {
         | FitWarning::UnevenWeights { .. }
         | FitWarning::Gap { .. } => "NotDetermined",
         FitWarning::Solver(LsqWarning::Underdetermined { .. }) => "NotDetermined",
-        FitWarning::NotConverged { .. } => "NotConverged",
+        FitWarning::NotConverged { .. } | FitWarning::StillFalling { .. } => "NotConverged",
         _ => "SpharmWarning",
     }
 }

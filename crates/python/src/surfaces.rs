@@ -48,8 +48,8 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns whether a file's name has the ending of a format for meshes or GIfTI. Of FreeSurfer's surfaces, whose
-/// endings are common words, only `.pial` and `.white` count.
+/// Returns whether a file's name has the extension of a format for meshes or GIfTI. Of FreeSurfer's surfaces, whose
+/// extensions are common words, only `.pial` and `.white` count.
 #[pyfunction]
 fn is_mesh_name(path: PathBuf) -> bool {
     let name = path.to_string_lossy().to_ascii_lowercase();
@@ -57,7 +57,7 @@ fn is_mesh_name(path: PathBuf) -> bool {
     named || is_named_mesh(&path)
 }
 
-/// Returns the name of a file of a surface or a model, without its folder and the ending of its format.
+/// Returns the name of a file of a surface or a model, without its folder and the extension of its format.
 #[pyfunction]
 fn stem(path: PathBuf) -> String {
     match is_model(&path) {

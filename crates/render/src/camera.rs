@@ -43,7 +43,7 @@ pub(crate) struct Camera {
     /// Centre of the view in the picture's axes (right, up, towards the camera).
     centre: Vec3,
     /// Number of pixels per unit of length.
-    zoom: f64,
+    pub(crate) zoom: f64,
     middle: (f64, f64),
 }
 

@@ -109,8 +109,8 @@ pub struct Settings {
     pub columns: usize,
     /// Position of the camera.
     pub view: View,
-    /// Whether all meshes are drawn at one scale around one centre, so that they can be compared; otherwise each mesh
-    /// fills its panel.
+    /// Whether all meshes are drawn at one scale around one centre, from all sides, so that they can be compared;
+    /// otherwise each mesh fills its panel.
     pub common_scale: bool,
     /// Lowest and highest corner of the box that each panel shows; by default the bounding box of the meshes.
     pub frame: Option<[[f64; 3]; 2]>,
@@ -185,28 +185,37 @@ pub fn render(panels: &[Panel<'_>], settings: &Settings) -> Result<Image, Render
     let mut picture = Image::filled(width, height, BACKGROUND);
     (picture.dpi, picture.texts) = (settings.dpi, settings.keep_text.then(Vec::new));
     // Panels often show one mesh from several sides, or several meshes from one side, so each mesh is considered only
-    // once, and panels with the same view share a camera.
+    // once, and panels with the same view share a camera. The view with the largest extent determines the scale of all.
     let mut meshes: Vec<&Mesh> = Vec::new();
     for panel in panels {
         if !meshes.iter().any(|mesh| std::ptr::eq(*mesh, panel.mesh)) {
             meshes.push(panel.mesh);
         }
     }
+    let view_of = |panel: &Panel<'_>| panel.view.unwrap_or(settings.view);
+    let framing = |view: View| match settings.frame {
+        Some(corners) => Camera::framing(view, &box_corners(corners), settings.width, mesh_height),
+        None => {
+            let points = meshes.iter().flat_map(|mesh| &mesh.vertices);
+            Camera::framing(view, points, settings.width, mesh_height)
+        }
+    };
     let mut common: Vec<(View, Camera)> = Vec::new();
+    if settings.common_scale || settings.frame.is_some() {
+        for view in panels.iter().map(view_of) {
+            if common.iter().all(|(of, _)| *of != view) {
+                common.push((view, framing(view)));
+            }
+        }
+        let zoom = common.iter().map(|(_, camera)| camera.zoom).fold(f64::INFINITY, f64::min);
+        common.iter_mut().for_each(|(_, camera)| camera.zoom = zoom);
+    }
     for (i, panel) in panels.iter().enumerate() {
         let (x, y) = ((i % columns) * settings.width, (i / columns) * panel_height);
-        let view = panel.view.unwrap_or(settings.view);
-        let camera = match (settings.frame, settings.common_scale) {
-            (Some(corners), _) => Camera::framing(view, &box_corners(corners), settings.width, mesh_height),
-            (None, false) => Camera::framing(view, &panel.mesh.vertices, settings.width, mesh_height),
-            (None, true) => *match common.iter().find(|(of, _)| *of == view) {
-                Some((_, camera)) => camera,
-                None => {
-                    let points = meshes.iter().flat_map(|mesh| &mesh.vertices);
-                    common.push((view, Camera::framing(view, points, settings.width, mesh_height)));
-                    &common[common.len() - 1].1
-                }
-            },
+        let view = view_of(panel);
+        let camera = match common.iter().find(|(of, _)| *of == view) {
+            Some((_, camera)) => *camera,
+            None => Camera::framing(view, &panel.mesh.vertices, settings.width, mesh_height),
         };
         let painted = match panel.paint {
             Paint::Plain(color) => vec![color; panel.mesh.vertices.len()],

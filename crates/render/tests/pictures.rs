@@ -278,3 +278,31 @@ fn signed_values_are_blue_and_red_and_panels_have_their_own_views() {
     let [red, green, blue] = centre((-1.0, 0.5), View::RIGHT);
     assert!(red > blue && green > blue, "{red} {green} {blue}");
 }
+
+#[test]
+fn all_views_of_a_picture_have_one_scale() {
+    let mut body = icosphere(4);
+    body.vertices.iter_mut().for_each(|v| *v = [v[0], 3.0 * v[1], 0.5 * v[2]]);
+    let views = [View::LEFT, View::TOP, View::FRONT];
+    let panels = views.map(|view| Panel { view: Some(view), ..Panel::new(&body, "") });
+    let size = |image: &Image, panel: usize| {
+        let ink = (0..image.height).flat_map(|y| (0..100).map(move |x| (x, y)));
+        let ink: Vec<_> = ink.filter(|&(x, y)| at(image, 100 * panel + x, y) != [255; 3]).collect();
+        let extent = |of: fn(&(usize, usize)) -> usize| {
+            let values = ink.iter().map(of);
+            (values.clone().max().unwrap() - values.min().unwrap() + 1) as f64
+        };
+        [extent(|at| at.0), extent(|at| at.1)]
+    };
+    let wide = Some([[-1.5, -4.5, -0.75], [1.5, 4.5, 0.75]]);
+    for (frame, pixels) in [(None, 46.0), (wide, 46.0 / 1.5)] {
+        let image = render(&panels, &Settings { frame, ..small() }).unwrap();
+        // The longest axis fills the panel, and the others are in proportion: x is a third of y, z a sixth.
+        let [x, y, z] = [1.0, 3.0, 0.5].map(|half| 2.0 * half * pixels / 3.0);
+        for (panel, expected) in [[y, z], [x, y], [x, z]].into_iter().enumerate() {
+            let found = size(&image, panel);
+            let close = (0..2).all(|axis| (found[axis] - expected[axis]).abs() < 3.0);
+            assert!(close, "panel {panel}: {found:?} pixels, expected {expected:?}");
+        }
+    }
+}

@@ -51,7 +51,7 @@ pub struct CheckedCell {
 /// Absolute robust z above which a value is marked more strongly.
 const VERY_FAR: f64 = 3.0 * FAR;
 
-/// Scale of a picture below which the caption states the scale.
+/// If a picture's scale is below this value, its caption states the scale.
 const SMALLER: f64 = 0.95;
 
 /// Returns the section on quality control as HTML.

@@ -66,7 +66,7 @@ pub enum ShapeError {
         .resampling.name(),
         if *.blocks { " in these blocks" } else { "" },
         if *.blocks {
-            "the tested columns must differ between the rows of a block or, if whole blocks are exchanged, between blocks"
+            "the tested columns must vary within blocks or, if whole blocks are exchanged, from block to block"
         } else {
             "choose another assumption about the errors"
         }

@@ -16,7 +16,7 @@
 //! | `tiles` | tiles in memory, and tiles of an unfinished file |
 //! | `stored` | tiles in a store |
 //! | `triangular` | the triangular solves; `kernels` contains their SIMD code |
-//! | `inverse` | the diagonal of G^-1 |
+//! | `inverse` | the diagonals of G^-1 and G^-1 P G^-1 |
 
 mod build;
 mod factorise;
@@ -72,4 +72,18 @@ pub trait CholeskyFactor: Sync {
     /// [`SolverError::Interrupted`] if the monitor cancels the computation, and an error if the factor can't be read or
     /// is damaged.
     fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError>;
+
+    /// Returns the diagonals (K) of G^-1 and of G^-1 P G^-1, with `penalty` (K) the diagonal of P. Takes 2 K^3 / 3
+    /// flops.
+    ///
+    /// Reports one stage, `standard errors`, counted in columns, to the monitor.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`inverse_diagonal`](Self::inverse_diagonal).
+    ///
+    /// # Panics
+    ///
+    /// If `penalty` doesn't have K entries.
+    fn penalised_diagonals(&self, penalty: &[f64], monitor: &dyn Monitor) -> Result<(Vec<f64>, Vec<f64>), SolverError>;
 }

@@ -72,7 +72,7 @@ impl GramMatrix for MomentGram {
     }
 }
 
-/// Returns the degrees of a range of columns if it consists of complete degrees.
+/// Returns the degrees that a range of columns covers, or `None` if the range contains only a part of a degree.
 fn whole_degrees(columns: &Range<usize>) -> Option<RangeInclusive<usize>> {
     let (first, end) = (columns.start.isqrt(), columns.end.isqrt());
     (first * first == columns.start && end * end == columns.end && first < end).then(|| first..=end - 1)

@@ -21,6 +21,7 @@ mod surface_plan;
 mod surface_sums;
 mod undetermined;
 mod vertex_noise;
+mod zeros;
 
 pub(crate) use check::check_sizes;
 pub use check::{check_mapping, check_memory};

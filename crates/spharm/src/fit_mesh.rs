@@ -10,6 +10,7 @@ use spharm_surface::{Mesh, Target};
 
 use crate::fit::check_sizes;
 use crate::parametrize::volume::{LabelSurface, Repair, VolumeReading, VoxelSteps};
+use crate::parametrize::wrap::would_wrap;
 use crate::parametrize::{
     HandlesReport, Input, ParametrizeError, Parametrized, Source, Warning, defects, parametrize_with,
 };
@@ -24,8 +25,8 @@ pub struct Preparation {
     pub label_surface: LabelSurface,
     /// Whether to repair labels and meshes.
     pub fix: bool,
-    /// Largest share of the area that the repair of a mesh may drop or add, or that a wrap may leave out. It replaces
-    /// the usual limits, [`DROPPED`] and [`FILLED`], where it is larger.
+    /// Largest share of the area that the repair of a mesh may drop or add, that a wrap may leave out, or that may span
+    /// holes in a wrap. It replaces the usual limits, [`DROPPED`] and [`FILLED`], where it is larger.
     pub largest_repair: Option<f64>,
     /// Number of voxels, along the longest side of a mesh, at which the mesh is replaced by the closed surface around
     /// it ([`wrap()`](crate::parametrize::wrap())), instead of being repaired. Default `None`.
@@ -37,8 +38,8 @@ pub struct Preparation {
 /// Largest share of a mesh's area that a repair may drop as separate pieces, or lose by welding, and that a wrap may
 /// leave out, unless [`Preparation::largest_repair`] allows more. A wrap may leave out the same share of its voxels.
 pub const DROPPED: f64 = 0.05;
-/// Largest share of a mesh's area that a repair may add by filling holes, unless [`Preparation::largest_repair`] allows
-/// more.
+/// Largest share of a mesh's area that a repair may add by filling holes, and of a wrap's area that may span holes,
+/// unless [`Preparation::largest_repair`] allows more.
 pub const FILLED: f64 = 0.25;
 
 /// Returns the shares of the area that a repair loses, drops and adds, each with its usual limit.
@@ -58,7 +59,13 @@ pub fn percent_to_allow(repair: &MeshRepair) -> Option<u32> {
 /// cent.
 #[must_use]
 pub fn percent_to_wrap(wrap: &Wrap) -> u32 {
-    whole_percent(wrap.loss())
+    let large = shares_of_wrap(wrap).into_iter().filter(|(share, usual)| share > usual);
+    whole_percent(large.map(|(share, _)| share).fold(0.0, f64::max))
+}
+
+/// Returns the shares that a wrap leaves out, and that span holes, each with its usual limit.
+fn shares_of_wrap(wrap: &Wrap) -> [(f64, f64); 2] {
+    [(wrap.loss(), DROPPED), (wrap.bridged_area, FILLED)]
 }
 
 fn whole_percent(share: f64) -> u32 {
@@ -82,30 +89,34 @@ impl Preparation {
     ///
     /// # Errors
     ///
-    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, a wrap encloses nothing or
-    /// leaves out too large a part, or handles can't be cut.
+    /// [`Error::Parametrize`] if the repair would change too large a part of the surface, a wrap encloses nothing,
+    /// leaves out too large a part or spans too large holes, or handles can't be cut.
     pub fn apply(self, surface: Input, monitor: &dyn Monitor) -> Result<Input, Error> {
         if let Some(voxels) = self.wrap {
             // A wrap has no handles.
             return self.checked_wrap(surface.wrapped(voxels, monitor)?);
         }
+        let given = surface.mesh().filter(|_| self.fix).cloned();
         let surface = if self.fix { surface.mended(monitor)? } else { surface };
         if let Some(repair) = surface.mesh_repair() {
             let limits = shares(repair).map(|(share, usual)| (share, self.largest_repair.unwrap_or(0.0).max(usual)));
             if let Some((_, most)) = limits.into_iter().find(|(share, most)| share.is_nan() || share > most) {
                 let succeeds = surface.mesh().is_some_and(|mesh| defects(mesh).0.is_empty());
-                return Err(ParametrizeError::LargeRepair { repair: Box::new(*repair), most, succeeds }.into());
+                let wraps =
+                    given.map_or(Ok(false), |mesh| would_wrap(&mesh, monitor)).map_err(ParametrizeError::from)?;
+                return Err(ParametrizeError::LargeRepair { repair: Box::new(*repair), most, succeeds, wraps }.into());
             }
         }
         Ok(if self.cut_handles { surface.without_handles(monitor)? } else { surface })
     }
 
-    /// Returns a wrapped surface unless the wrap leaves out too large a part of the mesh.
+    /// Returns a wrapped surface unless the wrap leaves out too large a part of the mesh or spans too large holes.
     fn checked_wrap(self, surface: Input) -> Result<Input, Error> {
-        let most = self.largest_repair.unwrap_or(0.0).max(DROPPED);
-        match surface.mesh_repair().and_then(|repair| repair.wrap) {
-            Some(wrap) if wrap.loss() > most => Err(ParametrizeError::LossyWrap { wrap: Box::new(wrap), most }.into()),
-            _ => Ok(surface),
+        let Some(wrap) = surface.mesh_repair().and_then(|repair| repair.wrap) else { return Ok(surface) };
+        let limits = shares_of_wrap(&wrap).map(|(share, usual)| (share, self.largest_repair.unwrap_or(0.0).max(usual)));
+        match limits.into_iter().find(|(share, most)| share > most) {
+            Some((_, most)) => Err(ParametrizeError::LossyWrap { wrap: Box::new(wrap), most }.into()),
+            None => Ok(surface),
         }
     }
 }

@@ -81,7 +81,7 @@ impl From<Fit> for Fitted {
                 weights: settings.weights.clone(),
                 weights_blake3: settings.weights_hash.clone(),
                 hold_out: settings.hold_out,
-                tolerance: Some(settings.tolerance),
+                tolerance: iterated.then_some(settings.tolerance),
                 max_iterations: iterated.then_some(settings.max_iterations),
                 preconditioner: iterated.then(|| settings.preconditioner.to_string()),
                 optimality: *optimality,

@@ -54,6 +54,11 @@ impl Method {
         Self::Irf { passes: 1, granularity: defaults::GRANULARITY, accelerate: false }
     }
 
+    /// Returns repeated stepwise fitting with its default of four passes.
+    pub fn mirf() -> Self {
+        Self::Mirf { passes: 4, start_degree: 0, accelerate: false }
+    }
+
     /// Returns the method's name in lower case, as in reports and models.
     pub fn name(&self) -> &'static str {
         match self {
@@ -361,11 +366,10 @@ impl FitParams {
             return refuse("store", "objective vertices", "objective surface".to_owned());
         }
         let for_least_squares = [(self.weights != Weights::Uniform, "weights"), (self.hold_out.is_some(), "hold_out")];
-        let given = for_least_squares.iter().find(|(given, _)| *given);
-        if let (Method::Quadrature, Some((_, what))) = (self.method, given) {
-            return refuse(what, "a least-squares method", name.to_owned());
+        match for_least_squares.iter().find(|(given, _)| *given && self.method == Method::Quadrature) {
+            Some((_, what)) => refuse(what, "a least-squares method", name.to_owned()),
+            None => Ok(()),
         }
-        Ok(())
     }
 }
 
@@ -376,10 +380,8 @@ mod tests {
     #[test]
     fn memory_is_as_set_or_by_method() {
         let lsq = FitParams::lsq(10);
-        assert_eq!(FitParams { memory: Some(5), ..lsq.clone() }.memory_budget(), 5);
-        assert!(lsq.memory_budget() > 0);
-        let nlsf = FitParams { method: Method::Nlsf, ..lsq };
-        assert_eq!(nlsf.memory_budget(), defaults::MEMORY_OVER_A_STORE);
+        assert!(lsq.memory_budget() > 0 && lsq.clone().with_memory(5).memory_budget() == 5);
+        assert_eq!(lsq.with_method(Method::Nlsf).memory_budget(), defaults::MEMORY_OVER_A_STORE);
     }
 
     #[test]
@@ -388,10 +390,8 @@ mod tests {
         irf.check().unwrap();
         for method in [Method::irf(), Method::Nlsf, Method::Quadrature] {
             let given = irf.clone().with_method(method);
-            for (params, name) in [
-                (given.clone().with_tolerance(1e-6), "tolerance"),
-                (given.clone().with_max_iterations(7), "max_iterations"),
-            ] {
+            let other = given.clone().with_tolerance(1e-6);
+            for (params, name) in [(other, "tolerance"), (given.with_max_iterations(7), "max_iterations")] {
                 let error = params.check().unwrap_err().to_string();
                 assert_eq!(error, format!("{name} needs the method lsq, found {}", method.name()));
             }

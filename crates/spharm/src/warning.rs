@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 use spharm_solver::LsqReport;
-use spharm_solver::irf::BlockReport;
+use spharm_solver::irf::{BlockReport, PassReport};
 use spharm_solver::lsq::LsqWarning;
 
 /// Largest expected error of the worst combination of coefficients, relative to the norm of all coefficients, that
@@ -19,6 +19,10 @@ const CLEAR_GAIN: f64 = 0.9;
 /// Largest ratio of a weight to the sum of those weights that the fit needs besides the largest ones. At larger ratios
 /// the fit loses more than half of its digits.
 const LARGEST_WEIGHT: f64 = 1e8;
+/// Largest share of the residual's rms that the last pass may remove without a warning.
+const STILL_FALLING: f64 = 0.1;
+/// Residuals below this share of the rms of the values about their mean cause no warning.
+const NEGLIGIBLE: f64 = 1e-4;
 /// Largest rms of unresolved detail, relative to the noise, that causes no warning. Held-out vertices reveal only part
 /// of the detail.
 const DETAIL: f64 = 0.3;
@@ -60,6 +64,13 @@ pub enum FitWarning {
         tolerance: f64,
         /// Number of iterations and refinements.
         steps: usize,
+    },
+    /// The residual was still falling when iterative residual fitting ended.
+    StillFalling {
+        /// Number of passes.
+        passes: usize,
+        /// Share of the residual's rms that the last pass removed, or the last pair of passes if they are accelerated.
+        share: f64,
     },
     /// The sampling doesn't determine a block of degrees, and its minimum-norm solution was used.
     RankDeficient {
@@ -136,6 +147,15 @@ pub enum FitWarning {
     },
     /// Standard errors were computed for a fit weighted by areas.
     AreaErrors,
+    /// A channel of a signal has zeros that may stand for missing values: all its other values are far from 0.
+    Zeros {
+        /// Index of the channel.
+        channel: usize,
+        /// Number of zeros.
+        zeros: usize,
+        /// Number of vertices that are read.
+        vertices: usize,
+    },
     /// A warning of the solver.
     Solver(LsqWarning),
 }
@@ -168,6 +188,12 @@ impl fmt::Display for FitWarning {
                 "the solver did not converge: optimality {optimality:.1e} after {steps} steps, expected \
                  {tolerance:.1e}; the best solution so far was used"
             ),
+            Self::StillFalling { passes, share } => write!(
+                f,
+                "the residual is still falling after {passes} passes: the last step (one pass, or two if accelerated) \
+                 reduced its rms by {:.0} %; give more passes (--passes, --accelerate), or use the method lsq",
+                100.0 * share
+            ),
             Self::RankDeficient { first_degree, last_degree, rank, columns } => write!(
                 f,
                 "the sampling doesn't determine all coefficients of degrees {first_degree} to {last_degree} (rank {rank} \
@@ -199,7 +225,7 @@ impl fmt::Display for FitWarning {
             ),
             Self::Detail { max_degree, left_out, sigma } => write!(
                 f,
-                "the surface has detail of {left_out:.2e} rms beyond degree {max_degree}, and the removed noise of \
+                "the data have detail of {left_out:.2e} rms beyond degree {max_degree}, and the removed noise of \
                  {sigma:.2e} includes this detail: the model may be worse than without denoising; a higher degree \
                  would separate detail from noise"
             ),
@@ -233,6 +259,12 @@ impl fmt::Display for FitWarning {
                 "standard errors assume that weights are inverse variances, but the weights are areas: for equally \
                  accurate vertices on an uneven sphere the standard errors are too small; use uniform weights for \
                  standard errors",
+            ),
+            Self::Zeros { channel, zeros, vertices } => write!(
+                f,
+                "{zeros} of {vertices} values of channel {} are exactly 0 and all others are far from 0: if these zeros \
+                 stand for missing values, as on the medial wall, leave their vertices out with a mask (--mask)",
+                channel + 1
             ),
             Self::Solver(warning) => warning.fmt(f),
         }
@@ -318,6 +350,17 @@ impl FitWarning {
         let (larger, nth, smaller) = weights.select_nth_unstable_by(functions - 1, |a, b| b.total_cmp(a));
         let ratio = larger.iter().copied().fold(*nth, f64::max) / (*nth + smaller.iter().sum::<f64>());
         (ratio.is_finite() && ratio > LARGEST_WEIGHT).then_some(Self::UnevenWeights { functions, ratio })
+    }
+
+    /// Returns a warning if the last pass of a fit still reduced the residual of a target. `spread` is the rms of the
+    /// target's values about their mean.
+    pub(crate) fn of_passes(history: &[PassReport], target: usize, spread: f64) -> Option<Self> {
+        let [.., before, last] = history else { return None };
+        let rms = |pass: &PassReport| pass.residuals.get(target).map(|residual| residual.mean_square.sqrt());
+        let (before, after) = (rms(before)?, rms(last)?);
+        let share = 1.0 - after / before;
+        let falls = share > STILL_FALLING && before > NEGLIGIBLE * spread && !last.refinement;
+        falls.then_some(Self::StillFalling { passes: last.pass, share })
     }
 
     /// Returns a warning for each block that the sampling doesn't determine.

@@ -111,6 +111,26 @@ fn the_stated_need_of_nlsf_is_the_smallest_budget_that_works() {
     assert_eq!((needed(least - 1), needed(least)), (Some(least), None));
 }
 
+/// With more memory, blocks of the basis could be kept in memory for few surfaces at a time, but one batch, which reads
+/// its blocks twice, reads less than several batches.
+#[test]
+fn more_memory_makes_no_more_batches_over_a_store() {
+    let (sphere, folder) = (Sphere::icosphere(4), tempfile::tempdir().expect("a folder"));
+    let params = BuildParams { max_degree: 20, chunk_rows: 104, ..BuildParams::default() };
+    build(folder.path(), &sphere.directions, &params, &Silent).expect("a store");
+    let (surface, _) = cortex(&Cortex { subdivisions: 4, variant: 0 });
+    let target = Target::from_mesh(&surface, &sphere).expect("they correspond");
+    let method = spharm::Method::Irf { passes: 1, granularity: 300, accelerate: false };
+    let params = FitParams::irf(20, folder.path()).with_method(method).with_threads(1);
+    let batches = |quarters: usize| {
+        let params = params.clone().with_memory(quarters << 18);
+        let read = |_| Ok::<_, Error>(target.clone());
+        fit_many(&sphere, 9, &read, &params, &|_, _| Ok(()), &Silent).expect("enough memory").1.batches.len()
+    };
+    let counts: Vec<usize> = (96..110).map(batches).collect();
+    assert_eq!(counts, [1; 14]);
+}
+
 #[derive(Debug)]
 enum Mine {
     Missing(usize),

@@ -63,6 +63,8 @@ pub struct SchemeSummary {
     pub factors: usize,
     /// Number of basis files and factors that couldn't be opened.
     pub damaged: usize,
+    /// Number of those of them that have a newer format version than this program reads.
+    pub newer: usize,
     /// Total size in bytes of the basis files and factors that could be opened.
     pub bytes: u64,
 }
@@ -76,6 +78,10 @@ pub fn summarize(store: &Path, key: SchemeKey) -> Result<SchemeSummary, StoreErr
     let (degrees, factors) = (degrees(store, key)?, factors(store, key)?);
     let sound: Vec<&DegreeFile> = degrees.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
     let sound_factors: Vec<&FactorFile> = factors.iter().filter_map(|(_, file)| file.as_ref().ok()).collect();
+    let errors = degrees.iter().filter_map(|(_, file)| file.as_ref().err());
+    let errors = errors.chain(factors.iter().filter_map(|(_, file)| file.as_ref().err()));
+    let is_newer =
+        |error: &&StoreError| matches!(error, StoreError::Version { found, expected, .. } if found > expected);
     let first = sound.first().map(|file| file.header());
     let complete = degrees.iter().enumerate().take_while(|(at, (degree, file))| at == degree && file.is_ok()).count();
     Ok(SchemeSummary {
@@ -87,6 +93,7 @@ pub fn summarize(store: &Path, key: SchemeKey) -> Result<SchemeSummary, StoreErr
         complete_to: complete.checked_sub(1),
         factors: factors.len(),
         damaged: degrees.len() + factors.len() - sound.len() - sound_factors.len(),
+        newer: errors.filter(is_newer).count(),
         bytes: sound.iter().map(|file| file.file_len()).sum::<u64>()
             + sound_factors.iter().map(|file| file.file_len()).sum::<u64>(),
     })
@@ -105,7 +112,7 @@ pub struct Verification {
 }
 
 /// Checks every byte of the basis files and factors of the given schemes against their hashes, on the rayon pool of the
-/// caller, in a stage `verify` counted in bytes. Each thread uses a buffer of 1 MiB.
+/// caller. Progress is reported in bytes, as the stage `verify`. Each thread uses a buffer of 1 MiB.
 ///
 /// # Errors
 ///

@@ -131,6 +131,24 @@ pub enum StoreError {
         /// Keys of the schemes in the store.
         available: Vec<SchemeKey>,
     },
+    /// The store has no basis for this sampling scheme, but one at directions that differ only by rounding.
+    #[error(
+        "{}: no basis for scheme {key}; scheme {} has the same {rows} directions within {difference:.0e}; fit over the \
+         sphere for which that basis was built, or build a basis for this sphere",
+        .store.display(), .found.short()
+    )]
+    NearScheme {
+        /// Path of the store.
+        store: PathBuf,
+        /// The requested key.
+        key: SchemeKey,
+        /// Key of the scheme with nearly the same directions.
+        found: SchemeKey,
+        /// Number of directions.
+        rows: usize,
+        /// Largest difference of the directions' coordinates.
+        difference: f64,
+    },
     /// The store has the basis at these directions only with values of another scalar type.
     #[error("{}: the store has the basis at these directions in {}, not in {}", .store.display(), .found.name(), .wanted.name())]
     OtherScalar {

@@ -18,7 +18,7 @@ enum Angle {
     Azimuth,
 }
 
-/// Names of angles in lower case, and whether the angles are in degrees if the name has no ending `_deg` or `_rad`.
+/// Names of angles in lower case, and whether the angles are in degrees if the name has no suffix `_deg` or `_rad`.
 const NAMES: [(&str, Angle, bool); 9] = [
     ("theta", Angle::Colatitude, false),
     ("colatitude", Angle::Colatitude, false),
@@ -39,7 +39,7 @@ struct Column {
     name: String,
     angle: Angle,
     degrees: bool,
-    /// Whether the unit is the usual one, because the name has no ending such as `_deg`.
+    /// Whether the unit is the usual one, because the name has no suffix such as `_deg`.
     usual: bool,
 }
 

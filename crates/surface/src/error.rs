@@ -113,7 +113,7 @@ pub enum SurfaceError {
     /// The file holds values on vertices where a surface is expected.
     #[error(
         "{}: expected a surface, found values on {vertices} vertices ({channels} per vertex): \
-         give a surface file, such as .surf.gii, .obj or lh.pial",
+         give a surface file, such as .surf.gii, .obj or lh.pial; values need the sphere of their surface",
         path.display()
     )]
     NotAMesh {
@@ -308,7 +308,7 @@ pub enum SurfaceError {
 
     /// A sphere's mesh is closed but doesn't enclose the origin.
     #[error(
-        "{}: the origin lies outside this sphere; center the sphere at the origin, and check that the file is a \
+        "{}: the origin lies outside this sphere; centre the sphere at the origin, and check that the file is a \
          sphere, not the surface itself",
         path.display()
     )]

@@ -45,7 +45,8 @@ impl Mesh {
 pub struct Meta {
     /// GIfTI's `AnatomicalStructurePrimary`, such as `CortexLeft`; Workbench requires it.
     pub anatomical_structure_primary: Option<String>,
-    /// GIfTI metadata of the file as a whole, as pairs (name, value).
+    /// GIfTI metadata of the file as a whole, as pairs (name, value). If a VTK, PLY, STL or OBJ file states its axes,
+    /// like those of 3D Slicer, it has the pair (`SPACE`, `LPS`) or (`SPACE`, `RAS`).
     pub file_metadata: Vec<(String, String)>,
     /// GIfTI metadata of the point set, without `AnatomicalStructurePrimary`, as pairs (name, value).
     pub surface_metadata: Vec<(String, String)>,

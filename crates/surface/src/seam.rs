@@ -54,7 +54,10 @@ impl Seam {
             return Err(format!("expected at least {} triangles, found {faces}", self.faces));
         }
         match self.copies.iter().find(|&&v| v as usize >= self.vertices) {
-            Some(v) => Err(format!("expected copies of vertices below {}, found a copy of vertex {v}", self.vertices)),
+            Some(v) => Err(format!(
+                "expected copies of vertices with an index below {}, found a copy of vertex {v}",
+                self.vertices
+            )),
             None => Ok(self),
         }
     }

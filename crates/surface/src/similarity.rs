@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Vec3, add, scale};
+use crate::geometry::{Vec3, add, scale, sub};
 use crate::hemisphere::Hemisphere;
 use crate::matrix3::{IDENTITY, Matrix3, determinant, product, times, transposed};
 use crate::mesh::Mesh;
@@ -70,6 +70,13 @@ impl Similarity {
         }
     }
 
+    /// Returns the similarity with another scale factor that brings `centre` to the same place.
+    #[must_use]
+    pub fn with_scale(&self, factor: f64, centre: Vec3) -> Self {
+        let translation = sub(self.apply(centre), scale(times(&self.orthogonal, centre), factor));
+        Self { scale: factor, translation, ..*self }
+    }
+
     /// Returns a mesh with its vertices moved. A reflection also reverses the triangles' winding, so that they still
     /// face outwards, and exchanges left and right in the anatomical structure. Unless the similarity is the identity,
     /// metadata about the mesh's position in a volume are dropped, since they are no longer valid.
@@ -104,6 +111,14 @@ mod tests {
             scale: 2.5,
             translation: [3.0, -20.0, 0.5],
         }
+    }
+
+    #[test]
+    fn another_scale_keeps_the_centre_and_the_rotation() {
+        let (own, centre) = (some(true), [1.0, 2.0, -3.0]);
+        let other = own.with_scale(0.5, centre);
+        let off = sub(other.apply(centre), own.apply(centre));
+        assert!(dot(off, off).sqrt() < 1e-12 && other.orthogonal == own.orthogonal && other.scale == 0.5);
     }
 
     #[test]

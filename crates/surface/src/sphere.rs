@@ -207,13 +207,13 @@ impl Sphere {
 /// Reads a sphere from a mesh or a table. A mesh may have any supported format and any radius, and must be centred at
 /// the origin. A table (`.csv`, `.tsv`, also gzipped) has one direction per row: colatitude and azimuth in radians. If
 /// the table has a header, its names determine the columns and units: `theta` or `colatitude`, `phi` or `azimuth`, in
-/// radians, `lat` and `lon` in degrees, with the endings `_deg` and `_rad` for other units.
+/// radians, `lat` and `lon` in degrees, with the suffixes `_deg` and `_rad` for other units.
 ///
 /// # Errors
 ///
 /// The errors of [`read_mesh`] or [`read_signal`](crate::io::read_signal) if the file can't be read; the errors of
 /// [`Sphere::from_mesh`]; [`NotAngles`](SurfaceError::NotAngles) if a table doesn't have two columns;
-/// [`Unsupported`](SurfaceError::Unsupported) if its header has other names, or if angles in degrees without the ending
+/// [`Unsupported`](SurfaceError::Unsupported) if its header has other names, or if angles in degrees without the suffix
 /// `_deg` look like radians; [`Colatitude`](SurfaceError::Colatitude) if a colatitude or latitude is out of range.
 pub fn read_sphere(path: impl AsRef<Path>) -> Result<Sphere, SurfaceError> {
     let path = path.as_ref();

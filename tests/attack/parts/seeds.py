@@ -53,7 +53,7 @@ class Corpora:
 
 
 def ending(name, endings):
-    """Returns the index of the longest of the endings that a name has."""
+    """Returns the index of the longest of the extensions that a name has."""
     name = name.removesuffix(".gz") if not name.endswith(".nii.gz") else name
     fitting = [number for number, end in enumerate(endings) if end and name.endswith(end)]
     return max(fitting, key=lambda number: len(endings[number]), default=0)

@@ -34,6 +34,14 @@ pub(super) fn run(cli: &Cli, group: &Path, surfaces: &[Surface], monitor: &Conso
     let surfaces: Vec<&Surface> = cli.shard.unwrap_or_default().of(surfaces).collect();
     let mut params = CorrespondParams::up_to(template.mean.max_degree()).with_refinement(None);
     (params.pose, params.keep_poses) = cli.poses();
+    let scaled = files.is_scaled()?;
+    if cli.scale && !scaled {
+        let text =
+            "--scale doesn't apply to --to: the members of this group keep their own sizes, and so do new members";
+        return Err(Usage::conflict(text).into());
+    }
+    params.pose.scale = scaled && !params.keep_poses;
+    params.check_poses()?;
     let paths: Vec<PathBuf> = surfaces.iter().map(|surface| surface.path.clone()).collect();
     plan(&paths, &params, Some(members.len()), cli.resources.both())?;
     template.begin_folder(&cli.output_dir)?;

@@ -29,6 +29,7 @@ use spharm_cli::surfaces::refuse_for_mesh;
 use spharm_cli::volumes::VolumeArgs;
 use spharm_cohort::Shard;
 use spharm_monitor::number;
+use spharm_surface::Similarity;
 use spharm_surface::pose::{PoseParams, PoseSearch};
 
 use self::surfaces::{Surface, With, find_signals, of_table, plan, read, surfaces, volume_warnings};
@@ -275,6 +276,7 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
         far.unwrap_or_else(|| surfaces::named(error, surfaces))
     })?;
     let mut warnings = volume_warnings(surfaces.iter());
+    warnings.extend(surfaces::two_sides(&group, surfaces));
     for warning in &group.report.warnings {
         let member = warning.member();
         let text = warning.of_member(|other| surfaces[other].name.clone());
@@ -316,7 +318,11 @@ fn together(cli: &Cli, surfaces: &Arc<Vec<Surface>>, landmarks: &[PathBuf], moni
             "steps": group.report.seconds.iter().map(|(name, seconds)| json!([name, seconds])).collect::<Vec<_>>(),
         },
     });
-    let rows = rows(surfaces.iter().map(|surface| surface.name.as_str()).zip(&group.report.members));
+    let names = |(surface, moved): (&Surface, &Similarity)| {
+        surface.name.clone() + if moved.mirrors() { " (mirrored)" } else { "" }
+    };
+    let names: Vec<String> = surfaces.iter().zip(&group.similarities).map(names).collect();
+    let rows = rows(names.iter().map(String::as_str).zip(&group.report.members));
     finish("correspond", &report, &rows, &cli.report)?;
     let console = monitor.console();
     if let Some(found) = &quality {
@@ -365,7 +371,7 @@ fn quality(group: &Group, monitor: &ConsoleMonitor) -> Result<Option<GroupQualit
     }
 }
 
-fn member_json(surface: &Surface, member: &MemberReport, similarity: &spharm_surface::Similarity) -> Value {
+fn member_json(surface: &Surface, member: &MemberReport, similarity: &Similarity) -> Value {
     json!({
         "name": surface.name,
         "input": shown(&surface.path),

@@ -52,6 +52,8 @@ pub(crate) struct Cli {
     #[arg(long, value_name = "MODEL", num_args = 1.., requires = "a", help_heading = INPUT)]
     pub(super) b: Vec<PathBuf>,
     /// Treat the models of --a and --b as pairs, in order: test the mean of the differences, a minus b
+    ///
+    /// Pairs whose names belong to different subjects, apart from the side, cause a warning. test.json lists the pairs.
     #[arg(long, requires = "a", help_heading = INPUT)]
     pub(super) paired: bool,
     /// Table of subjects, CSV or TSV

@@ -9,7 +9,7 @@ use super::super::masks::is_group;
 use super::args::Cli;
 
 /// Returns warnings about models of both hemispheres, and about a sphere, masks and an annotation that don't belong
-/// to the models' hemisphere. `of_models` has the hemisphere of each model, as far as it is known.
+/// to the models' hemisphere. `of_models` has the hemisphere or side of each model, as far as it is known.
 pub(super) fn warnings(
     cli: &Cli,
     sphere: &Sphere,

@@ -3,6 +3,7 @@
 mod args;
 mod hemispheres;
 mod measures;
+mod pairs;
 mod places;
 mod question;
 mod regions;
@@ -159,7 +160,8 @@ pub(super) fn run(cli: &Cli, monitor: &ConsoleMonitor) -> Result<()> {
         let measured = measures.map(|measures| measures.test(&study, &params, monitor)).transpose()?;
         Ok((group, mean, found, measured))
     })?;
-    let sides = hemispheres::warnings(cli, &sphere, &study.paths, &group.hemispheres);
+    let hemispheres = if study.pairs { &group.sides } else { &group.hemispheres };
+    let sides = hemispheres::warnings(cli, &sphere, &study.paths, hemispheres);
     study.notes().iter().for_each(|note| console.note(note));
     let of_test = study.question.warnings.iter().chain(&found.warnings).map(advised);
     let tested: Vec<String> = study.warnings.iter().cloned().chain(sides).chain(of_test).collect();

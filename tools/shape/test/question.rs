@@ -13,6 +13,7 @@ use super::super::args::files;
 use super::super::design::{Asked, with_levels};
 use super::super::table::Table;
 use super::args::{Cli, What};
+use super::pairs::{self, SubjectsDiffer};
 
 /// Models, and the hypothesis to test on them.
 pub(super) struct Study {
@@ -31,7 +32,7 @@ pub(super) struct Study {
     pub(super) blocks: Option<Blocks>,
     /// Variance group of each row, if given.
     pub(super) variance_groups: Option<Vec<usize>>,
-    /// Reasons to doubt that rows are independent subjects.
+    /// Reasons to doubt that rows are independent subjects, and that the models of a pair belong to one subject.
     pub(super) warnings: Vec<String>,
 }
 
@@ -56,6 +57,7 @@ impl Cli {
             let levels = std::iter::repeat_n("a", a.len()).chain(std::iter::repeat_n("b", b.len()));
             (question(&Term::Column("group".to_owned(), Column::of(levels)), &[], &[])?, "group")
         };
+        let differ = if self.paired { SubjectsDiffer::of(&a, &b) } else { None };
         Ok(Study {
             paths: a.into_iter().chain(b).collect(),
             pairs: self.paired,
@@ -65,7 +67,7 @@ impl Cli {
             covariates: Vec::new(),
             blocks: None,
             variance_groups: None,
-            warnings: Vec::new(),
+            warnings: differ.iter().map(ToString::to_string).collect(),
         })
     }
 
@@ -80,9 +82,11 @@ impl Cli {
         }
         let table = Table::read(path)?;
         let mut paths = files(&self.models_of(&table, path)?)?;
+        let mut differ = None;
         if let Some(minus) = &self.minus {
             let others = files(&self.others_of(&table, minus)?)?;
             distinct(&paths, &others)?;
+            differ = SubjectsDiffer::of(&paths, &others);
             paths.extend(others);
         }
         let asked = Asked {
@@ -120,8 +124,8 @@ impl Cli {
         let blocks =
             self.blocks.as_ref().map(|name| anyhow::Ok(Blocks::new(table.cells(name)?, exchange))).transpose()?;
         // Skip the warning about repeated subjects if blocks state which rows depend on each other.
-        let warnings =
-            if blocks.is_some() { None } else { repeated(&table, &question.covariates) }.into_iter().collect();
+        let repeated = if blocks.is_some() { None } else { repeated(&table, &question.covariates) };
+        let warnings = differ.iter().map(ToString::to_string).chain(repeated).collect();
         Ok(Study {
             paths,
             pairs: self.minus.is_some(),
@@ -164,6 +168,12 @@ impl Cli {
 }
 
 impl Study {
+    /// Returns the names of the models of each pair; `None` if models aren't pairs.
+    pub(super) fn pairs(&self) -> Option<Vec<[String; 2]>> {
+        let (first, second) = self.paths.split_at(self.paths.len() / 2);
+        self.pairs.then(|| pairs::listed(first, second))
+    }
+
     /// Returns notes on columns of numbers that may be codes of levels, and on columns that are left out of the design.
     pub(super) fn notes(&self) -> Vec<String> {
         let codes = self.question.codes.iter();
@@ -211,7 +221,9 @@ fn distinct(a: &[PathBuf], b: &[PathBuf]) -> Result<()> {
 }
 
 /// Names of columns that identify subjects, in lowercase and without `_`, `-`, `.` and spaces.
-const SUBJECTS: [&str; 14] = [
+const SUBJECTS: [&str; 16] = [
+    "id",
+    "pid",
     "participant",
     "participantid",
     "subject",

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use spharm::parametrize::volume::is_volume;
-use spharm::{Monitor, Sphere, SurfaceError, check_memory, check_surface};
+use spharm::{Method, Monitor, Sphere, SurfaceError, check_surface};
 use spharm_surface::io::declared_vertices;
 
 use super::error::RunError;
@@ -19,7 +19,7 @@ use crate::reader::SurfaceReader;
 use crate::rerun::IfExists;
 
 /// Largest number of spheres, and of surfaces without a sphere, that are read to check the memory they need. Further
-/// files are read only if outputs exist.
+/// files are read only if outputs exist, and further spheres also if the fits need a basis store.
 const READ: usize = 3;
 
 /// Result of a preview.
@@ -128,7 +128,7 @@ impl Look<'_> {
         let read;
         let sphere = match (&group.sphere, &cohort.sphere) {
             (Some(_), Some(sphere)) => Some(sphere),
-            (Some(path), None) if any_there || self.spheres.len() < READ => {
+            (Some(path), None) if any_there || self.spheres.len() < READ || self.over_a_store() => {
                 read = self.work.sphere(path)?;
                 Some(&read)
             }
@@ -140,7 +140,7 @@ impl Look<'_> {
         };
         let params = self.work.params_at(self.work.weighted(&cohort.rows[group.rows[0]])?, sphere)?;
         if let (Some(path), Some(sphere)) = (&group.sphere, sphere) {
-            check_memory(&sphere.to_mesh(), &params)?;
+            params.check_over(sphere, group.rows.len())?;
             let (rows, vertices) = (group.rows.len(), sphere.directions.len());
             self.spheres.push(PreviewedSphere { path: path.clone(), rows, vertices });
         }
@@ -167,6 +167,11 @@ impl Look<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Returns whether the method reads a store, which must have the basis of each sphere.
+    fn over_a_store(&self) -> bool {
+        !matches!(self.work.params.fit.method, Method::Lsq | Method::Quadrature)
     }
 
     /// Checks that a surface and its sphere have the same number of vertices, if the headers of both files state it.

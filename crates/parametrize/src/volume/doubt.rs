@@ -31,6 +31,8 @@ pub enum VolumeDoubt {
         /// Largest distance between the positions of a voxel by the two forms, in mm.
         distance: f64,
     },
+    /// The unit of length in an NRRD header is unknown.
+    UnknownUnit,
 }
 
 impl VolumeDoubt {
@@ -41,6 +43,7 @@ impl VolumeDoubt {
             Self::Uneven { .. } => 1,
             Self::NoForm => 2,
             Self::Apart { .. } => 3,
+            Self::UnknownUnit => 4,
         }
     }
 
@@ -51,7 +54,7 @@ impl VolumeDoubt {
                 (0..3).map(|axis| (given[axis] / file[axis]).ln().abs()).fold(0.0, f64::max)
             }
             Self::Uneven { size } => ratio(*size),
-            Self::NoForm => 0.0,
+            Self::NoForm | Self::UnknownUnit => 0.0,
             Self::Apart { distance } => *distance,
         }
     }
@@ -79,6 +82,9 @@ impl VolumeDoubt {
                  is wrong, correct the header",
                 number(*distance)
             ),
+            Self::UnknownUnit => "the unit of length in the header is unknown, so lengths are taken as mm; correct \
+                                  `space units` or `units` in the header, or give the voxel size"
+                .to_owned(),
         }
     }
 }

@@ -71,8 +71,8 @@ impl LabelVolume {
     /// [`NoVoxelSize`](ParametrizeError::NoVoxelSize) for a file that doesn't specify the size of its voxels;
     /// [`SeveralImages`](ParametrizeError::SeveralImages) for a file of several channels or times;
     /// [`NotAVolume`](ParametrizeError::NotAVolume) for a file of another format, a file shorter than its header says,
-    /// a file with more than three dimensions, a NIfTI file in an invalid unit of length, or voxels whose sides differ
-    /// by a factor of more than 1,000,000;
+    /// a file with more than three dimensions that aren't channels or times, a NIfTI file in an invalid unit of length,
+    /// or voxels whose sides differ by a factor of more than 1,000,000;
     /// [`NotLabels`](ParametrizeError::NotLabels) for values that aren't 32-bit integers;
     /// [`Interrupted`](ParametrizeError::Interrupted).
     pub fn read(path: impl AsRef<Path>, monitor: &dyn Monitor) -> Result<Self, ParametrizeError> {
@@ -177,7 +177,8 @@ impl LabelVolume {
     }
 
     /// Returns doubts about voxel size and positions: the caller's size contradicts the file's, the sides of a voxel
-    /// differ by a large factor, or a NIfTI header states no positions or contradictory ones.
+    /// differ by a large factor, a NIfTI header states no positions or contradictory ones, or an NRRD header has an
+    /// unknown unit of length.
     #[must_use]
     pub fn doubts(&self) -> Vec<VolumeDoubt> {
         let size = self.voxel_size();

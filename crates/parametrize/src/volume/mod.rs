@@ -22,6 +22,7 @@
 //! | `open`, `source` | opens a file: determines its format, reads its bytes |
 //! | `nifti`, `nifti2`, `mgh`, `nrrd`, `tiff`, `npy`, `values` | the formats: values and positions of the voxels |
 //! | `image`, `axes` | the choice of one of several channels and times; the order of an array's axes |
+//! | `shaped` | tifffile's description of the axes of a TIFF stack |
 //! | `doubt` | reasons to doubt the voxel size or the positions, for warnings |
 //! | `runs` | stores labels as runs of equal labels, so that background takes no memory |
 //! | `mask` | the voxels of one label, with a rim of background around them |
@@ -44,7 +45,7 @@
 //!
 //! Voxels are counted from 0; voxel (i, j, k) is the unit cube centred at (i, j, k). The file's matrix maps voxel
 //! coordinates to RAS+ mm. For NIfTI it is the sform; without an sform, the qform; without either, the voxel sizes.
-//! Lengths of NIfTI files in metres or microns are converted to mm. Positions in TIFF stacks are in micrometres.
+//! Lengths of NIfTI and NRRD files in other units are converted to mm. Positions in TIFF stacks are in micrometres.
 
 mod affine;
 mod axes;
@@ -64,6 +65,7 @@ mod pieces;
 mod relax;
 mod repair;
 mod runs;
+mod shaped;
 mod simple;
 mod source;
 mod steps;

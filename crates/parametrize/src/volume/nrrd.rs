@@ -2,7 +2,7 @@
 //! empty line, then the values, raw or gzipped.
 //!
 //! Positions are converted to RAS+: for a file in left-posterior-superior space, as written by 3D Slicer and ITK, x and
-//! y change sign. Source: <https://teem.sourceforge.net/nrrd/format.html>.
+//! y change sign. Lengths in a known unit are converted to mm. Source: <https://teem.sourceforge.net/nrrd/format.html>.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -11,7 +11,9 @@ use std::path::{Component, Path};
 use spharm_surface::io::MOST_EXPANSION;
 
 use super::affine::Affine;
+use super::doubt::VolumeDoubt;
 use super::source::{Source, load};
+use super::tiff::micrometres;
 use super::values::{Layout, Scalar, Volume, cut_short};
 use crate::error::ParametrizeError;
 
@@ -95,8 +97,8 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
         },
         other => return Err(source.wrong("encoding: raw or gzip", other.unwrap_or("none").to_owned())),
     };
-    let affine = affine(source, &header)?;
-    Ok(Volume { size, affine, voxels, doubt: None })
+    let (affine, doubt) = affine(source, &header)?;
+    Ok(Volume { size, affine, voxels, doubt })
 }
 
 /// Reads the data file named in a header. The file must be in the header's folder or below.
@@ -126,14 +128,36 @@ fn scalar(kind: &str) -> Option<Scalar> {
     })
 }
 
-/// Returns the matrix from voxel coordinates to RAS+: from space directions and origin if present, otherwise from
-/// spacings.
-fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<Affine, ParametrizeError> {
+/// Returns the numbers of mm in the units of the field `name`, one for each axis; without units, 1. An unknown unit is
+/// a doubt, unless the caller gave the voxel size.
+fn units(source: &Source<'_>, header: &Header<'_>, name: &str) -> ([f64; 3], Option<VolumeDoubt>) {
+    let Some(text) = header.get(name) else { return ([1.0; 3], None) };
+    let unit = |unit: &str| match unit.trim() {
+        "" | "MM" | "millimeter" | "millimeters" | "millimetre" | "millimetres" => Some(1.0),
+        unit => micrometres(unit).map(|length| length / 1e3),
+    };
+    // Each unit is in quotation marks, which some programs leave out.
+    let found: Option<Vec<f64>> = match text.contains('"') {
+        true => text.split('"').skip(1).step_by(2).map(unit).collect(),
+        false => text.split_whitespace().map(unit).collect(),
+    };
+    let found: Option<[f64; 3]> = found.and_then(|found| found.try_into().ok());
+    match found {
+        Some(units) => (units, None),
+        None => ([1.0; 3], source.voxel_size.is_none().then_some(VolumeDoubt::UnknownUnit)),
+    }
+}
+
+/// Returns the matrix from voxel coordinates to RAS+ mm: from space directions and origin if present, otherwise from
+/// spacings. Also returns the doubt about their unit.
+fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<(Affine, Option<VolumeDoubt>), ParametrizeError> {
     let Some(directions) = header.get("spacedirections") else {
         let spacings: Option<Vec<f64>> =
             header.get("spacings").and_then(|spacings| words(spacings).map(|x| x.parse().ok()).collect());
         let sizes: Option<[f64; 3]> = spacings.and_then(|spacings| spacings.try_into().ok());
-        return source.affine(sizes.ok_or("an NRRD file without spacings"));
+        let (units, doubt) = units(source, header, "units");
+        let sizes = sizes.map(|sizes| [0, 1, 2].map(|axis| units[axis] * sizes[axis]));
+        return Ok((source.affine(sizes.ok_or("an NRRD file without spacings"))?, doubt));
     };
     let signs = match header.get("space").map(str::to_ascii_lowercase).as_deref() {
         None | Some("right-anterior-superior" | "ras" | "3d-right-handed" | "scanner-xyz") => [1.0, 1.0, 1.0],
@@ -154,10 +178,11 @@ fn affine(source: &Source<'_>, header: &Header<'_>) -> Result<Affine, Parametriz
         Some(text) => vectors(text).and_then(|found| found.first().copied()).ok_or_else(wrong)?,
         None => [0.0; 3],
     };
-    let row = |i: usize| [axes[0][i], axes[1][i], axes[2][i], origin[i]].map(|x| signs[i] * x);
+    let (units, doubt) = units(source, header, "spaceunits");
+    let row = |i: usize| [axes[0][i], axes[1][i], axes[2][i], origin[i]].map(|x| signs[i] * units[i] * x);
     let affine = Affine([row(0), row(1), row(2)]);
     if affine.is_valid() {
-        Ok(affine)
+        Ok((affine, doubt))
     } else {
         Err(source.wrong("voxels of finite, nonzero volume", format!("the matrix {:?}", affine.0)))
     }

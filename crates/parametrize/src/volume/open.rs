@@ -11,10 +11,10 @@ use super::values::Volume;
 use super::{mgh, nifti, nifti2, npy as array, nrrd, tiff};
 use crate::error::ParametrizeError;
 
-/// File name endings of volumes.
+/// File name extensions of volumes.
 const ENDINGS: [&str; 10] = [".nii", ".nii.gz", ".mgh", ".mgz", ".nrrd", ".nhdr", ".tif", ".tiff", ".npy", ".npy.gz"];
 
-/// Returns whether a path has the file name ending of a volume's format: NIfTI, FreeSurfer, NRRD, TIFF or NumPy.
+/// Returns whether a path has the file name extension of a volume's format: NIfTI, FreeSurfer, NRRD, TIFF or NumPy.
 ///
 /// FreeSurfer also stores values on the vertices of a surface in `.mgh` and `.mgz` files. Only the sizes in the file
 /// distinguish them from volumes; [`LabelVolume::read`](super::LabelVolume::read) rejects such files.

@@ -33,8 +33,8 @@ pub enum HandleRepair {
     Filled,
 }
 
-/// Share of a label's voxels from which dropped pieces count as a large loss.
-const LARGE_LOSS: f64 = 0.05;
+/// Share of a label's voxels from which a change counts as large.
+const LARGE: f64 = 0.05;
 /// Number of large dropped pieces from which a label is probably a mask of many bodies.
 const MANY_BODIES: usize = 3;
 
@@ -76,14 +76,19 @@ impl Repair {
     /// Returns the dropped pieces' share of the label's voxels, from 0 to 1.
     #[must_use]
     pub fn share_dropped(&self) -> f64 {
-        self.voxels_dropped as f64 / self.voxels_before.max(1) as f64
+        self.share(self.voxels_dropped)
     }
 
-    /// Returns whether the dropped pieces have more than 5 % of the label's voxels, so that the label or its
-    /// segmentation may be wrong.
+    /// Returns whether voxels were dropped, filled or changed whose number is more than 5 % of the label's voxels, so
+    /// that the label or its segmentation may be wrong.
     #[must_use]
     pub fn is_large_loss(&self) -> bool {
-        self.share_dropped() > LARGE_LOSS
+        self.share(self.voxels()) > LARGE
+    }
+
+    /// Returns a number of voxels as a share of the label's voxels.
+    fn share(&self, voxels: usize) -> f64 {
+        voxels as f64 / self.voxels_before.max(1) as f64
     }
 
     /// Returns a message that the repair has removed the handles that the caller wanted to cut; `None` if there were no
@@ -105,6 +110,10 @@ impl std::fmt::Display for Repair {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
         let voxels = |n| count(n, "voxel", "voxels");
+        let share = |n| match self.share(n) {
+            share if share > LARGE => format!(", {:.0} % of the label", 100.0 * share),
+            _ => String::new(),
+        };
         let done = match self.handles {
             HandleRepair::Cut => "removed",
             HandleRepair::Filled => "added",
@@ -112,15 +121,11 @@ impl std::fmt::Display for Repair {
         let mut changes = Vec::new();
         if self.pieces_dropped > 0 {
             let pieces = count(self.pieces_dropped, "piece", "pieces");
-            let share = match self.is_large_loss() {
-                true => format!(", {:.0} % of the label", 100.0 * self.share_dropped()),
-                false => String::new(),
-            };
-            changes.push(format!("{pieces} dropped ({}{share})", voxels(self.voxels_dropped)));
+            changes.push(format!("{pieces} dropped ({}{})", voxels(self.voxels_dropped), share(self.voxels_dropped)));
         }
         if self.cavities_filled > 0 {
             let cavities = count(self.cavities_filled, "cavity", "cavities");
-            changes.push(format!("{cavities} filled ({})", voxels(self.voxels_filled)));
+            changes.push(format!("{cavities} filled ({}{})", voxels(self.voxels_filled), share(self.voxels_filled)));
         }
         if self.voxels_changed > 0 {
             // Removing a mere contact between voxels changes voxels without removing a handle.
@@ -128,7 +133,8 @@ impl std::fmt::Display for Repair {
                 0 => "contacts at edges or corners".to_owned(),
                 handles => count(handles, "handle", "handles"),
             };
-            changes.push(format!("{removed} removed ({} {done})", voxels(self.voxels_changed)));
+            let share = share(self.voxels_changed);
+            changes.push(format!("{removed} removed ({} {done}{share})", voxels(self.voxels_changed)));
         }
         write!(f, "the volume was repaired: {}", changes.join(", "))?;
         if self.large_pieces_dropped >= MANY_BODIES {
@@ -352,6 +358,20 @@ mod tests {
             "{repair:?}"
         );
         assert!(repair.to_string().ends_with("1 piece dropped (1 voxel)"), "{repair}");
+    }
+
+    #[test]
+    fn large_fillings_are_large_changes() {
+        let distance = |at: [usize; 3]| at.iter().map(|&x| (x as f64 - 10.0).powi(2)).sum::<f64>().sqrt();
+        let shell = Mask::new([21; 3], |at| (6.0..9.0).contains(&distance(at)));
+        let (_, found) = repair(&shell, &Silent).unwrap();
+        let share = 100.0 * found.voxels_filled as f64 / shell.count() as f64;
+        assert!(found.is_large_loss() && found.share_dropped() == 0.0, "{found:?}");
+        assert!(found.to_string().contains(&format!(" voxels, {share:.0} % of the label)")), "{found}");
+        let small = Mask::new([21; 3], |at| (1.0..9.0).contains(&distance(at)));
+        let (_, found) = repair(&small, &Silent).unwrap();
+        assert!(found.cavities_filled == 1 && !found.is_large_loss(), "{found:?}");
+        assert!(found.to_string().ends_with("1 cavity filled (1 voxel)"), "{found}");
     }
 
     #[test]

@@ -72,12 +72,18 @@ impl fmt::Display for VoxelSteps {
             ..LOWEST => format!("the label is too small for a shape model: {LEAVE_OUT}"),
             degree => format!("use degrees up to {degree}"),
         };
+        let biased = biased(*suitable_degree < LOWEST);
         write!(
             f,
             "a model of degree {max_degree} follows the voxels' steps: it resolves lengths down to {resolved:.3}, \
-             less than {VOXELS} voxels of size {voxel:.3}, which biases area and sphericity; {advice}"
+             less than {VOXELS} voxels of size {voxel:.3}, which biases {biased}; {advice}"
         )
     }
+}
+
+/// Names the measures that the steps bias; `small` states whether labels are too small for a shape.
+fn biased(small: bool) -> &'static str {
+    if small { "volume, area and sphericity" } else { "area and sphericity" }
 }
 
 /// Returns a single warning for several labels, which names at most 5 of them; `None` if `found` is empty.
@@ -102,10 +108,11 @@ pub fn steps_of_labels(found: &[(String, VoxelSteps)]) -> Option<String> {
     };
     Some(format!(
         "models of degree {} follow the voxels' steps of {} labels ({}{more}): they resolve lengths of less than \
-         {VOXELS} voxels, which biases area and sphericity; {advice}",
+         {VOXELS} voxels, which biases {}; {advice}",
         first.max_degree,
         found.len(),
-        names.join(", ")
+        names.join(", "),
+        biased(small > 0)
     ))
 }
 
@@ -165,6 +172,7 @@ mod tests {
         let small = ellipsoid([1.2; 3], [1.0; 3]).steps(8).unwrap();
         assert!(small.suitable_degree < LOWEST, "{small:?}");
         assert!(small.to_string().ends_with(&format!("label is too small for a shape model: {LEAVE_OUT}")), "{small}");
+        assert!(small.to_string().contains("which biases volume, area and sphericity"), "{small}");
         let large = ellipsoid([4.0; 3], [1.0; 3]).steps(12).unwrap();
         let text = |found: &[VoxelSteps]| {
             let named: Vec<(String, VoxelSteps)> = found.iter().map(|steps| ("s".to_owned(), *steps)).collect();

@@ -2,8 +2,8 @@
 //!
 //! The crate `tiff` decodes the pages, within a memory limit derived from the file's size. The size of the voxels, in
 //! micrometres, is computed from the description of the first page: from OME-XML's `PhysicalSizeX`, `Y`, `Z`, or from
-//! ImageJ's `spacing` and `unit` and the page's resolution. Sources: OME-TIFF specification 6.0; ImageJ's
-//! `TiffEncoder`.
+//! ImageJ's `spacing` and `unit` and the page's resolution. The channels and times are also in this description, or in
+//! tifffile's. Sources: OME-TIFF specification 6.0; ImageJ's `TiffEncoder`.
 
 use std::io::Cursor;
 
@@ -15,6 +15,7 @@ use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::tags::Tag;
 
+use super::shaped::{self, Images};
 use super::source::Source;
 use super::values::{Collector, Volume};
 use crate::error::ParametrizeError;
@@ -92,7 +93,7 @@ pub(super) fn parse(source: &Source<'_>, bytes: &[u8]) -> Result<Volume, Paramet
     (limits.decoding_buffer_size, limits.intermediate_buffer_size) = (page, page);
     limits.ifd_value_size = bytes.len().max(1 << 12);
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(broken)?.with_limits(limits);
-    let description = description(&mut decoder);
+    let description = description(&mut decoder).map_err(|shape| source.wrong("three dimensions", shape))?;
     let image = source.image(description.channels, description.times)?;
     source.fixed_axes("a TIFF stack")?;
     let several = description.channels.saturating_mul(description.times) > 1;
@@ -179,10 +180,11 @@ fn append(source: &Source<'_>, page: DecodingResult, found: &mut Collector<'_>) 
 }
 
 /// Returns the data in the description of the first page; the data of a file of one image if there is no description.
-fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
+/// The error is a shape of more dimensions, see [`shaped::images`].
+fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Result<Description, String> {
     let text = decoder.get_tag_ascii_string(Tag::ImageDescription).unwrap_or_default();
     if text.contains("<OME") {
-        return of_ome(&text).unwrap_or(Description::ONE);
+        return Ok(of_ome(&text).unwrap_or(Description::ONE));
     }
     if text.starts_with("ImageJ=") {
         let mut pitch = |tag| match decoder.find_tag(tag) {
@@ -192,9 +194,21 @@ fn description(decoder: &mut Decoder<Cursor<&[u8]>>) -> Description {
             _ => None,
         };
         let pitches = [pitch(Tag::XResolution), pitch(Tag::YResolution)];
-        return of_imagej(&text, pitches);
+        return Ok(of_imagej(&text, pitches));
     }
-    Description::ONE
+    // Colours are refused later, whatever the shape.
+    let is_grey = matches!(decoder.colortype(), Ok(ColorType::Gray(_)));
+    let (Ok((width, height)), true) = (decoder.dimensions(), text.starts_with('{') && is_grey) else {
+        return Ok(Description::ONE);
+    };
+    let images = shaped::images(&text, [width as usize, height as usize])?;
+    Ok(images.map_or(Description::ONE, |Images { counts: [slices, channels, times], order }| Description {
+        slices: Some(slices),
+        channels,
+        times,
+        order,
+        ..Description::ONE
+    }))
 }
 
 fn is(name: &[u8], wanted: &[u8]) -> bool {
@@ -278,13 +292,14 @@ fn of_imagej(text: &str, pitches: [Option<f64>; 2]) -> Description {
 }
 
 /// Returns the number of micrometres in a unit; `None` for an unknown unit.
-fn micrometres(unit: &str) -> Option<f64> {
+pub(super) fn micrometres(unit: &str) -> Option<f64> {
     Some(match unit.trim() {
-        "\u{b5}m" | "\u{3bc}m" | "um" | "micron" | "microns" | "micrometer" | "\\u00B5m" | "\\u03BCm" => 1.0,
-        "nm" => 1e-3,
+        "\u{b5}m" | "\u{3bc}m" | "\\u00B5m" | "\\u03BCm" | "um" | "micron" | "microns" => 1.0,
+        "micrometer" | "micrometers" | "micrometre" | "micrometres" => 1.0,
+        "nm" | "nanometer" | "nanometers" => 1e-3,
         "mm" => 1e3,
         "cm" => 1e4,
-        "m" => 1e6,
+        "m" | "meter" | "meters" => 1e6,
         "\u{c5}" => 1e-4,
         _ => return None,
     })

@@ -242,6 +242,15 @@ fn whole(path: &Path, index: usize, value: f64) -> Result<i32, ParametrizeError>
     if value.fract() == 0.0 && value.abs() <= f64::from(i32::MAX) {
         return Ok(value as i32);
     }
+    if value.is_nan() {
+        // Neither a threshold nor probabilities are the remedy.
+        let found = format!("NaN (voxel {index} of the file, counted from 0); if NaN is the background, set it to 0");
+        return Err(ParametrizeError::NotAVolume {
+            path: path.to_owned(),
+            expected: "32-bit integers as labels",
+            found,
+        });
+    }
     Err(ParametrizeError::NotLabels { path: path.to_owned(), value, voxel: index })
 }
 

@@ -14,6 +14,7 @@
 pub(crate) mod limits;
 mod outlier;
 mod snap;
+mod trial;
 mod winding;
 
 use rayon::prelude::*;
@@ -28,7 +29,9 @@ use spharm_surface::repair::{MeshRepair, Wrap, orient_outward};
 pub use self::limits::{USUAL_VOXELS, VOXELS};
 use self::outlier::check_rest;
 use self::snap::snap;
+pub use self::trial::would_wrap;
 use self::winding::WindingNumbers;
+use crate::enclosure::check_one_piece;
 use crate::error::ParametrizeError;
 use crate::flaws::Flaws;
 use crate::geometry::{Vec3, add, scale, sub};
@@ -53,6 +56,8 @@ const BYTES_PER_VOXEL: u64 = 63;
 /// [`NothingToWrap`](ParametrizeError::NothingToWrap) if the mesh encloses no voxel;
 /// [`FarVertex`](ParametrizeError::FarVertex) if a vertex lies so far away that the rest of the mesh has too few
 /// voxels;
+/// [`OpenSheet`](ParametrizeError::OpenSheet) or [`OneSided`](ParametrizeError::OneSided) if the mesh is one open piece
+/// that encloses no body;
 /// [`InvalidMesh`](ParametrizeError::InvalidMesh) if coordinates aren't finite or indices are out of range;
 /// [`Interrupted`](ParametrizeError::Interrupted).
 pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mesh, MeshRepair), ParametrizeError> {
@@ -69,8 +74,11 @@ pub fn wrap(surface: &Mesh, voxels: usize, monitor: &dyn Monitor) -> Result<(Mes
     let count = frame.size.iter().map(|&n| n as u64).product::<u64>();
     check_room(count.saturating_mul(BYTES_PER_VOXEL))
         .map_err(|room| ParametrizeError::NoRoomToWrap { voxels, room })?;
-    let (given, mut found) = orient_outward(&frame.in_voxels(surface));
+    let placed = frame.in_voxels(surface);
+    let (given, mut found) = orient_outward(&placed);
     check_rest(&given, surface, voxels, 0.0)?;
+    check_one_piece(&placed)?;
+    drop(placed);
     let tree = TriangleTree::new(&given);
     let values = signed_distances(&given, &tree, frame.size, monitor)?;
     let body = LabelVolume::of_values(frame.size, &values, VoxelValues::Level(0.0), Affine::IDENTITY);

@@ -8,33 +8,33 @@ use spharm_parametrize::ParametrizeError;
 use spharm_parametrize::volume::{AxisOrder, ImageChoice, LabelVolume, VolumeReading};
 
 /// Values of 3 x 2 x 2 voxels, with x varying fastest.
-const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
+pub(crate) const VALUES: [u8; 12] = [0, 5, 5, 0, 9, 0, 0, 0, 0, 0, 0, 7];
 const SIZE: [f64; 3] = [0.2, 0.3, 0.6];
 
 fn of_size(size: [f64; 3]) -> VolumeReading {
     VolumeReading { voxel_size: Some(size), ..VolumeReading::default() }
 }
 
-struct Folder(tempfile::TempDir);
+pub(crate) struct Folder(pub(crate) tempfile::TempDir);
 
 impl Folder {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
 
-    fn read(&self, name: &str, bytes: &[u8]) -> Result<LabelVolume, ParametrizeError> {
+    pub(crate) fn read(&self, name: &str, bytes: &[u8]) -> Result<LabelVolume, ParametrizeError> {
         let path = self.0.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         LabelVolume::read(&path, &Silent)
     }
 
-    fn refused(&self, name: &str, bytes: &[u8], why: &str) {
+    pub(crate) fn refused(&self, name: &str, bytes: &[u8], why: &str) {
         let error = self.read(name, bytes).unwrap_err().to_string();
         assert!(error.contains(why) && error.contains(name) && !error.contains('\n'), "{error}");
     }
 }
 
-fn check(volume: &LabelVolume, first: [f64; 3], last: [f64; 3]) {
+pub(crate) fn check(volume: &LabelVolume, first: [f64; 3], last: [f64; 3]) {
     assert_eq!(volume.labels().into_iter().collect::<Vec<_>>(), [(5, 2), (7, 1), (9, 1)]);
     let near = |at: [f64; 3], expected: [f64; 3]| {
         let found = volume.affine.apply(at);
@@ -103,7 +103,7 @@ fn nifti_2() {
     }
 }
 
-fn nrrd(fields: &str, values: &[u8]) -> Vec<u8> {
+pub(crate) fn nrrd(fields: &str, values: &[u8]) -> Vec<u8> {
     let head = format!("NRRD0004\n# a comment\ntype: uchar\ndimension: 3\nsizes: 3 2 2\n{fields}\n");
     [head.as_bytes(), values].concat()
 }
@@ -157,7 +157,7 @@ fn tiff(description: &str, pages: usize) -> Vec<u8> {
     tiff_of(description, VALUES.chunks_exact(6).cycle().take(pages))
 }
 
-fn tiff_of<'a>(description: &str, pages: impl Iterator<Item = &'a [u8]>) -> Vec<u8> {
+pub(crate) fn tiff_of<'a>(description: &str, pages: impl Iterator<Item = &'a [u8]>) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut encoder = tiff::encoder::TiffEncoder::new(&mut bytes).unwrap();
     for page in pages {
@@ -200,7 +200,7 @@ fn tiff_stacks() {
     );
     folder.refused("g.tif", &tiff(&ome.replace("PhysicalSizeZ", "Other"), 2), "lacks PhysicalSizeZ doesn't record");
     folder.refused("d.tif", &tiff(ome, 3), "one page per slice");
-    folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "one channel and one time point");
+    folder.refused("e.tif", &tiff(&ome.replace("SizeC=\"1\"", "SizeC=\"2\""), 2), "choose one channel (chosen");
     let whole = tiff(imagej, 2);
     for length in (0..whole.len()).step_by(3) {
         let _ = folder.read("t.tif", &whole[..length]);

@@ -4,6 +4,7 @@ mod anisotropic;
 mod cancelling;
 mod grey;
 mod handles;
+mod label_descriptions;
 mod label_files;
 mod label_formats;
 mod methods;

@@ -1,6 +1,7 @@
 //! Tests closed surfaces around meshes of any kind.
 
 use spharm_monitor::Silent;
+use spharm_parametrize::wrap::would_wrap;
 use spharm_parametrize::{CaldParams, ParametrizeError, cald, defects, wrap};
 use spharm_surface::Mesh;
 use spharm_surface::generate::{SplitMix64, Torus, icosphere, torus};
@@ -103,6 +104,39 @@ fn panels_keep_their_sides() {
         assert!((volume(&closed) - expected).abs() < 0.01, "{} for {expected}", volume(&closed));
         assert!(report.wrap.unwrap().hidden_area < 1e-3, "{report}");
         all.faces.iter_mut().for_each(|face| face.swap(1, 2));
+    }
+}
+
+/// A Möbius strip, also if its vertices are few.
+#[test]
+fn a_strip_with_one_side_is_refused() {
+    for n in [60_u32, 24] {
+        let place = |k: u32| {
+            let along = f64::from(k / 2) * std::f64::consts::TAU / f64::from(n);
+            let across = if k.is_multiple_of(2) { -0.3 } else { 0.3 };
+            let out = 1.0 + across * (0.5 * along).cos();
+            [out * along.cos(), out * along.sin(), across * (0.5 * along).sin()]
+        };
+        let pair = |i: u32| {
+            let [c, d] = if i + 1 < n { [2 * i + 2, 2 * i + 3] } else { [1, 0] };
+            [[2 * i, c, 2 * i + 1], [2 * i + 1, c, d]]
+        };
+        let strip = Mesh::new((0..2 * n).map(place).collect(), (0..n).flat_map(pair).collect());
+        let error = wrap(&strip, 64, &Silent).unwrap_err();
+        assert!(matches!(error, ParametrizeError::OneSided { closed: false }), "{error}");
+    }
+}
+
+/// Whether a wrap is advised: it unites bodies that overlap, but keeps only one of bodies that lie apart, and spans
+/// the opening of half a ball.
+#[test]
+fn a_wrap_is_advised_only_if_it_would_succeed() {
+    let half = |face: &&[u32; 3], ball: &Mesh| face.iter().all(|&v| ball.vertices[v as usize][2] > 0.0);
+    let whole = ball([0.0; 3], 1.0);
+    let bowl = Mesh::new(whole.vertices.clone(), whole.faces.iter().filter(|f| half(f, &whole)).copied().collect());
+    let two = |distance: f64| joined(&[whole.clone(), ball([distance, 0.0, 0.0], 1.0)]);
+    for (mesh, expected) in [(&whole, true), (&two(1.0), true), (&two(3.0), false), (&bowl, false)] {
+        assert_eq!(would_wrap(mesh, &Silent).unwrap(), expected);
     }
 }
 
@@ -239,7 +273,16 @@ fn the_unit_does_not_matter() {
 #[test]
 fn what_has_no_inside_is_refused() {
     let flat = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2], [0, 2, 3]]);
-    let error = wrap(&flat, 32, &Silent).unwrap_err();
+    let at = |k: u32| [k / 31, k % 31].map(|x| 0.1 * f64::from(x));
+    let wave = (0..31 * 31).map(at).map(|[x, y]| [x, y, 0.4 * (2.0 * x).sin() * (2.0 * y).cos()]).collect();
+    let squares = (0..30 * 30).map(|k| k / 30 * 31 + k % 30);
+    let wavy = Mesh::new(wave, squares.flat_map(|a| [[a, a + 31, a + 32], [a, a + 32, a + 1]]).collect());
+    for sheet in [&flat, &wavy] {
+        let error = wrap(sheet, 32, &Silent).unwrap_err();
+        assert!(matches!(error, ParametrizeError::OpenSheet { filled } if filled > 0.4), "{error}");
+    }
+    let apart = joined(&[flat.clone(), flat.with_vertices(flat.vertices.iter().map(|v| add(*v, [3.0; 3])).collect())]);
+    let error = wrap(&apart, 32, &Silent).unwrap_err();
     assert!(matches!(error, ParametrizeError::NothingToWrap { voxels: 32 }), "{error}");
     let point = Mesh::new(vec![[1.0; 3]; 3], vec![[0, 1, 2]]);
     assert!(matches!(wrap(&point, 32, &Silent), Err(ParametrizeError::NothingToWrap { .. })));

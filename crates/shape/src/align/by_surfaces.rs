@@ -3,7 +3,7 @@
 
 use spharm_harmonics::Coefficients;
 use spharm_monitor::{Monitor, OnlyCancel};
-use spharm_surface::pose::{DOUBTFUL, PoseParams, pose};
+use spharm_surface::pose::{PoseParams, pose};
 
 use super::params::{AlignParams, AlignWarning};
 use crate::error::ShapeError;
@@ -61,9 +61,7 @@ pub(super) fn by_surfaces(
     let mut warnings = Vec::new();
     // Distances below this are within the sampling error of the evaluated surfaces.
     let least = 1e-3 * b.size();
-    if found.second < DOUBTFUL * found.distance.max(least) {
-        warnings.push(AlignWarning::PoseInDoubt { distance: found.distance, second: found.second });
-    }
+    warnings.extend(found.doubt(least).map(|(distance, second)| AlignWarning::PoseInDoubt { distance, second }));
     if apart > FAR_FROM_A_MEMBER * found.distance.max(least) {
         warnings.push(AlignWarning::PlacesDiffer { rmsd: apart, distance: found.distance });
     }

@@ -291,7 +291,7 @@ impl<'a> Regions<'a> {
         root
     }
 
-    /// Continues the integrals of a region down to a height.
+    /// Extends a region's integrals from the height reached so far down to `height`.
     fn grow(&mut self, root: u32, height: f64) {
         let at = root as usize;
         let from = self.height[at];

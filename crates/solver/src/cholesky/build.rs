@@ -266,4 +266,8 @@ impl CholeskyFactor for MemoryFactor {
     fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
         inverse::diagonal(&self.tiles, self.threads, monitor)
     }
+
+    fn penalised_diagonals(&self, penalty: &[f64], monitor: &dyn Monitor) -> Result<(Vec<f64>, Vec<f64>), SolverError> {
+        inverse::penalised_diagonals(&self.tiles, penalty, self.threads, monitor)
+    }
 }

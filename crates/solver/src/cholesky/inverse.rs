@@ -1,9 +1,16 @@
-//! Computes the diagonal of G^-1, for standard errors: (G^-1)_kk = ||C^-1 e_k||^2.
+//! Computes diagonals for standard errors. The diagonal of G^-1 is (G^-1)_kk = ||C^-1 e_k||^2.
 //!
 //! The forward solve is applied to unit vectors, a few tile columns at a time; the leading zeros of a vector are
 //! skipped. This takes K^3 / 3 flops, as many as the factorisation, and 8 K bytes of workspace per vector.
+//!
+//! The diagonal of G^-1 P G^-1, for a diagonal P, is the sum of P_j (G^-1)_jk^2 over j. It needs entire columns of
+//! G^-1, but only their rows from the diagonal on, because G^-1 is symmetric. This takes 2 K^3 / 3 flops, and 16 K
+//! bytes of workspace per vector.
+
+use std::ops::Range;
 
 use spharm_monitor::{Monitor, Stage};
+use spharm_store::TileGrid;
 
 use crate::SolverError;
 use crate::cholesky::tiles::Tiles;
@@ -19,19 +26,8 @@ pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize, monitor: &dyn Monitor)
     let step = (TOGETHER / grid.tile()).max(1);
     let mut diagonal = Vec::with_capacity(grid.size());
     for first in (0..grid.columns()).step_by(step) {
-        let start = grid.range(first).start;
-        let channels = grid.range((first + step - 1).min(grid.columns() - 1)).end - start;
-        let unit = |at: usize| {
-            let rows = grid.range(at);
-            let mut block = if at < first { Vec::new() } else { vec![0.0; rows.len() * channels] };
-            for (row, column) in
-                rows.clone().filter(|row| (start..start + channels).contains(row)).map(|r| (r, r - start))
-            {
-                block[column * rows.len() + row - rows.start] = 1.0;
-            }
-            block
-        };
-        let blocks = (0..grid.columns()).map(unit).collect();
+        let (blocks, columns) = units(grid, first, step);
+        let channels = columns.len();
         let solved = run(tiles, blocks, channels, threads, first, Direction::Forward, monitor)?;
         let mut sums = vec![0.0; channels];
         for (at, block) in solved.iter().enumerate().skip(first) {
@@ -44,4 +40,53 @@ pub(crate) fn diagonal(tiles: &dyn Tiles, threads: usize, monitor: &dyn Monitor)
     }
     monitor.end();
     Ok(diagonal)
+}
+
+/// Computes the diagonals (K) of `(C C^T)^-1` and of `(C C^T)^-1 P (C C^T)^-1`, with `penalty` (K) the diagonal of P.
+pub(crate) fn penalised_diagonals(
+    tiles: &dyn Tiles,
+    penalty: &[f64],
+    threads: usize,
+    monitor: &dyn Monitor,
+) -> Result<(Vec<f64>, Vec<f64>), SolverError> {
+    let grid = tiles.grid();
+    monitor.begin(Stage::counted("standard errors", "columns"), grid.size() as u64);
+    // Half as many vectors need the same workspace as in `diagonal`.
+    let step = (TOGETHER / 2 / grid.tile()).max(1);
+    let (mut inverse, mut penalised) = (vec![0.0; grid.size()], vec![0.0; grid.size()]);
+    for first in (0..grid.columns()).step_by(step) {
+        let (blocks, columns) = units(grid, first, step);
+        let solved = run(tiles, blocks, columns.len(), threads, first, Direction::Both, monitor)?;
+        for (at, block) in solved.iter().enumerate().skip(first) {
+            let rows = grid.range(at);
+            for (column, values) in columns.clone().zip(block.chunks_exact(rows.len())) {
+                // Entries above the diagonal are those below it: each pair is added once.
+                for (row, value) in rows.clone().zip(values).filter(|(row, _)| *row >= column) {
+                    penalised[column] += penalty[row] * value * value;
+                    if row == column {
+                        inverse[column] = *value;
+                    } else {
+                        penalised[row] += penalty[column] * value * value;
+                    }
+                }
+            }
+        }
+        monitor.step(columns.len() as u64);
+    }
+    monitor.end();
+    Ok((inverse, penalised))
+}
+
+/// Returns the unit vectors of `step` tile columns from `first` on, as blocks for [`run`], and their columns.
+fn units(grid: TileGrid, first: usize, step: usize) -> (Vec<Vec<f64>>, Range<usize>) {
+    let columns = grid.range(first).start..grid.range((first + step - 1).min(grid.columns() - 1)).end;
+    let unit = |at: usize| {
+        let rows = grid.range(at);
+        let mut block = if at < first { Vec::new() } else { vec![0.0; rows.len() * columns.len()] };
+        for row in rows.clone().filter(|row| columns.contains(row)) {
+            block[(row - columns.start) * rows.len() + row - rows.start] = 1.0;
+        }
+        block
+    };
+    ((0..grid.columns()).map(unit).collect(), columns.clone())
 }

@@ -120,4 +120,8 @@ impl CholeskyFactor for StoredFactor {
     fn inverse_diagonal(&self, monitor: &dyn Monitor) -> Result<Vec<f64>, SolverError> {
         inverse::diagonal(self, self.threads, monitor)
     }
+
+    fn penalised_diagonals(&self, penalty: &[f64], monitor: &dyn Monitor) -> Result<(Vec<f64>, Vec<f64>), SolverError> {
+        inverse::penalised_diagonals(self, penalty, self.threads, monitor)
+    }
 }

@@ -65,7 +65,8 @@ pub(crate) enum Direction {
 }
 
 /// Solves for right-hand sides given as one block (rows, c) per tile row, column-major. Blocks before `first` must be
-/// zero: the forward solve skips them. If there is no backward solve, these blocks are returned unchanged.
+/// zero: the forward solve skips them. If there is no backward solve, these blocks are returned unchanged. The backward
+/// solve doesn't compute these blocks of the solution, and they are returned empty.
 pub(crate) fn run(
     tiles: &dyn Tiles,
     blocks: Vec<Vec<f64>>,
@@ -93,6 +94,7 @@ pub(crate) fn run(
     for (row, block) in blocks.into_iter().enumerate() {
         if row < first {
             let _ = job.forward[row].set(block);
+            let _ = job.backward[row].set(Vec::new());
         } else {
             owned[row % threads][row] = Some(block);
         }
@@ -227,7 +229,7 @@ impl Job<'_> {
 
     fn go_backward(&self, thread: usize, cursor: &mut Cursor, wide: &mut Vec<f64>) -> Result<(), Stop> {
         let count = self.forward.len();
-        for column in (0..count).rev().filter(|column| column % self.threads == thread) {
+        for column in (self.first..count).rev().filter(|column| column % self.threads == thread) {
             let mut block = self.wait(&self.forward[column])?.to_vec();
             for row in (column + 1..count).rev() {
                 self.monitor.check()?;

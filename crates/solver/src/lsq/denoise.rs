@@ -22,6 +22,12 @@
 //! restrictions", 1972). There is only one round: a second round, with the penalised fit's own powers in place of P_l,
 //! would gain 0.02 dB.
 //!
+//! The prior variance is estimated, and an estimate of 0 doesn't mean that the coefficients are known to be 0. Standard
+//! errors therefore add Morris's terms for the uncertainty of the estimate: with `B = (k - 2) / k (1 - h_l)`, the
+//! variance `V h_l` of the posterior becomes `V (1 - B) + 2 / (k - 2) B^2 y^2`, where k is the number of coefficients
+//! that share the gain, `V = sigma^2 B_l / (2l + 1)` and y^2 is the mean square of these coefficients, `V / (1 - h_l)`.
+//! The difference is `4 (k - 1) / k^2 (1 - h_l) V`.
+//!
 //! Noise and detail are distinguished only by degree: detail of a surface beyond the fit's degree is treated as noise.
 //!
 //! Cost: fits of 12 columns of noise, once per sampling, and a second fit of each target, which is better conditioned
@@ -176,7 +182,14 @@ impl NoisePower {
         };
         let penalty = gain.iter().zip(&base).enumerate().map(penalty).collect();
         let degrees_of_freedom = gain.iter().enumerate().map(|(l, gain)| gain * order_count(l) as f64).sum();
-        Denoise { sigma: variance.sqrt(), degrees_of_freedom, gain, penalty }
+        let mut gain_variance = vec![0.0];
+        for run in gain[1..].chunk_by(|a, b| a == b) {
+            let degrees = gain_variance.len()..gain_variance.len() + run.len();
+            let k = c * degrees.clone().map(order_count).sum::<usize>() as f64;
+            let share = 4.0 * (k - 1.0) / (k * k) * (1.0 - run[0]);
+            gain_variance.extend(degrees.map(|l| share * variance * base[l] / order_count(l) as f64));
+        }
+        Denoise { sigma: variance.sqrt(), degrees_of_freedom, gain, penalty, gain_variance }
     }
 }
 
@@ -193,6 +206,26 @@ pub struct Denoise {
     /// Penalties p_l (L + 1) of the degrees, for [`LsqParams::penalty`](crate::LsqParams::penalty).
     #[serde(skip)]
     pub penalty: Vec<f64>,
+    /// Variances (L + 1) of each degree's coefficients that are due to the uncertainty of the gains, in the square of
+    /// the target's unit.
+    #[serde(skip)]
+    pub gain_variance: Vec<f64>,
+}
+
+impl Denoise {
+    /// Returns the standard errors (K, c) of the penalised fit with the uncertainty of the gains. `errors` are those
+    /// for penalties that are known exactly.
+    ///
+    /// # Panics
+    ///
+    /// If there are fewer coefficients than the highest degree requires.
+    #[must_use]
+    pub fn with_uncertain_gains(&self, mut errors: Array2<f64>) -> Array2<f64> {
+        for (l, variance) in self.gain_variance.iter().enumerate() {
+            errors.slice_mut(s![degree_range(l), ..]).mapv_inplace(|error| (error * error + variance).sqrt());
+        }
+        errors
+    }
 }
 
 /// Checks that a fit of `columns` coefficients to `rows` samples leaves a residual.

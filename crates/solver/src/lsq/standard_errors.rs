@@ -6,11 +6,18 @@ use spharm_monitor::Monitor;
 
 use super::solver::{LsqSolver, Source};
 use crate::SolverError;
+use crate::gram::smoothness_penalty;
 
 impl LsqSolver<'_> {
-    /// Computes the standard errors (K, c) of the coefficients: `sigma sqrt(diag N^-1)`. `sigma^2` is the weighted sum
-    /// of squares of the residual (n, c), divided by the number of rows with nonzero weight minus the trace of the hat
-    /// matrix `A N^-1 A^T W`, which is K without a penalty. `diag N^-1` needs the entire factor, and `K^3 / 3` flops.
+    /// Computes the standard errors (K, c) of the coefficients: `sigma sqrt(diag N^-1)` without a smoothness. With a
+    /// smoothness penalty P they are the standard deviations over repeated measurements,
+    /// `sigma sqrt(diag(N^-1 - N^-1 P N^-1))`, which don't include the penalty's bias. Penalties by degree
+    /// ([`LsqParams::penalty`](crate::LsqParams::penalty)) are taken as inverse variances of a prior, relative to
+    /// sigma^2, whose bias is included: without a smoothness, the standard errors are those of the posterior.
+    ///
+    /// `sigma^2` is the weighted sum of squares of the residual (n, c), divided by the number of rows with nonzero
+    /// weight minus the trace of the hat matrix `A N^-1 A^T W`, which is K without a penalty. The diagonals need the
+    /// entire factor, and `K^3 / 3` flops, or `2 K^3 / 3` with a smoothness.
     ///
     /// # Errors
     ///
@@ -44,7 +51,16 @@ impl LsqSolver<'_> {
         if self.stored.is_none() && self.made.as_ref().is_some_and(|made| made.shift > 0.0) {
             return Err(self.undetermined(rows, columns));
         }
-        let diagonal = self.factor()?.inverse_diagonal(monitor)?;
+        let factor = self.factor()?;
+        let (diagonal, variances) = if self.params.smoothness > 0.0 {
+            let smoothness = smoothness_penalty(self.source.max_degree(), self.params.smoothness);
+            let (diagonal, penalised) = factor.penalised_diagonals(&smoothness, monitor)?;
+            let variances = diagonal.iter().zip(penalised).map(|(all, bias)| all - bias).collect::<Vec<f64>>();
+            (diagonal, variances)
+        } else {
+            let diagonal = factor.inverse_diagonal(monitor)?;
+            (diagonal.clone(), diagonal)
+        };
         // The trace of the hat matrix is tr H = K - tr(P N^-1), and P is diagonal.
         let penalised = self.penalty.iter().flatten().zip(&diagonal).map(|(p, d)| p * d).sum::<f64>();
         let degrees_of_freedom = rows as f64 - (columns as f64 - penalised);
@@ -52,7 +68,7 @@ impl LsqSolver<'_> {
             return Err(self.undetermined(rows, columns));
         }
         let sigma: Vec<f64> = squares.iter().map(|square| (square / degrees_of_freedom).sqrt()).collect();
-        Ok(Array2::from_shape_fn((columns, squares.len()), |(k, c)| sigma[c] * diagonal[k].max(0.0).sqrt()))
+        Ok(Array2::from_shape_fn((columns, squares.len()), |(k, c)| sigma[c] * variances[k].max(0.0).sqrt()))
     }
 
     /// Returns the error for coefficients that aren't determined, with the advice for the penalty.

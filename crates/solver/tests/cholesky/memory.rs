@@ -96,6 +96,28 @@ fn the_inverse_s_diagonal_is_that_of_unit_solves() {
 }
 
 #[test]
+fn penalised_diagonals_are_those_of_unit_solves() {
+    let source = gram(&scattered(700), 17);
+    let penalty = smoothness_penalty(17, 0.01);
+    let scale = Array2::from_shape_fn((source.size(), 1), |(row, _)| penalty[row]);
+    // The 324 vectors need two passes of at most 256.
+    for (tile, threads) in [(8, 1), (16, 3), (128, 2), (256, 2)] {
+        let factor = in_memory(&source, &FactorParams { tile, threads, ..FactorParams::default() });
+        let mut unit = Array2::eye(source.size());
+        factor.solve(&mut unit).unwrap();
+        let expected = unit.t().dot(&(&unit * &scale));
+        let (inverse, penalised) = factor.penalised_diagonals(&penalty, &Silent).unwrap();
+        for (found, expected) in [(inverse, unit.diag()), (penalised, expected.diag())] {
+            assert_eq!(found.len(), source.size());
+            let most = expected.iter().copied().fold(0.0, f64::max);
+            for (value, expected) in found.iter().zip(expected) {
+                assert!((value - expected).abs() < 1e-12 * most, "{tile}: {value} {expected}");
+            }
+        }
+    }
+}
+
+#[test]
 fn the_inverse_s_diagonal_stops_between_tiles() {
     /// A monitor that cancels at the third check.
     struct Third(AtomicU64);

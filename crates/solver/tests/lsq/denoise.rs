@@ -153,9 +153,26 @@ fn without_noise_nothing_is_penalised() {
     power.add(Array2::ones((basis_size(DEGREE), 1)).view(), 200.0);
     let found = power.denoise(plain.coefficients.values().view(), 0.0);
     assert_eq!((found.sigma, found.degrees_of_freedom), (0.0, basis_size(DEGREE) as f64));
-    assert!(found.penalty.iter().all(|p| *p == 0.0));
+    assert!(found.penalty.iter().all(|p| *p == 0.0) && found.gain_variance.iter().all(|variance| *variance == 0.0));
     let nothing = power.denoise(Array2::zeros((basis_size(DEGREE), 1)).view(), 0.0);
     assert!(nothing.gain.iter().chain(&nothing.penalty).all(|value| value.is_finite()));
+}
+
+/// A gain of 0 that 3 channels of 96 coefficients share: the variance is that of Morris's formula.
+#[test]
+fn uncertain_gains_widen_the_standard_errors() {
+    let mut power = NoisePower::new(9);
+    power.add(Array2::ones((100, 1)).view(), 500.0);
+    // Noise of variance 0.25, and no signal above degree 1.
+    let coefficients = Array2::from_shape_fn((100, 3), |(k, _)| if k < 4 { 10.0 } else { 0.4 });
+    let found = power.denoise(coefficients.view(), 0.25 * 3.0 * 500.0);
+    assert_eq!((found.sigma, found.gain[9]), (0.5, 0.0));
+    let errors = found.with_uncertain_gains(Array2::from_elem((100, 3), 0.1));
+    let k = 3.0 * 96.0;
+    let (b, square) = ((k - 2.0) / k, 0.25);
+    let morris = 0.25 * (1.0 - b) + 2.0 / (k - 2.0) * b * b * square;
+    assert!((errors[[0, 0]] - 0.1).abs() < 1e-15, "degree 0 isn't damped");
+    assert!((errors[[99, 2]].powi(2) - 0.01 - morris).abs() < 1e-12, "{} {morris}", errors[[99, 2]]);
 }
 
 #[test]

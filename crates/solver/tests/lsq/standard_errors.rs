@@ -10,8 +10,8 @@ use crate::problems::{
     Random, Sampling, cap, clustered, diagonal, even, inverse, irregular, matrix, params, transforms, uneven_weights,
 };
 
-/// The squares of standard errors are the diagonal of sigma^2 (A^T W A + P)^-1, and agree with the scatter of
-/// coefficients.
+/// The squares of standard errors are the diagonal of sigma^2 N^-1 A^T W A N^-1 with N = A^T W A + P, with a smoothness
+/// as well. For penalties by degree, they are the diagonal of sigma^2 N^-1, the variances of the posterior.
 #[test]
 fn standard_errors_are_those_of_the_dense_inverse() {
     for (sampling, max_degree, smoothness) in
@@ -25,24 +25,34 @@ fn standard_errors_are_those_of_the_dense_inverse() {
         let a = matrix(&sampling.directions, max_degree);
         let weighted = &a * &Array2::from_shape_fn((n, 1), |(i, _)| weights[i]);
         let penalty = diagonal(smoothness_penalty(max_degree, smoothness));
-        let inverse = inverse(&(a.t().dot(&weighted) + &penalty));
+        let gram_matrix = a.t().dot(&weighted);
+        let inverse = inverse(&(&gram_matrix + &penalty));
+        let sampling_variance = inverse.dot(&gram_matrix).dot(&inverse);
+        let by_degree = (0..=max_degree).map(|l| smoothness * ((l * (l + 1)) as f64).powi(2)).collect::<Vec<f64>>();
         let operator = transforms(&sampling.directions, max_degree);
         let gram = || {
             let gram = moment_gram(&sampling.directions, Some(&weights), max_degree)?;
             Ok(Box::new(gram) as Box<dyn GramMatrix>)
         };
-        for strategy in [Strategy::Auto, Strategy::Cg, Strategy::Cholesky] {
-            let params = LsqParams { weights: Some(weights.clone()), smoothness, ..params(strategy) };
+        for (strategy, prior) in
+            [(Strategy::Auto, false), (Strategy::Cg, false), (Strategy::Cholesky, false), (Strategy::Auto, true)]
+        {
+            let with_penalty = match prior {
+                true => LsqParams { penalty: Some(by_degree.clone()), ..params(strategy) },
+                false => LsqParams { smoothness, ..params(strategy) },
+            };
+            let variances = if prior { &inverse } else { &sampling_variance };
+            let params = LsqParams { weights: Some(weights.clone()), ..with_penalty };
             let mut solver = LsqSolver::new(&operator, Some(&gram), params).unwrap();
             let fit = solver.fit(&targets, std::slice::from_ref(&(0..2)), &Silent).unwrap();
             let errors = solver.standard_errors(&fit.residual, &Silent).unwrap();
             assert_eq!(errors.dim(), (k, 2));
             // Degrees of freedom of the residual: number of rows with nonzero weight minus the trace of the hat matrix.
-            let free = (n - 1) as f64 - inverse.dot(&a.t().dot(&weighted)).diag().sum();
+            let free = (n - 1) as f64 - inverse.dot(&gram_matrix).diag().sum();
             for c in 0..2 {
                 let square: f64 = fit.residual.column(c).iter().zip(&weights).map(|(r, w)| w * r * r).sum();
                 for j in 0..k {
-                    let expected = (square / free * inverse[[j, j]]).sqrt();
+                    let expected = (square / free * variances[[j, j]]).sqrt();
                     let off = (errors[[j, c]] / expected - 1.0).abs();
                     assert!(off < 1e-8, "{} {strategy:?}, {j}: {} not {expected}", sampling.name, errors[[j, c]]);
                 }

@@ -58,9 +58,13 @@ struct Member {
     version: u32,
     name: String,
     input: Option<FileRecord>,
-    /// Whether the surface was mirrored before it was aligned. `to_group` includes the reflection.
+    /// Whether `to_group` is a mirror image.
     #[serde(default)]
     mirrored: bool,
+    /// Whether the surface was mirrored before it was aligned. `to_group` includes the reflection. In files of earlier
+    /// versions, `mirrored` has this value.
+    #[serde(default)]
+    mirrored_first: Option<bool>,
     /// Order of the axes in which a volume was read.
     #[serde(default)]
     axes: Option<String>,

@@ -18,7 +18,7 @@ use super::signals::beside;
 use super::subjects::Subjects;
 use super::together::mesh_of;
 use crate::model::signed;
-use crate::{Error, Fit, FitParams, fit_many};
+use crate::{Error, Fit, FitParams, Objective, fit_many};
 
 /// Accuracy of the models' values at directions that a flow has moved, relative to the coefficients.
 const ACCURACY: f64 = 1e-9;
@@ -180,7 +180,13 @@ pub(super) fn record_motion(model: &mut Model, similarity: &Similarity) {
     model.provenance.other.insert("to_group".to_owned(), json!(similarity));
 }
 
-/// Returns the settings of the fits over the group's sphere.
+/// Returns the settings of the fits over the group's sphere. Corresponding points lie on the surfaces, but the
+/// triangles between them cut corners: a fit of the triangles would lose 1 % of the volume with 642 points.
 fn of_fits(params: &CorrespondParams) -> FitParams {
-    FitParams { memory: params.memory, surface_distance: false, ..FitParams::lsq(params.max_degree) }
+    FitParams {
+        memory: params.memory,
+        objective: Objective::Vertices,
+        surface_distance: false,
+        ..FitParams::lsq(params.max_degree)
+    }
 }

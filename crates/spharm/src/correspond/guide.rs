@@ -6,7 +6,7 @@ use spharm_monitor::Monitor;
 use spharm_register::{Guide, RegisterParams, Registered, Subject, Template, register};
 use spharm_surface::geometry::{Vec3, cross, dot, sub};
 use spharm_surface::io::landmarks::FarGuide;
-use spharm_surface::pose::{PoseParams, PoseSurface, differ, improved};
+use spharm_surface::pose::{PoseParams, PoseSurface, at_one_size, differ, distance as distance_of, improved};
 use spharm_surface::{Mesh, Place, Similarity};
 
 use super::together::motion;
@@ -104,7 +104,16 @@ impl GuideLandmarks {
             motion(own, theirs, None, params.scale, params.mirror)
         };
         let (similarity, distance) = improved(moving, fixed, &by_landmarks, params);
-        if differ(&similarity, found) { Verdict::Other(similarity, distance) } else { Verdict::Confirmed }
+        if !differ(&similarity, found) {
+            return Verdict::Confirmed;
+        }
+        let scaled = at_one_size(moving, fixed, &similarity, params);
+        let at_own_size = |scaled: Similarity| {
+            let own = scaled.with_scale(1.0, moving.centre);
+            (own, distance_of(moving, fixed, &own, params.trimmed))
+        };
+        let (similarity, distance) = scaled.map_or((similarity, distance), at_own_size);
+        Verdict::Other(Box::new(PoseByLandmarks { similarity, at_one_size: scaled, distance }))
     }
 }
 
@@ -114,8 +123,17 @@ pub(super) enum Verdict {
     Undetermined,
     /// The landmarks give the same rotation.
     Confirmed,
-    /// The landmarks give another rotation: the pose, and the distance between the surfaces.
-    Other(Similarity, f64),
+    /// The landmarks give another rotation.
+    Other(Box<PoseByLandmarks>),
+}
+
+/// A pose that landmarks give.
+pub(super) struct PoseByLandmarks {
+    pub(super) similarity: Similarity,
+    /// The pose at one size, as in [`GroupPoses`](spharm_surface::pose::GroupPoses).
+    pub(super) at_one_size: Option<Similarity>,
+    /// Distance between the surfaces in this pose.
+    pub(super) distance: f64,
 }
 
 /// Returns the positions of points relative to their mean.

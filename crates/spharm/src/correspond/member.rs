@@ -7,12 +7,13 @@ use spharm_register::{Registered, Subject, Template, register};
 use spharm_shape::groupwise::{FinishedGroup, GroupwiseParams};
 use spharm_surface::geometry::Vec3;
 use spharm_surface::pose::{
-    CLOSE, GroupPoseWarning, NEARER_MIRRORED, OF_ANOTHER_KIND, PoseParams, PoseSearch, PoseSurface, pose,
+    CLOSE, GroupPoseWarning, NEARER_MIRRORED, OF_ANOTHER_KIND, Pose, PoseParams, PoseSearch, PoseSurface, pose,
 };
-use spharm_surface::{Kind, Mesh, Similarity};
+use spharm_surface::{Kind, Mesh, Similarity, Sphere};
 
 use super::GroupTemplate;
 use super::fits::{Fitted, record_motion};
+use super::frames::to_final;
 use super::params::CorrespondParams;
 use super::report::{CorrespondWarning, MemberReport};
 use super::rounds::of_cover;
@@ -40,13 +41,17 @@ pub struct NewMember {
 /// Number of members whose distances from the mean are compared with a new member's.
 const USUAL: usize = 8;
 
+/// Subdivisions of the icosphere at which models are compared with surfaces. Triangles between the group's directions
+/// would cut corners, and the models would be smaller than their surfaces.
+const FINE: u32 = 5;
+
 /// Data of a group, prepared once for all new members.
 pub struct Joining {
     group: GroupTemplate,
     template: Template,
     pose: PoseSurface,
-    /// Median distance of the group's members from the mean; `None` if no members were given.
-    usual: Option<f64>,
+    /// Median distances of the group's members from the mean; `None` if no members were given.
+    usual: Option<FromMean>,
     params: CorrespondParams,
     /// Statistics of a refined group, used to refine the points of new members.
     finished: Option<FinishedGroup>,
@@ -60,20 +65,21 @@ impl Joining {
     ///
     /// # Errors
     ///
-    /// [`Error::Register`] if the template can't be prepared; [`Error::NoArea`] if the mean has no area;
-    /// [`Error::Shape`] if the group's statistics can't be computed; [`Error::is_interrupted`] if the monitor stopped
-    /// the call.
+    /// [`Error::Setting`] if given poses are to be scaled or mirrored; [`Error::Register`] if the template can't be
+    /// prepared; [`Error::NoArea`] if the mean has no area; [`Error::Shape`] if the group's statistics can't be
+    /// computed; [`Error::is_interrupted`] if the monitor stopped the call.
     pub fn new(
         group: GroupTemplate,
         members: &[Coefficients],
         params: &CorrespondParams,
         monitor: &dyn Monitor,
     ) -> Result<Self, Error> {
+        params.check_poses()?;
         let mean = Model::without_sphere(group.mean.clone(), Kind::Surface);
         let degree = group.mean.max_degree();
         let shape = mean.reconstruct(&group.sphere, degree)?;
         let template = Template::new(&shape, Some(&group.masked), &params.register, &OnlyCancel(monitor))?;
-        let surface = PoseSurface::new(&shape).ok_or(Error::NoArea)?;
+        let surface = surface_of(&group.mean)?;
         let params = CorrespondParams {
             pose: params.pose,
             keep_poses: params.keep_poses,
@@ -88,7 +94,7 @@ impl Joining {
         } else {
             None
         };
-        let usual = usual(members, &group, &surface, monitor)?;
+        let usual = FromMean::usual(members, &surface, monitor)?;
         Ok(Self { group, template, pose: surface, usual, params, finished })
     }
 
@@ -116,14 +122,15 @@ impl Joining {
         let quiet = OnlyCancel(monitor);
         let moving = PoseSurface::new(surface).ok_or(Error::NoArea)?;
         let posed = pose(&moving, &self.pose, &self.params.pose, &quiet)?;
-        let subject = Subject::new(&posed.similarity.apply_mesh(surface))?;
+        let posed_at = posed.at_one_size.map_or(posed.similarity, |scaled| scaled.similarity);
+        let subject = Subject::new(&posed_at.apply_mesh(surface))?;
         let Registered { vertices, reached, cover, mut turned } =
             register(&self.template, &subject, &[], &self.params.register, &quiet)?;
         let faces = &self.group.sphere.faces;
         let mut places = vec![vertices];
         let of_mean = &self.template.mesh().vertices;
         let areas = weights(std::slice::from_ref(of_mean), faces, &self.group.masked);
-        let mut similarity = posed.similarity.then(&to_mean(of_mean, &mut places[0], &areas));
+        let mut similarity = posed_at.then(&to_mean(of_mean, &mut places[0], &areas));
         let mut fitted = Fitted::new(&self.group.sphere, places, &self.params, &quiet)?;
         let mut reached = [reached];
         if let Some(finished) = &self.finished {
@@ -132,18 +139,26 @@ impl Joining {
             let on = (&self.group.sphere, &self.template, &mut reached[..]);
             turned = fitted.follow(&[flow], &subjects, &[similarity], on, &self.params, &quiet)?[0];
         }
+        let on = (&faces[..], &self.group.masked[..]);
+        let mut motion = to_final(&[similarity], &mut fitted.places, on, &self.params)[0];
+        let unit = motion.scale;
         if self.params.keep_poses {
-            let motions = self.params.back_to_given(&[similarity], &mut fitted.places);
-            fitted.moved(&motions)?;
             similarity = Similarity::default();
-        } else if self.finished.is_some() {
-            let motion = to_mean(of_mean, &mut fitted.places[0], &areas);
+        } else {
+            if self.finished.is_some() || unit != 1.0 {
+                motion = motion.then(&to_mean(of_mean, &mut fitted.places[0], &areas));
+            }
             similarity = similarity.then(&motion);
+            if !self.params.pose.scale {
+                similarity.scale = 1.0;
+            }
+        }
+        if motion != Similarity::default() {
             fitted.moved(&[motion])?;
         }
         let [reached] = reached;
         let without = reached.iter().zip(&self.group.masked).filter(|(reached, masked)| !**reached && !**masked);
-        let report = MemberReport {
+        let mut report = MemberReport {
             turned,
             without_counterpart: without.count(),
             model_rms: fitted.rms[0],
@@ -151,8 +166,9 @@ impl Joining {
             volume: moving.volume.abs(),
             ..MemberReport::new(posed.distance, &cover)
         };
-        let own = distance_from(&fitted.coefficients[0], &self.group, &self.pose, &quiet)?;
-        let mut warnings = self.doubts(surface, posed.distance, own, &quiet)?;
+        report.in_unit_of(unit);
+        let own = FromMean::of(&fitted.coefficients[0], &self.pose, &quiet)?;
+        let mut warnings = self.doubts(surface, &posed, own, &quiet)?;
         warnings.extend(of_cover(&[report], &self.group.masked));
         let mut models = fitted.models(&self.group.sphere, &[similarity]);
         let (Some(model), Some(places)) = (models.pop(), fitted.places.into_iter().next()) else {
@@ -163,61 +179,83 @@ impl Joining {
 
     /// Returns a warning if the model of a surface is much farther from the mean, at the distance `of_model`, than the
     /// models of the group's members, or if another pose or the mirror image of the surface is nearer than the surface
-    /// in its pose, at the distance `distance`.
+    /// in its pose `posed`. If size explains the difference from the mean, distances are those at one size.
     fn doubts(
         &self,
         surface: &Mesh,
-        distance: f64,
-        of_model: f64,
+        posed: &Pose,
+        of_model: FromMean,
         monitor: &dyn Monitor,
     ) -> Result<Vec<CorrespondWarning>, Error> {
         let warnings = |warning| Ok(vec![CorrespondWarning::Pose(warning)]);
-        if let Some(median) = self.usual.filter(|usual| *usual > 0.0 && of_model > OF_ANOTHER_KIND * usual) {
-            return warnings(GroupPoseWarning::Far { member: 0, distance: of_model, median });
-        }
-        let any = PoseParams { search: PoseSearch::Any, ..self.params.pose };
+        let far = self.usual.and_then(|usual| of_model.far(&usual));
+        let scale = self.params.pose.scale || posed.at_one_size.is_some();
+        let distance = posed.at_one_size.map_or(posed.distance, |scaled| scaled.distance);
+        let any = PoseParams { search: PoseSearch::Any, scale, ..self.params.pose };
         let searched = |surface: &Mesh| -> Result<f64, Error> {
             let surface = PoseSurface::new(surface).ok_or(Error::NoArea)?;
             Ok(pose(&surface, &self.pose, &any, monitor)?.distance)
         };
         let best = if self.params.pose.search == PoseSearch::Near { searched(surface)? } else { distance };
-        if CLOSE * best < distance {
-            return warnings(GroupPoseWarning::Elsewhere { member: 0, distance, best });
-        }
         if !self.params.pose.mirror {
             // Of a mirror image, all poses are searched, so they are compared with all poses of the surface.
             let mirrored = searched(&Similarity::reflection().apply_mesh(surface))?;
-            if mirrored < NEARER_MIRRORED * best {
+            // A surface that is far from all others is nearer to some of them as its mirror image by chance.
+            let nearer = if far.is_some() { 1.0 / CLOSE } else { NEARER_MIRRORED };
+            if mirrored < nearer * best {
                 return warnings(GroupPoseWarning::Mirrored { member: 0, distance: best, mirrored });
             }
+        }
+        if let Some((distance, median)) = far {
+            return warnings(GroupPoseWarning::Far { member: 0, distance, median });
+        }
+        if CLOSE * best < distance {
+            return warnings(GroupPoseWarning::Elsewhere { member: 0, distance, best });
         }
         Ok(Vec::new())
     }
 }
 
-/// Returns the median distance of the models of at most [`USUAL`] members, evenly spaced in the list, from the mean.
-fn usual(
-    members: &[Coefficients],
-    group: &GroupTemplate,
-    mean: &PoseSurface,
-    monitor: &dyn Monitor,
-) -> Result<Option<f64>, Error> {
-    let some = members.iter().step_by(members.len().div_ceil(USUAL).max(1));
-    let distances = some.map(|member| distance_from(member, group, mean, monitor));
-    let mut distances = distances.collect::<Result<Vec<f64>, Error>>()?;
-    distances.sort_unstable_by(f64::total_cmp);
-    Ok(distances.get(distances.len() / 2).copied())
+/// Distances of a model in the group's frame from the mean: at its own size, and at the mean's size. In a group of
+/// different sizes, only the second tells a body of another shape.
+#[derive(Clone, Copy)]
+struct FromMean {
+    own: f64,
+    at_one_size: f64,
 }
 
-/// Returns the distance of a model in the group's frame from the mean.
-fn distance_from(
-    model: &Coefficients,
-    group: &GroupTemplate,
-    mean: &PoseSurface,
-    monitor: &dyn Monitor,
-) -> Result<f64, Error> {
-    let shape = Model::without_sphere(model.clone(), Kind::Surface).reconstruct(&group.sphere, model.max_degree())?;
-    let shape = PoseSurface::new(&shape).ok_or(Error::NoArea)?;
-    let near = PoseParams { search: PoseSearch::Near, ..PoseParams::default() };
-    Ok(pose(&shape, mean, &near, &OnlyCancel(monitor))?.distance)
+impl FromMean {
+    fn of(model: &Coefficients, mean: &PoseSurface, monitor: &dyn Monitor) -> Result<Self, Error> {
+        let shape = surface_of(model)?;
+        let distance = |scale: bool| -> Result<f64, Error> {
+            let near = PoseParams { search: PoseSearch::Near, scale, ..PoseParams::default() };
+            Ok(pose(&shape, mean, &near, &OnlyCancel(monitor))?.distance)
+        };
+        Ok(Self { own: distance(false)?, at_one_size: distance(true)? })
+    }
+
+    /// Returns the medians over at most [`USUAL`] members, evenly spaced in the list.
+    fn usual(members: &[Coefficients], mean: &PoseSurface, monitor: &dyn Monitor) -> Result<Option<Self>, Error> {
+        let some = members.iter().step_by(members.len().div_ceil(USUAL).max(1));
+        let found = some.map(|member| Self::of(member, mean, monitor)).collect::<Result<Vec<_>, Error>>()?;
+        let median = |of: fn(&Self) -> f64| {
+            let mut distances: Vec<f64> = found.iter().map(of).collect();
+            distances.sort_unstable_by(f64::total_cmp);
+            distances.get(distances.len() / 2).copied()
+        };
+        Ok(median(|own| own.own).zip(median(|own| own.at_one_size)).map(|(own, at_one_size)| Self { own, at_one_size }))
+    }
+
+    /// Returns a distance that is much larger than usual, and the usual one.
+    fn far(&self, usual: &Self) -> Option<(f64, f64)> {
+        let pairs = [(self.own, usual.own), (self.at_one_size, usual.at_one_size)];
+        pairs.into_iter().find(|(distance, usual)| *usual > 0.0 && *distance > OF_ANOTHER_KIND * usual)
+    }
+}
+
+/// Returns the surface of a model, prepared for poses.
+fn surface_of(model: &Coefficients) -> Result<PoseSurface, Error> {
+    let model = Model::without_sphere(model.clone(), Kind::Surface);
+    let degree = model.coefficients.max_degree();
+    PoseSurface::new(&model.reconstruct(&Sphere::icosphere(FINE), degree)?).ok_or(Error::NoArea)
 }

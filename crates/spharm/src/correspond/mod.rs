@@ -28,6 +28,7 @@
 mod carry;
 pub mod files;
 mod fits;
+mod frames;
 mod guide;
 mod member;
 mod misplaced;

@@ -3,7 +3,6 @@
 use derive_setters::Setters;
 use spharm_register::RegisterParams;
 use spharm_shape::groupwise::GroupwiseParams;
-use spharm_surface::geometry::Vec3;
 use spharm_surface::pose::PoseParams;
 use spharm_surface::{Mesh, Similarity};
 
@@ -95,15 +94,20 @@ impl CorrespondParams {
         (self.mirrored.get(index) == Some(&true)).then(Similarity::reflection)
     }
 
-    /// Moves members from the frames in which they were aligned, to which `similarities` map the surfaces, back to
-    /// their given poses; mirrored members to the mirror images of these. Returns the motions.
-    pub(super) fn back_to_given(&self, similarities: &[Similarity], members: &mut [Vec<Vec3>]) -> Vec<Similarity> {
-        let back = |(index, own): (usize, &Similarity)| own.inverse().then(&self.reflection(index).unwrap_or_default());
-        let motions: Vec<Similarity> = similarities.iter().enumerate().map(back).collect();
-        for (motion, places) in motions.iter().zip(members) {
-            places.iter_mut().for_each(|place| *place = motion.apply(*place));
+    /// Checks that given poses aren't to be changed by scaling or mirror images.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::Setting`] if they are.
+    pub fn check_poses(&self) -> Result<(), Error> {
+        if self.keep_poses && (self.pose.scale || self.pose.mirror) {
+            return Err(Error::Setting {
+                what: "the pose `given`",
+                expected: "settings without scaling or mirror images",
+                found: if self.pose.scale { "scaling" } else { "mirror images" }.to_owned(),
+            });
         }
-        motions
+        Ok(())
     }
 
     pub(super) fn check(&self, count: usize) -> Result<(), Error> {
@@ -120,13 +124,7 @@ impl CorrespondParams {
         if !self.mirrored.is_empty() && self.mirrored.len() != count {
             return refused("the list of mirrored surfaces", "one value per surface", self.mirrored.len());
         }
-        if self.keep_poses && (self.pose.scale || self.pose.mirror) {
-            return Err(Error::Setting {
-                what: "the pose `given`",
-                expected: "settings without scaling or mirror images",
-                found: if self.pose.scale { "scaling" } else { "mirror images" }.to_owned(),
-            });
-        }
+        self.check_poses()?;
         if let Some(guide) = &self.guide {
             guide.check(count, self.template.is_some())?;
         }

@@ -82,6 +82,14 @@ impl MemberReport {
         }
     }
 
+    /// Changes the unit of lengths: multiplies them by a factor. Area and volume stay in the surface's own unit, and
+    /// the distance of the pose stays as it is.
+    pub(super) fn in_unit_of(&mut self, factor: f64) {
+        for length in [&mut self.cover_rms, &mut self.cover_most, &mut self.cover_farthest, &mut self.model_rms] {
+            *length *= factor;
+        }
+    }
+
     /// Returns whether the areas and volumes of two members' surfaces are equal within a relative difference of 1e-6.
     /// Such members are the same surface, possibly moved or mirrored.
     #[must_use]

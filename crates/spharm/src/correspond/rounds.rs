@@ -6,11 +6,14 @@ use rayon::prelude::*;
 use spharm_monitor::{Monitor, OnlyCancel, Stage};
 use spharm_register::{Registered, Subject, Template, register};
 use spharm_surface::geometry::Vec3;
-use spharm_surface::pose::{DOUBTFUL, GroupPoseWarning, GroupPoses, PoseSurface, group_poses, pose};
+use spharm_surface::pose::{
+    GroupPoseWarning, GroupPoses, Pose, PoseParams, PoseSurface, ScaledPose, group_poses, pose,
+};
 use spharm_surface::{Mesh, Similarity, Sphere};
 
 use super::fits::Fitted;
-use super::guide::{GuideLandmarks, Guided, Verdict};
+use super::frames::to_final;
+use super::guide::{GuideLandmarks, Guided, PoseByLandmarks, Verdict};
 use super::params::CorrespondParams;
 use super::report::{CorrespondReport, CorrespondWarning, MemberReport, UNREACHED, close};
 use super::subjects::Subjects;
@@ -24,6 +27,8 @@ const LACKING: f64 = 0.05;
 
 /// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
 struct Posed {
+    /// Maps from the surfaces to the frames in which corresponding points are found. If size explains the difference
+    /// between a surface and the template, its map scales.
     similarities: Vec<Similarity>,
     distances: Vec<f64>,
     /// Area and absolute volume of each surface, in the surface's own unit.
@@ -77,7 +82,6 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         ..MemberReport::new(*distance, &found.cover)
     };
     let mut members: Vec<MemberReport> = registered.iter().zip(&distances).zip(&sizes).map(of).collect();
-    warnings.extend(of_cover(&members, &masked));
     let mut reached: Vec<Vec<bool>> = registered.into_iter().map(|found| found.reached).collect();
     let mut fitted = Fitted::new(&sphere, places, params, monitor)?;
     lap("fits");
@@ -91,22 +95,30 @@ pub(super) fn run(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &
         refinement = Some(report);
         lap("refinement");
     }
-    let (motions, mean) = if params.keep_poses {
-        let motions = params.back_to_given(&similarities, &mut fitted.places);
-        (motions, mean_of(&fitted.places))
+    let mut motions = to_final(&similarities, &mut fitted.places, (&sphere.faces, &masked), params);
+    members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
+    for (index, motion) in motions.iter().enumerate() {
+        members[index].in_unit_of(motion.scale);
+        left_out.iter_mut().skip(index).take(1).flatten().for_each(|distance| *distance *= motion.scale);
+    }
+    warnings.extend(of_cover(&members, &masked));
+    let mean = if params.keep_poses {
+        mean_of(&fitted.places)
     } else {
-        together(&mut fitted.places, &sphere.faces, &masked)
+        let (aligned, mean) = together(&mut fitted.places, &sphere.faces, &masked);
+        motions.iter_mut().zip(&aligned).for_each(|(motion, aligned)| *motion = motion.then(aligned));
+        mean
     };
-    let moved = |(index, (own, motion)): (usize, (&Similarity, &Similarity))| match params.keep_poses {
-        // The same without rounding errors.
-        true => params.reflection(index).unwrap_or_default(),
-        false => own.then(motion),
+    // Of the compositions, some are known without rounding errors.
+    let moved = |(index, (own, motion)): (usize, (&Similarity, &Similarity))| match params {
+        CorrespondParams { keep_poses: true, .. } => params.reflection(index).unwrap_or_default(),
+        CorrespondParams { pose: PoseParams { scale: false, .. }, .. } => Similarity { scale: 1.0, ..own.then(motion) },
+        _ => own.then(motion),
     };
     similarities = similarities.iter().zip(&motions).enumerate().map(moved).collect();
     fitted.moved(&motions)?;
     let weights = weights(&fitted.places, &sphere.faces, &masked);
     let spread = spread(&fitted.places, &mean, &weights);
-    members.iter_mut().zip(&fitted.rms).for_each(|(member, rms)| member.model_rms = *rms);
     let template_of_group =
         GroupTemplate { mean: fitted.mean()?, sphere, masked, spread, refined: refinement.is_some() };
     let guide = guided.map(|guided| guided.report(&fitted.places, &similarities, &left_out));
@@ -141,8 +153,9 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
             turn_by_landmarks(&landmarks, params, &surfaces, &mut found);
         }
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
+        let at_one_size = found.similarities.iter().zip(&found.at_one_size);
         return Ok(Posed {
-            similarities: found.similarities,
+            similarities: at_one_size.map(|(own, scaled)| scaled.unwrap_or(*own)).collect(),
             distances: found.distances,
             sizes,
             template: Some(found.template),
@@ -153,26 +166,34 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
     let quiet = OnlyCancel(monitor);
     let found = surfaces.par_iter().map(|moving| pose(moving, &fixed, &params.pose, &quiet));
     let mut found = found.collect::<Result<Vec<_>, _>>()?;
-    let mut doubtful: Vec<bool> = found.iter().map(|pose| pose.second < DOUBTFUL * pose.distance).collect();
+    let mut doubts: Vec<Option<(f64, f64)>> = found.iter().map(|pose| pose.doubt(0.0)).collect();
     if let Some(landmarks) = &landmarks
         && let Some(theirs) = &landmarks.template
     {
-        let members = surfaces.iter().zip(&landmarks.members).zip(found.iter_mut().zip(&mut doubtful));
-        for ((moving, own), (pose, doubtful)) in members {
+        let members = surfaces.iter().zip(&landmarks.members).zip(found.iter_mut().zip(&mut doubts));
+        for ((moving, own), (pose, doubt)) in members {
             match landmarks.judge((moving, own), (&fixed, theirs), &pose.similarity, &params.pose) {
                 Verdict::Undetermined => continue,
                 Verdict::Confirmed => {}
-                Verdict::Other(similarity, distance) => (pose.similarity, pose.distance) = (similarity, distance),
+                Verdict::Other(found) => {
+                    let PoseByLandmarks { similarity, at_one_size, distance } = *found;
+                    let at_one_size =
+                        at_one_size.map(|own| ScaledPose { similarity: own, distance, second: f64::INFINITY });
+                    *pose = Pose { similarity, at_one_size, distance, ..*pose };
+                }
             }
-            *doubtful = false;
+            *doubt = None;
         }
     }
-    let in_doubt = found.iter().enumerate().zip(doubtful).filter(|(_, doubtful)| *doubtful);
-    warnings.extend(in_doubt.map(|((member, pose), _)| {
-        CorrespondWarning::Pose(GroupPoseWarning::Doubtful { member, distance: pose.distance, second: pose.second })
-    }));
+    for (member, doubt) in doubts.into_iter().enumerate() {
+        let doubtful = |(distance, second)| GroupPoseWarning::Doubtful { member, distance, second };
+        warnings.extend(doubt.map(doubtful).map(CorrespondWarning::Pose));
+    }
     Ok(Posed {
-        similarities: found.iter().map(|pose| pose.similarity).collect(),
+        similarities: found
+            .iter()
+            .map(|pose| pose.at_one_size.map_or(pose.similarity, |scaled| scaled.similarity))
+            .collect(),
         distances: found.iter().map(|pose| pose.distance).collect(),
         sizes,
         template: None,
@@ -210,8 +231,10 @@ fn turn_by_landmarks(
                 let doubtful = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Doubtful { .. });
                 found.warnings.retain(|warning| warning.member() != index || !doubtful(warning));
             }
-            Verdict::Other(similarity, distance) => {
+            Verdict::Other(by_landmarks) => {
+                let PoseByLandmarks { similarity, at_one_size, distance } = *by_landmarks;
                 (found.similarities[index], found.distances[index]) = (similarity.then(&to_group), distance);
+                found.at_one_size[index] = at_one_size.map(|scaled| scaled.then(&to_group));
                 let other = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Far { .. });
                 found.warnings.retain(|warning| warning.member() != index || other(warning));
             }

@@ -104,7 +104,8 @@ pub(super) fn motion(from: &[Vec3], to: &[Vec3], weights: Option<&[f64]>, scaled
     Similarity { orthogonal, scale: size, translation: sub(b, scale(times(&orthogonal, a), size)) }
 }
 
-fn centre(places: &[Vec3], weights: &[f64]) -> Vec3 {
+/// Returns the weighted mean of points. `weights` have sum 1.
+pub(super) fn centre(places: &[Vec3], weights: &[f64]) -> Vec3 {
     places.iter().zip(weights).fold([0.0; 3], |sum, (place, weight)| add(sum, scale(*place, *weight)))
 }
 

@@ -16,7 +16,7 @@ use super::change::Change;
 use super::denoise::parts;
 use super::job::Job;
 use super::range::{distances_of_mixed, restore, restore_batch};
-use crate::assess::{Distances, ModelSurface, ReadSurface, SurfaceDistances, scale_of};
+use crate::assess::{Distances, HoldOut, ModelSurface, ReadSurface, SurfaceDistances, scale_of};
 use crate::report::{BatchReport, Denoised, FitReport, Seconds, Settings};
 use crate::{Error, Fit, FitWarning, Objective};
 
@@ -73,7 +73,7 @@ pub(crate) struct Solved {
     pub(crate) surface_distances: Vec<Option<SurfaceDistances>>,
     /// Warnings that apply to all targets of the batch.
     pub(crate) warnings: Vec<FitWarning>,
-    /// Results of each target by the full least squares. Empty for other methods.
+    /// Results of each target. Empty for quadrature.
     pub(crate) per_target: Vec<PerTarget>,
     /// Values (p, c) of each target's model at the centres of p triangles. Empty if the method doesn't compute them.
     pub(crate) at_centres: Vec<Array2<f64>>,
@@ -82,7 +82,7 @@ pub(crate) struct Solved {
 
 /// The solution of one target of a batch.
 pub(crate) struct PerTarget {
-    pub(crate) optimality: f64,
+    pub(crate) optimality: Option<f64>,
     pub(crate) warnings: Vec<FitWarning>,
 }
 
@@ -333,6 +333,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
     let mixed = distances_of_mixed(directions, unread, &change.exponents, values(target), coefficients.view())?;
     passes = mixed.map_or(passes, |distances| vec![distances]);
     let mut warnings = solved.warnings.clone();
+    warnings.extend(change.warning.clone());
     let per_target = solved.per_target.get(index);
     warnings.extend(per_target.iter().flat_map(|of_target| of_target.warnings.iter().cloned()));
     warnings.extend(job.uneven_weights.clone().filter(|_| !job.fits_surface(target.kind)));
@@ -343,8 +344,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         FitWarning::of_denoised(noise, of.left_out, sigma, job.params.max_degree)
     };
     warnings.extend(denoise.iter().find_map(detail));
-    let assess =
-        |held: &crate::assess::HoldOut| held.assess(directions, coefficients.view(), values(target), unread, scale);
+    let assess = |held: &HoldOut| held.assess(directions, coefficients.view(), values(target), unread, scale);
     let held_out = job.hold_out.as_ref().map(assess).transpose()?;
     let mut between = None;
     if let (Some(places), Some(at), Kind::Surface) = (&job.off_vertex, passes.last(), target.kind) {
@@ -370,7 +370,7 @@ fn fit_of(job: &Job<'_>, batch: &Batch, solved: &Solved, index: usize) -> Result
         denoise,
         smoothness: solved.report.smoothness(),
         smoothness_by_channel: solved.report.smoothness_by_channel().to_vec(),
-        optimality: per_target.map(|of_target| of_target.optimality).or(solved.report.optimality()),
+        optimality: per_target.and_then(|of_target| of_target.optimality).or(solved.report.optimality()),
         warnings,
         settings: Settings {
             method: job.params.method,

@@ -15,7 +15,8 @@ use spharm_surface::Target;
 
 use super::job::Job;
 use super::range::{Exponents, into_range};
-use crate::Method;
+use super::zeros;
+use crate::{FitWarning, Method};
 
 /// Smallest size of the middle of a channel's values that is subtracted, relative to the difference between the largest
 /// and the smallest value.
@@ -27,11 +28,14 @@ pub(crate) struct Change {
     pub(crate) exponents: Exponents,
     /// The values subtracted from the channels afterwards; empty if none were.
     middles: Vec<f64>,
+    /// A warning about the values before the changes.
+    pub(crate) warning: Option<FitWarning>,
 }
 
 impl Change {
     /// Changes a target whose unread values have been replaced. Returns the changes.
     pub(crate) fn of(target: &mut Target, job: &Job<'_>) -> Self {
+        let warning = zeros::warning(target, job.unread.as_deref());
         let exponents = into_range(target);
         let least_squares = job.params.method == Method::Lsq && !job.params.denoise;
         // If the vertices don't determine the coefficients, the solution of smallest norm depends on the constant.
@@ -44,7 +48,7 @@ impl Change {
                 middles.clear();
             }
         }
-        Self { exponents, middles }
+        Self { exponents, middles, warning }
     }
 
     /// Adds the subtracted values to the coefficients (K, c) of a fit.

@@ -1,8 +1,10 @@
 //! Checks that memory suffices for mapping and fitting a surface, before any work starts.
 
-use spharm_surface::{Kind, Mesh};
+use spharm_monitor::Silent;
+use spharm_surface::{Kind, Mesh, Sphere};
 
-use super::job::held;
+use super::irf;
+use super::job::{Job, held};
 use super::lsq_plan::{LsqPlan, Sizes, quadrature_readers};
 use super::surface_plan::SurfacePlan;
 use crate::parametrize::Method as MapMethod;
@@ -10,14 +12,33 @@ use crate::{Error, FitParams, Method};
 
 /// Checks that memory suffices to fit a surface over a sphere with the same vertices, before that sphere exists.
 ///
-/// The memory plan of a method over a store depends on the store, so that such a method is checked only when its fit
-/// starts.
+/// The memory plan of a method over a store depends on the store, so that this function doesn't check such a method;
+/// [`FitParams::check_over`] does.
 ///
 /// # Errors
 ///
 /// [`Error::Memory`], with the smallest sufficient budget, if memory doesn't suffice.
 pub fn check_memory(surface: &Mesh, params: &FitParams) -> Result<(), Error> {
     check_sizes(surface.vertices.len(), surface.faces.len(), params)
+}
+
+impl FitParams {
+    /// Checks that memory suffices to fit surfaces over a sphere, without fitting them. For a method over a store, also
+    /// checks that the store has the basis at the sphere's directions up to the highest degree.
+    ///
+    /// # Errors
+    ///
+    /// The errors of [`check_memory`] and, for a method over a store, the errors of the store and the memory with which
+    /// a fit of `surfaces` surfaces would end before the first pass.
+    pub fn check_over(&self, sphere: &Sphere, surfaces: usize) -> Result<(), Error> {
+        if self.method.blocks().is_none() {
+            return check_sizes(sphere.directions.len(), sphere.faces.len(), self);
+        }
+        self.check()?;
+        // Verifying the basis would read all of it.
+        let params = Self { verify: false, ..self.clone() };
+        irf::check(Job::new(sphere, None, &params, &Silent)?, surfaces.max(1))
+    }
 }
 
 /// Checks the memory like [`check_memory`], for a surface of `vertices` vertices and `faces` triangles.

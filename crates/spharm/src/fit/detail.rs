@@ -10,9 +10,10 @@
 //!
 //! with e_L and e_L' the rms errors of the two fits at a held-out tenth of the vertices. The estimate is only the part
 //! of the detail that the vertices reveal, and the true detail may be larger. If the highest degree is almost entirely
-//! noise, higher degrees reveal nothing, and no fits are made.
+//! noise, higher degrees reveal nothing, and no fits are made. Nor are they if the noise is as small as the rounding
+//! errors of the fit. The mean of the target is subtracted, since errors of the fits are relative to their targets.
 //!
-//! Cost: two fits by conjugate gradients to a tolerance of 1e-4.
+//! Cost: two fits by conjugate gradients to a tolerance of 1e-4, or lower if the noise is small.
 
 use ndarray::{Array2, ArrayView2};
 use spharm_harmonics::basis_size;
@@ -30,6 +31,11 @@ use crate::assess::HoldOut;
 const COVERED: f64 = 0.05;
 /// Fraction of the vertices that are held out.
 const HELD_OUT: f64 = 0.1;
+/// Noise below this fraction of the largest value is the solver's rounding. The fit of an exact model leaves residuals
+/// of up to 1e-10 of the values.
+const ROUNDING: f64 = 1e-9;
+/// Largest tolerance of the two fits, and the fits' largest error relative to the noise.
+const TOLERANCE: (f64, f64) = (1e-4, 0.1);
 
 /// Returns the rms of the detail beyond the fit's degree that the vertices reveal, per channel, in the target's unit.
 /// Returns `None` if there are too few vertices for a higher degree, or too little memory.
@@ -48,6 +54,10 @@ pub(crate) fn left_out(
     let Ok(hold_out) = HoldOut::new(n, HELD_OUT) else { return Ok(None) };
     let weights = hold_out.apply(precision.map(<[f64]>::to_vec));
     let seen = weights.iter().filter(|weight| **weight > 0.0).count();
+    if removed.sigma <= ROUNDING * largest(target, &weights) {
+        return Ok(Some(0.0));
+    }
+    let (centred, size) = centred(target, &weights);
     let most = ((0.8 * seen as f64).sqrt() as usize).saturating_sub(1);
     let higher = (degree + degree / 2).min(most);
     let Some(penalty) = continued(&removed.penalty, higher).filter(|_| higher >= degree + degree.div_ceil(10)) else {
@@ -67,17 +77,39 @@ pub(crate) fn left_out(
             weights: Some(weights.clone()),
             penalty: Some(penalty.iter().map(|p| scale * p).collect()),
             strategy: Strategy::Cg,
-            tolerance: 1e-4,
+            tolerance: (TOLERANCE.1 * removed.sigma / size).clamp(LsqParams::default().tolerance, TOLERANCE.0),
             max_iterations: 100,
             ..LsqParams::default()
         };
         let columns = 0..c;
         let mut solver = LsqSolver::new(&operator, None, params)?;
-        let fit = solver.fit(&target.to_owned(), std::slice::from_ref(&columns), monitor)?;
+        let fit = solver.fit(&centred, std::slice::from_ref(&columns), monitor)?;
         Ok(at_held_out(&fit.residual, &weights, precision))
     };
     let (lower, higher) = (error(degree, &removed.penalty)?, error(higher, &penalty)?);
     Ok(Some((lower - higher).max(0.0).sqrt()))
+}
+
+/// Returns the largest absolute value of `target` (n, c) at vertices of nonzero weight.
+fn largest(target: ArrayView2<'_, f64>, weights: &[f64]) -> f64 {
+    let rows = target.rows().into_iter().zip(weights).filter(|(_, weight)| **weight > 0.0);
+    rows.fold(0.0, |largest: f64, (row, _)| row.iter().fold(largest, |largest: f64, value| largest.max(value.abs())))
+}
+
+/// Returns `target` (n, c) minus the mean of each column over the vertices of nonzero weight, and the rms of the result
+/// over these vertices.
+fn centred(target: ArrayView2<'_, f64>, weights: &[f64]) -> (Array2<f64>, f64) {
+    let mut centred = target.to_owned();
+    let count = weights.iter().filter(|weight| **weight > 0.0).count().max(1) as f64;
+    let mut square = 0.0;
+    for mut column in centred.columns_mut() {
+        let seen = |(value, weight): (&f64, &f64)| (*weight > 0.0).then_some(*value);
+        let mean = column.iter().zip(weights).filter_map(seen).sum::<f64>() / count;
+        column -= mean;
+        square += column.iter().zip(weights).filter_map(seen).map(|value| value * value).sum::<f64>();
+    }
+    let size = (square / (count * centred.ncols().max(1) as f64)).sqrt();
+    (centred, size)
 }
 
 /// Returns the mean square of `residual` (n, c) over the held-out vertices and all channels.

@@ -269,7 +269,7 @@ fn denoise(
         set_columns(&mut coefficients, &part, fit.coefficients.values().view());
         found.residual_squares[part.clone()].copy_from_slice(&fit.residual_squares);
         if let (Some(errors), Some(of_part)) = (&mut errors, &fit.standard_errors) {
-            set_columns(errors, &part, of_part.view());
+            set_columns(errors, &part, removed.with_uncertain_gains(of_part.clone()).view());
         }
         merge(&mut found.report, fit.report);
         denoised.push(removed);

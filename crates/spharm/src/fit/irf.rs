@@ -1,16 +1,18 @@
 //! Runs iterative residual fitting over a store, with as many columns at a time as the memory allows.
 
+use std::ops::RangeInclusive;
 use std::time::Instant;
 
-use spharm_monitor::{Level, Monitor};
+use ndarray::Axis;
+use spharm_monitor::{Level, Monitor, Silent};
 use spharm_solver::{
-    BlockOperator, ChunkedRows, DiskOperator, GramMatrix, IrfParams, IrfSolver, Method as Blocks, Operator,
+    BlockOperator, ChunkedRows, DiskOperator, GramMatrix, IrfParams, IrfPlan, IrfSolver, Method as Blocks, Operator,
     SolverError, irf, moment_gram, moment_gram_bytes,
 };
 use spharm_store::Scalar;
 use spharm_transform::MomentGram;
 
-use super::batches::{Run, Solved};
+use super::batches::{PerTarget, Run, Solved};
 use super::job::Job;
 use super::shared::{counted, in_batches};
 use crate::machine::check_limits;
@@ -23,15 +25,13 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
     let (count, monitor) = (run.count, run.monitor);
     // In most studies all targets have as many channels as the first target.
     let channels = run.channels();
-    let (Some(scheme), Some(method)) = (run.job.scheme.take(), run.job.params.method.blocks()) else {
-        return Err(Error::NeedsStore { method: run.job.params.method.name() }.into());
-    };
-    let operator = DiskOperator::new(scheme);
+    let (operator, method) = basis(&mut run.job)?;
     let planner = Planner { operator: &operator, method };
     run.job.threads = planner.fitting_threads(&run.job, channels, monitor);
-    let moments = planner.moments(&run.job, channels, count > 1)?;
+    let gram_bytes = planner.gram_bytes(&run.job, count, channels);
+    let moments = gram_bytes.map(|_| planner.moments(&run.job)).transpose()?;
     let moments = moments.as_ref();
-    let together = planner.surfaces_together(&run.job, moments, count, channels)?;
+    let together = planner.choose(&run.job, gram_bytes, count, channels)?.together;
     let mut fitter = planner.fitter(&run.job, moments, together, channels, count > together)?;
     run.readers = run.job.threads.min(together);
     run.seconds.plan += mark.elapsed().as_secs_f64();
@@ -44,11 +44,18 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             fitter = planner.fitter(job, moments, 1, batch.columns(), true)?;
         }
         let mut targets = ChunkedRows::zeros(operator.rows(), batch.columns(), operator.chunk_rows());
+        let mut spreads = Vec::with_capacity(batch.groups.len());
         for (group, target) in batch.targets() {
+            spreads.push(target.var_axis(Axis(0), 0.0).sum().sqrt());
             targets.set_columns(group.start, target);
         }
         let fit = fitter.fit(targets, &batch.groups, monitor)?;
         let sweeps = fit.report.history.iter().map(|sweep| (sweep.refinement, sweep.residuals.clone())).collect();
+        let of_target = |target: usize| {
+            let warnings = FitWarning::of_passes(&fit.report.history, target, spreads[target]).into_iter().collect();
+            PerTarget { optimality: None, warnings }
+        };
+        let per_target = (0..batch.groups.len()).map(of_target).collect();
         Ok(Solved {
             coefficients: fit.coefficients.values().to_owned(),
             sweeps,
@@ -56,17 +63,44 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
             denoised: Vec::new(),
             surface_distances: Vec::new(),
             warnings: FitWarning::of_blocks(&fit.report.blocks),
-            per_target: Vec::new(),
+            per_target,
             at_centres: Vec::new(),
             report: BatchReport::Streamed(fit.report),
         })
     })
 }
 
-/// Chooses the largest settings of iterative residual fitting that stay within the memory budget.
+/// Checks that the memory suffices to fit `count` surfaces, without fitting them.
+pub(crate) fn check(mut job: Job<'_>, count: usize) -> Result<(), Error> {
+    /// Number of channels of a surface.
+    const CHANNELS: usize = 3;
+    let (operator, method) = basis(&mut job)?;
+    let planner = Planner { operator: &operator, method };
+    job.threads = planner.fitting_threads(&job, CHANNELS, &Silent);
+    let gram_bytes = planner.gram_bytes(&job, count, CHANNELS);
+    planner.check_limits(&planner.choose(&job, gram_bytes, count, CHANNELS)?.plan)
+}
+
+/// Returns the basis of a job, which is taken out of the job, and the blocks of its method.
+fn basis(job: &mut Job<'_>) -> Result<(DiskOperator, Blocks), Error> {
+    match (job.scheme.take(), job.params.method.blocks()) {
+        (Some(scheme), Some(method)) => Ok((DiskOperator::new(scheme), method)),
+        _ => Err(Error::NeedsStore { method: job.params.method.name() }),
+    }
+}
+
+/// Chooses the settings of iterative residual fitting that stay within the memory budget and read the least.
 struct Planner<'o> {
     operator: &'o DiskOperator,
     method: Blocks,
+}
+
+/// A number of surfaces that are fitted together, and what it needs.
+struct Choice {
+    together: usize,
+    /// Columns of the basis that are read in one pass over all batches.
+    reads: usize,
+    plan: IrfPlan,
 }
 
 impl<'o> Planner<'o> {
@@ -113,71 +147,86 @@ impl<'o> Planner<'o> {
             }
             _ => IrfSolver::new(self.operator, columns, IrfParams { gram_bytes: None, ..params }),
         }?;
-        let plan = fitter.plan();
-        let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
-        check_limits(plan.arrays + plan.work + plan.grams + plan.factors + plan.reserved + decoded, plan.basis)?;
+        self.check_limits(fitter.plan())?;
         Ok(fitter)
     }
 
-    /// Returns the moments from which Gram matrices are computed. Returns `None` if the basis isn't in f64, if memory
-    /// doesn't suffice to compute the moments, or if their memory would force blocks to be read more often or factors
-    /// to be recomputed.
-    fn moments(&self, job: &Job<'_>, channels: usize, reuse: bool) -> Result<Option<MomentGram>, Error> {
+    /// Checks that this process's limits allow a plan.
+    fn check_limits(&self, plan: &IrfPlan) -> Result<(), Error> {
+        let decoded = if self.operator.is_direct() { 0 } else { plan.basis };
+        check_limits(plan.arrays + plan.work + plan.grams + plan.factors + plan.reserved + decoded, plan.basis)
+    }
+
+    /// Returns the bytes of the moments from which Gram matrices are computed. Returns `None` if the basis isn't in
+    /// f64, if memory doesn't suffice to compute the moments, or if their memory would force blocks to be read more
+    /// often or factors to be recomputed.
+    fn gram_bytes(&self, job: &Job<'_>, surfaces: usize, channels: usize) -> Option<usize> {
         let max_degree = job.params.max_degree;
         // The moments need transforms of twice the degree, which may be above the highest degree of transforms.
-        let Ok(making) = moment_gram_bytes(self.operator.rows(), max_degree) else { return Ok(None) };
+        let making = moment_gram_bytes(self.operator.rows(), max_degree).ok()?;
         if job.scalar != Scalar::F64 || job.held(1, channels) + making > job.memory {
-            return Ok(None);
+            return None;
         }
-        let plan = |gram_bytes| {
-            let params = self.params(job, 1, channels, reuse, gram_bytes);
-            irf::plan(self.operator, channels, &params).ok()
-        };
-        let fits = match (plan(None), plan(Some(MomentGram::bytes(max_degree)))) {
+        let bytes = MomentGram::bytes(max_degree);
+        let best = |gram_bytes| self.best(job, gram_bytes, surfaces, channels).ok();
+        let fits = match (best(None), best(Some(bytes))) {
             (None, with) => with.is_some(),
             (Some(_), None) => false,
             (Some(without), Some(with)) => {
-                let twice = |whole: &[bool]| whole.iter().filter(|&&whole| !whole).count();
-                with.read_ahead >= without.read_ahead
-                    && with.keep_factors >= without.keep_factors
-                    && twice(&with.whole) <= twice(&without.whole)
+                with.reads < without.reads
+                    || with.reads == without.reads
+                        && with.plan.read_ahead >= without.plan.read_ahead
+                        && with.plan.keep_factors >= without.plan.keep_factors
             }
         };
-        if !fits {
-            return Ok(None);
-        }
-        Ok(Some(moment_gram(&job.sphere.directions, job.weights.as_deref(), max_degree)?))
+        fits.then_some(bytes)
     }
 
-    /// Returns the largest number of surfaces that can be fitted together within the budget if every block is held in
-    /// memory as a whole. If that number is zero, returns the largest number with blocks read in parts.
-    fn surfaces_together(
+    /// Computes the moments from which Gram matrices are computed.
+    fn moments(&self, job: &Job<'_>) -> Result<MomentGram, Error> {
+        Ok(moment_gram(&job.sphere.directions, job.weights.as_deref(), job.params.max_degree)?)
+    }
+
+    /// Returns the number of surfaces fitted together for which the least of the basis is read within the budget: a
+    /// batch reads a block once if the block is in memory as a whole, otherwise twice. Of several such numbers, returns
+    /// the largest.
+    fn best(
         &self,
         job: &Job<'_>,
-        moments: Option<&MomentGram>,
+        gram_bytes: Option<usize>,
         surfaces: usize,
         channels: usize,
-    ) -> Result<usize, Error> {
-        let gram_bytes = moments.map(GramMatrix::bytes);
-        let plan = |together: usize| {
+    ) -> Result<Choice, SolverError> {
+        let blocks = self.method.blocks(job.params.max_degree)?;
+        let choice = |together: usize| -> Result<Choice, SolverError> {
             let params = self.params(job, together, channels, surfaces > together, gram_bytes);
-            irf::plan(self.operator, together * channels, &params)
+            let plan = irf::plan(self.operator, together * channels, &params)?;
+            let columns =
+                |(degrees, whole): (&RangeInclusive<usize>, &bool)| irf::columns(degrees) * if *whole { 1 } else { 2 };
+            let columns: usize = blocks.iter().zip(&plan.whole).map(columns).sum();
+            Ok(Choice { together, reads: surfaces.div_ceil(together) * columns, plan })
         };
-        let whole = |&together: &usize| plan(together).is_ok_and(|plan| plan.whole.iter().all(|&whole| whole));
-        let most = surfaces.min(defaults::MOST_TOGETHER);
-        if let Some(together) = (1..=most).rev().find(whole) {
-            return Ok(together);
-        }
-        match (1..=most).rev().find(|&together| plan(together).is_ok()) {
-            Some(together) => Ok(together),
-            None => match plan(1) {
-                Err(SolverError::Budget { budget, needed, granularity }) => {
-                    let needed = self.least_by_moments(job, channels).map_or(needed, |least| least.min(needed));
-                    Err(SolverError::Budget { budget, needed, granularity }.into())
-                }
-                found => Ok(found.map(|_| 1)?),
-            },
-        }
+        let numbers = (1..=surfaces.min(defaults::MOST_TOGETHER)).rev();
+        let best = numbers.filter_map(|together| choice(together).ok()).min_by_key(|choice| choice.reads);
+        best.map_or_else(|| choice(1), Ok)
+    }
+
+    /// Returns the [`best`](Self::best) number of surfaces fitted together, or an error with the smallest budget that
+    /// suffices.
+    fn choose(
+        &self,
+        job: &Job<'_>,
+        gram_bytes: Option<usize>,
+        surfaces: usize,
+        channels: usize,
+    ) -> Result<Choice, Error> {
+        self.best(job, gram_bytes, surfaces, channels).map_err(|error| match error {
+            SolverError::Budget { budget, needed, granularity } => {
+                let needed = self.least_by_moments(job, channels).map_or(needed, |least| least.min(needed));
+                SolverError::Budget { budget, needed, granularity }.into()
+            }
+            error => error.into(),
+        })
     }
 
     /// Returns the smallest budget in bytes for fits of one surface with Gram matrices computed from moments. Returns

@@ -1,7 +1,7 @@
 //! Fits targets at their vertices by the full least squares, using fast transforms instead of a basis.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, Once, PoisonError};
 use std::time::Instant;
 
 use ndarray::{Array2, s};
@@ -91,6 +91,7 @@ pub(crate) fn run<T: Send, E: From<Error> + Send>(run: &mut Run<'_, T, E>) -> Re
         make_gram: &make_gram,
         make_moments: &make_moments,
         stored: stored.as_ref().filter(|_| !automatic),
+        noted: Once::new(),
         solver: solver_params(job, smoothness, &plan, together, moment_bytes),
         warnings,
         smooth_by_default: job.smooth_by_default().then(|| job.vertices_with_weight()),
@@ -127,6 +128,8 @@ struct Equations<'a> {
     make_gram: &'a MakeGram<'a>,
     make_moments: &'a MakeMoments<'a>,
     stored: Option<&'a StoredFactor>,
+    /// Completed when the use of the stored factor has been noted.
+    noted: Once,
     solver: LsqParams,
     /// Warnings that apply to every fit.
     warnings: Vec<FitWarning>,
@@ -232,7 +235,8 @@ impl<'a> Equations<'a> {
         warnings.extend(of_lsq);
         converged(self.params, &warnings)?;
         note_solution(&report, self.monitor);
-        let of_target = |&optimality: &f64| PerTarget { optimality, warnings: Vec::new() };
+        super::shared::note_factor(&report, self.stored, &self.noted, self.monitor);
+        let of_target = |&optimality: &f64| PerTarget { optimality: Some(optimality), warnings: Vec::new() };
         Ok(Solved {
             coefficients,
             sweeps: vec![(false, report.residuals.clone())],
@@ -268,7 +272,8 @@ impl<'a> Equations<'a> {
                 let group = 0..part.len();
                 let fit = solver.fit(&plain.targets.slice(columns).to_owned(), &[group], &within)?;
                 if let Some(all) = &mut standard_errors {
-                    set_columns(all, &part, solver.standard_errors(&fit.residual, &within)?.view());
+                    let errors = solver.standard_errors(&fit.residual, &within)?;
+                    set_columns(all, &part, found.with_uncertain_gains(errors).view());
                 }
                 set_columns(coefficients, &part, fit.coefficients.values().view());
                 set_columns(&mut residual, &part, fit.residual.view());
@@ -359,6 +364,7 @@ fn stored_factor(
     warnings: &mut Vec<FitWarning>,
     monitor: &dyn Monitor,
 ) -> Result<Option<StoredFactor>, Error> {
+    job.params.store.as_deref().map(spharm_store::catalog::schemes).transpose()?;
     // Factors in the store are computed with unscaled weights and smoothness, so a fit with scaled weights can't use
     // them.
     let Some(store) = job.params.store.as_ref().filter(|_| job.weight_exponent == 0) else { return Ok(None) };
@@ -377,10 +383,7 @@ fn stored_factor(
             continue;
         }
         match open_factor(store, &spec, None) {
-            Ok(file) => {
-                monitor.note(Level::Info, format_args!("using the Cholesky factor {}", file.path().display()));
-                return Ok(Some(StoredFactor::new(file, memory, job.threads)));
-            }
+            Ok(file) => return Ok(Some(StoredFactor::new(file, memory, job.threads))),
             Err(error) => refused = Some(error),
         }
     }

@@ -1,10 +1,11 @@
 //! Functions shared by the three variants of the full least squares: at vertices, over surfaces and from moments.
 
 use std::fmt;
+use std::sync::Once;
 
 use spharm_monitor::{Level, Monitor, Stage};
 use spharm_solver::lsq::{LsqReport, LsqSeconds, Stop};
-use spharm_solver::{SolverError, Strategy};
+use spharm_solver::{SolverError, StoredFactor, Strategy};
 
 use crate::machine::{Exceeded, exceeded};
 use crate::{Error, FitParams, FitWarning, Preconditioner};
@@ -107,6 +108,15 @@ pub(crate) fn merge_reports(some: LsqReport, other: LsqReport) -> LsqReport {
     report.norm = report.norm.max(some.norm);
     (report.stop, report.warnings, report.seconds, report.residuals) = (stop, warnings, seconds, residuals);
     report
+}
+
+/// Notes, once for all batches, that a fit was solved with the factor in the store.
+pub(crate) fn note_factor(report: &LsqReport, stored: Option<&StoredFactor>, noted: &Once, monitor: &dyn Monitor) {
+    let Some(stored) = stored else { return };
+    if report.steps.iter().any(|step| step.preconditioner == "stored-factor") {
+        let path = stored.file().path().display();
+        noted.call_once(|| monitor.note(Level::Info, format_args!("using the Cholesky factor {path}")));
+    }
 }
 
 pub(crate) fn note_solution(report: &LsqReport, monitor: &dyn Monitor) {

@@ -192,7 +192,7 @@ impl<'a> Fitter<'a> {
         let warnings_of = |report: &LsqReport| FitWarning::of_lsq(report, self.params.tolerance, None);
         let per_target: Vec<PerTarget> = reports
             .iter()
-            .map(|report| PerTarget { optimality: report.optimality, warnings: warnings_of(report) })
+            .map(|report| PerTarget { optimality: Some(report.optimality), warnings: warnings_of(report) })
             .collect();
         per_target.iter().try_for_each(|of_target| converged(self.params, &of_target.warnings).map(drop))?;
         let mut report = reports.into_iter().reduce(merge_reports).expect("each batch has a target");
@@ -292,7 +292,8 @@ impl<'a> Fitter<'a> {
                 if let Some(errors) = standard_errors.as_mut() {
                     let target = target.slice(s![.., of_group.clone()]);
                     let (residual, _) = self.residual(target, coefficients.slice(s![.., part.clone()]))?;
-                    set_columns(errors, &part, self.standard_errors(&params, &residual, monitor)?.view());
+                    let of_part = self.standard_errors(&params, &residual, monitor)?;
+                    set_columns(errors, &part, found.with_uncertain_gains(of_part).view());
                 }
                 merge(report, fit.report);
                 of_target.push(denoiser.assess(job, target.slice(s![.., of_group]), found, monitor)?);
@@ -329,5 +330,17 @@ impl<'a> Fitter<'a> {
         monitor: &dyn Monitor,
     ) -> Result<MomentProblem, Error> {
         Ok(MomentProblem::new(&self.sums.of(targets, monitor)?, self.params.max_degree)?)
+    }
+
+    /// Returns the normal equations of targets, with `more` (K, c) added to their right-hand sides.
+    pub(super) fn problem_plus(
+        &self,
+        targets: &[(Range<usize>, ArrayView2<'_, f64>)],
+        more: &Array2<f64>,
+        monitor: &dyn Monitor,
+    ) -> Result<MomentProblem, Error> {
+        let mut sums = self.sums.of(targets, monitor)?;
+        sums.right_sides += more;
+        Ok(MomentProblem::new(&sums, self.params.max_degree)?)
     }
 }

@@ -7,6 +7,7 @@ use spharm_harmonics::{Directions, HarmonicsError, MAX_DEGREE};
 use spharm_monitor::{Monitor, Stage};
 
 use crate::basis::header::Header;
+use crate::basis::near::near;
 use crate::basis::reader::DegreeFile;
 use crate::basis::writer::file_name;
 use crate::error::StoreError;
@@ -64,7 +65,8 @@ impl Scheme {
     ///
     /// # Errors
     ///
-    /// The errors of [`open`](Self::open); [`StoreError::OtherScalar`] if the store has only the basis of the other
+    /// The errors of [`open`](Self::open); [`StoreError::NearScheme`] if the store has a basis at directions that
+    /// differ from these only by rounding; [`StoreError::OtherScalar`] if the store has only the basis of the other
     /// scalar type; [`StoreError::Io`] if the store can't be opened.
     pub fn open_at(
         store: &Path,
@@ -73,7 +75,7 @@ impl Scheme {
         max_degree: usize,
     ) -> Result<Self, StoreError> {
         let open = |scalar| Self::open(store, SchemeKey::of(directions, scalar), directions.len(), max_degree);
-        match scalar {
+        let found = match scalar {
             Some(wanted) => open(wanted).map_err(|error| {
                 let found = if wanted == Scalar::F64 { Scalar::F32 } else { Scalar::F64 };
                 let other = folder::of_scheme(store, SchemeKey::of(directions, found));
@@ -91,7 +93,17 @@ impl Scheme {
                 },
                 double => double,
             },
-        }
+        };
+        found.map_err(|error| match error {
+            StoreError::NoSuchScheme { store, key, available } => match near(&store, &available, directions) {
+                Some((found, difference)) => {
+                    let rows = directions.len();
+                    StoreError::NearScheme { store, key, found, rows, difference }
+                }
+                None => StoreError::NoSuchScheme { store, key, available },
+            },
+            error => error,
+        })
     }
 
     /// Returns the scheme's key.

@@ -7,12 +7,14 @@
 //! | `reader` | an open file and windows on its chunks |
 //! | `writer` | a file being written |
 //! | `degrees` | the files of a scheme: listed, or opened together |
+//! | `near` | the scheme with the same directions up to rounding |
 //! | `plan` | the missing degrees, and the memory and disk space that a build needs |
 //! | `build` | the build |
 
 mod build;
 mod degrees;
 mod header;
+mod near;
 mod plan;
 mod reader;
 mod writer;

@@ -75,7 +75,8 @@ impl DegreeFile {
         self.container.entries()[chunk].stored_len as usize
     }
 
-    /// Checks every byte of the file against its hashes, in a stage `verify` counted in bytes. Uses a buffer of 1 MiB.
+    /// Checks every byte of the file against its hashes. Progress is reported in bytes, as the stage `verify`. Uses a
+    /// buffer of 1 MiB.
     ///
     /// # Errors
     ///

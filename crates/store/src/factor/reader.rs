@@ -90,7 +90,8 @@ impl FactorFile {
         Ok(TileWindow { container: self.container.clone(), mapped, column })
     }
 
-    /// Checks every byte of the file against its hashes, in a stage `verify` counted in bytes. Uses a buffer of 1 MiB.
+    /// Checks every byte of the file against its hashes. Progress is reported in bytes, as the stage `verify`. Uses a
+    /// buffer of 1 MiB.
     ///
     /// # Errors
     ///

@@ -5,6 +5,7 @@ use spharm_monitor::Silent;
 use spharm_store::catalog::{find_schemes, summarize, verify};
 use spharm_store::{BuildParams, Codec, Scalar, StoreError, build};
 
+use crate::forge::{BASIS_ROOT, Forged};
 use crate::{MAX_DEGREE, ROWS, directions, params, path_of, store, write_factor};
 
 #[test]
@@ -35,6 +36,18 @@ fn a_summary_counts_files_and_damage() {
     std::fs::remove_file(path_of(folder.path(), key, "A_0")).expect("a removal");
     let summary = summarize(folder.path(), key).expect("a folder");
     assert_eq!((summary.degrees, summary.complete_to, summary.factors, summary.damaged), (2, None, 1, 1));
+}
+
+#[test]
+fn files_of_a_newer_version_are_counted() {
+    let (folder, key) = store(&params());
+    let path = path_of(folder.path(), key, "A_1");
+    let mut file = Forged::read(&path, BASIS_ROOT);
+    file.header[8..12].copy_from_slice(&2_u32.to_le_bytes());
+    file.write_sealed(&path);
+    std::fs::write(path_of(folder.path(), key, "A_2"), "no basis").expect("a file");
+    let summary = summarize(folder.path(), key).expect("a folder");
+    assert_eq!((summary.damaged, summary.newer), (2, 1));
 }
 
 #[test]

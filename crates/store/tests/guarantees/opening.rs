@@ -4,6 +4,7 @@ use std::os::unix::net::UnixListener;
 use std::path::Path;
 
 use rustix::fs::{CWD, FileType, Mode, mknodat};
+use spharm_harmonics::Directions;
 use spharm_monitor::Silent;
 use spharm_store::catalog::{degrees, summarize};
 use spharm_store::factor::{factors, open_factor};
@@ -41,6 +42,26 @@ fn a_degree_that_is_missing_is_named() {
     let other = SchemeKey([7; 32]);
     let error = open(folder.path(), other, ROWS, 1).expect_err("no such scheme");
     assert!(matches!(&error, StoreError::NoSuchScheme { available, .. } if *available == [key]), "{error}");
+}
+
+#[test]
+fn directions_that_differ_by_rounding_are_named() {
+    let (folder, key) = store(&BuildParams { scalar: Scalar::F32, ..params() });
+    let open = |by: f64| {
+        let moved: Vec<[f64; 3]> = directions().as_slice().iter().map(|&[x, y, z]| [x, y + by, z]).collect();
+        Scheme::open_at(folder.path(), &Directions::from_vertices(&moved).expect("directions"), None, MAX_DEGREE)
+    };
+    match &open(1e-9) {
+        Err(error @ StoreError::NearScheme { found, rows: ROWS, difference, .. }) => {
+            assert!(*found == key && *difference < 1e-6, "{difference}");
+            assert!(
+                error.to_string().contains(&format!("scheme {} has the same 18 directions", key.short())),
+                "{error}"
+            );
+        }
+        other => panic!("{other:?}"),
+    }
+    assert!(matches!(open(1e-3), Err(StoreError::NoSuchScheme { .. })));
 }
 
 /// A scheme isn't opened if one of its files is replaced by an intact file of another length, scalar type, degree,

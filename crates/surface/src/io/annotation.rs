@@ -47,7 +47,7 @@ pub(super) fn is_region(name: &str) -> bool {
     !name.is_empty() && name != "???" && !OUTSIDE.iter().any(|part| name.contains(part))
 }
 
-/// Returns whether a file's name marks it as a FreeSurfer annotation, by the ending .annot.
+/// Returns whether a file's name marks it as a FreeSurfer annotation, by the extension .annot.
 pub(super) fn is_annotation(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("annot"))
 }

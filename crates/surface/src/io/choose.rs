@@ -5,6 +5,7 @@ use std::path::Path;
 use super::flaw::shown;
 use super::formats::FORMATS;
 use super::load::{head, is_gzip};
+use super::numpy;
 use super::spec::FormatSpec;
 use crate::error::SurfaceError;
 
@@ -19,7 +20,7 @@ pub enum Output<'a> {
     Signal,
     /// A surface or values on vertices, if the choice isn't known yet.
     Either,
-    /// An output of one fixed format; its name must end in one of these lower-case endings.
+    /// An output of one fixed format; its name must end in one of these lower-case extensions.
     Ending(&'a [&'a str]),
 }
 
@@ -66,8 +67,8 @@ pub fn to_write_signal(path: &Path) -> Result<&'static FormatSpec, SurfaceError>
     to_write(path, |format| format.write_signal.is_some())
 }
 
-/// Returns the format for surfaces, read or written, whose ending a file's name has; `None` if it has none. The ending
-/// `.gii` counts, although files with it may hold values instead; the prefixes `lh.` and `rh.` don't.
+/// Returns the format for surfaces, read or written, whose extension a file's name has; `None` if it has none. The
+/// extension `.gii` counts, although files with it may hold values instead; the prefixes `lh.` and `rh.` don't.
 fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
     let name = name_without_gz(path);
     if [".func.gii", ".shape.gii"].iter().any(|ending| name.ends_with(ending)) {
@@ -78,8 +79,8 @@ fn mesh_format(path: &Path) -> Option<&'static FormatSpec> {
     FORMATS.iter().filter(for_meshes).find(|format| has_ending(format, &name))
 }
 
-/// Returns whether a file's name has the ending of a format for surfaces. FreeSurfer's endings, such as `.orig`, don't
-/// count, because they are also common words.
+/// Returns whether a file's name has the extension of a format for surfaces. FreeSurfer's extensions, such as `.orig`,
+/// don't count, because they are also common words.
 #[must_use]
 pub fn is_named_mesh(path: &Path) -> bool {
     mesh_format(path).is_some_and(|format| !format.hemisphere_prefix)
@@ -91,7 +92,7 @@ pub fn is_named_signal(path: &Path) -> bool {
     let name = name_without_gz(path);
     let is_of =
         |holds: fn(&FormatSpec) -> bool| FORMATS.iter().any(|format| holds(format) && has_ending(format, &name));
-    // The ending `.gii` alone is used for both surfaces and values. It is taken to mean values on vertices.
+    // The extension `.gii` alone is used for both surfaces and values. It is taken to mean values on vertices.
     is_of(|format| format.write_signal.is_some())
         && (name.ends_with(".gii") || !is_of(|format| format.write_mesh.is_some()))
         && !name.ends_with(".surf.gii")
@@ -108,14 +109,14 @@ pub fn may_hold_signal(path: &Path) -> bool {
     let format = FORMATS.iter().find(|format| (format.magic)(&head));
     // The same bytes begin GIfTI's surfaces and values. A gzipped file must be unpacked to find its format.
     let holds = |format: &FormatSpec| FORMATS.iter().any(|of| of.name == format.name && of.write_signal.is_some());
-    is_gzip(&head) || format.is_some_and(holds)
+    is_gzip(&head) || numpy::is_array(&head) || format.is_some_and(holds)
 }
 
 fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static FormatSpec, SurfaceError> {
     let name = name_without_gz(path);
     let holding = || FORMATS.iter().filter(|format| holds(format));
     let by_ending = || holding().find(|format| has_ending(format, &name));
-    // The prefix matters only if no ending determines the format: `lh.pial.csv` is a table, which can't hold a
+    // The prefix matters only if no extension determines the format: `lh.pial.csv` is a table, which can't hold a
     // surface.
     let prefixed = ["lh.", "rh."].iter().any(|prefix| name.starts_with(prefix)) && by_proper_ending(&name).is_none();
     let by_prefix = || holding().find(|format| prefixed && format.hemisphere_prefix);
@@ -127,8 +128,8 @@ fn to_write(path: &Path, holds: impl Fn(&FormatSpec) -> bool) -> Result<&'static
     })
 }
 
-/// Returns the format of an existing file. The ending determines the format, except for FreeSurfer's endings, which
-/// aren't unique. The first bytes then determine it.
+/// Returns the format of an existing file. The extension determines the format, except for FreeSurfer's extensions,
+/// which aren't unique. The first bytes then determine it.
 pub(super) fn of_file(path: &Path, bytes: &[u8]) -> Result<&'static FormatSpec, SurfaceError> {
     let by_magic = || FORMATS.iter().find(|format| (format.magic)(bytes));
     let format = by_proper_ending(&name_without_gz(path)).or_else(by_magic);
@@ -170,13 +171,13 @@ fn lower_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().to_lowercase()
 }
 
-/// Returns a file's name in lower case, without the ending `.gz`.
+/// Returns a file's name in lower case, without the extension `.gz`.
 pub(crate) fn name_without_gz(path: &Path) -> String {
     let name = lower_name(path);
     name.strip_suffix(".gz").unwrap_or(&name).to_owned()
 }
 
-/// Returns a name without an ending in upper or lower case; `None` if the name has another ending.
+/// Returns a name without an extension in upper or lower case; `None` if the name has another extension.
 pub(super) fn without_ending<'a>(name: &'a str, ending: &str) -> Option<&'a str> {
     let (stem, found) = name.split_at_checked(name.len().checked_sub(ending.len())?)?;
     found.eq_ignore_ascii_case(ending).then_some(stem)
@@ -236,6 +237,7 @@ mod tests {
             ("lh.pial.curv", b"\xff\xff\xfe\n", false),
             ("lh.myelin.gz", b"\x1f\x8b", true),
             ("values", b"<?xml?><GIFTI>", true),
+            ("a.npy", b"\x93NUMPY\x01\0", true),
             ("other", b"text", false),
             ("a.csv", b"", true),
             ("a.ply", b"ply", false),

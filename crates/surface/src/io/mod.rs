@@ -15,9 +15,13 @@
 //! | glTF 2.0 | `.glb`, `.gltf` | triangles of the scene; equal vertices welded | `.glb` with normals, for viewers |
 //! | 3MF | `.3mf` | objects of the build | one object |
 //! | VRML 97 | `.wrl` | IndexedFaceSets of the scene | - |
+//! | NumPy | `.npy` | signals: arrays with one or two axes | - |
 //! | table | `.csv`, `.tsv` | signals: a row per vertex, a column per channel | as read |
 //!
 //! Landmarks have their own formats, see [`landmarks`].
+//!
+//! 3D Slicer writes the axes of a mesh to the title or a comment of VTK, PLY, STL and OBJ files, as `SPACE=LPS` or
+//! `SPACE=RAS`. They are kept as metadata and written again; positions aren't converted.
 //!
 //! A file of any of these formats may be gzipped (`.gz`). [`FORMATS`] is the table of formats; [`check_output`] checks
 //! whether an output's name implies a suitable format.
@@ -31,6 +35,7 @@
 
 mod annotation;
 mod atomic;
+mod axes;
 mod budget;
 mod bytes;
 mod check;
@@ -47,6 +52,7 @@ mod mask;
 mod memory;
 mod metamesh;
 mod mgh;
+mod numpy;
 mod obj;
 mod off;
 mod painted;
@@ -230,6 +236,10 @@ fn parse(path: &Path) -> Result<(Input, Columns), SurfaceError> {
     }
     // While the file's bytes are in memory, the contents need at least as much memory again, in every format.
     check_room(bytes.len() as u64).map_err(|room| SurfaceError::NoRoom { path: path.to_owned(), room })?;
+    if let Some(header) = numpy::header(&bytes) {
+        let signal = numpy::read(&bytes, &header).map_err(|flaw| flaw.at(path, numpy::NAME))?;
+        return Ok((Input::Signal(signal), Columns::default()));
+    }
     if let Some(format) = volume::kind(&bytes) {
         return Err(SurfaceError::VolumeInput { path: path.to_owned(), format });
     }

@@ -1,5 +1,5 @@
 //! Reads and writes Wavefront OBJ: `v x y z`, `f a/b/c ...`. Everything else (normals, textures, groups, materials) is
-//! skipped. A backslash at the end of a line continues it on the next one.
+//! skipped, except for a comment that states the axes. A backslash at the end of a line continues it on the next one.
 //!
 //! The crate tobj isn't used: it makes a separate model with separate vertices for each group, which loses the order of
 //! the vertices.
@@ -7,6 +7,7 @@
 use std::borrow::Cow;
 use std::io::{self, Write};
 
+use super::axes::{known, noted, stated};
 use super::flaw::{Flaw, shown};
 use super::polygon::Triangles;
 use super::text::{lines, next_position, number, words};
@@ -17,11 +18,16 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut vertices = Vec::new();
     let mut faces = Triangles::default();
     let mut corners = Vec::new();
+    let mut frame = None;
     let mut lines = lines(bytes);
     while let Some((line_number, line)) = lines.next() {
         // Other lines aren't continued, because a comment or a file's name may end in a backslash.
         let line = match words(line).next() {
             Some(b"v" | b"f") => continued(line, &mut lines),
+            Some(word) if word.starts_with(b"#") => {
+                frame = frame.or_else(|| stated(line));
+                continue;
+            }
             _ => continue,
         };
         let mut words = words(&line);
@@ -43,7 +49,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
             _ => {}
         }
     }
-    Ok(faces.into_mesh(vertices))
+    Ok(noted(faces.into_mesh(vertices), frame))
 }
 
 /// Returns a line with the lines that continue it.
@@ -79,6 +85,9 @@ fn index(word: &[u8], vertices_so_far: usize, line_number: usize) -> Result<u32,
 
 /// Writes positions, in digits that read back exactly, and triangles.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
+    if let Some(statement) = known(&mesh.meta) {
+        writeln!(out, "# {statement}")?;
+    }
     for [x, y, z] in &mesh.vertices {
         writeln!(out, "v {x:?} {y:?} {z:?}")?;
     }

@@ -8,7 +8,7 @@ use super::{WriteOptions, check, glb, ply, vtk, vtkxml, write_new, write_signal}
 use crate::error::SurfaceError;
 use crate::mesh::{Mesh, Signal};
 
-/// Endings of file names that [`write_painted`] accepts.
+/// Extensions of file names that [`write_painted`] accepts.
 pub const PAINTED: &[&str] = &[".ply", ".glb", ".vtk", ".vtp", ".shape.gii", ".func.gii"];
 
 /// Writes a PLY file with a value and a colour per vertex, for viewers such as MeshLab and CloudCompare.
@@ -42,8 +42,8 @@ pub fn write_ply(
 ///
 /// # Errors
 ///
-/// The errors of [`write_ply`], except that [`UnknownFormat`](SurfaceError::UnknownFormat) means an ending that isn't
-/// in [`PAINTED`]; [`Empty`](SurfaceError::Empty) for GIfTI without values.
+/// The errors of [`write_ply`], except that [`UnknownFormat`](SurfaceError::UnknownFormat) means an extension that
+/// isn't in [`PAINTED`]; [`Empty`](SurfaceError::Empty) for GIfTI without values.
 pub fn write_painted(
     path: impl AsRef<Path>,
     mesh: &Mesh,

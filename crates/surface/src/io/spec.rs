@@ -21,14 +21,15 @@ pub enum Precision {
 pub struct FormatSpec {
     /// The format's name as used in messages, such as "a PLY file".
     pub name: &'static str,
-    /// Endings of the format's file names, in lower case; `.gz` may follow.
+    /// Extensions of the format's file names, in lower case; `.gz` may follow.
     pub endings: &'static [&'static str],
     /// Precision of positions and values.
     pub precision: Precision,
     /// Whether the order of the vertices is preserved. If not, a surface read back no longer corresponds to its sphere.
     pub keeps_order: bool,
-    /// Whether this format is implied by names that begin with `lh.` or `rh.` (a hemisphere) and don't have the ending
-    /// of another format. The endings of such a format are common words that don't determine the format of a file.
+    /// Whether this format is implied by names that begin with `lh.` or `rh.` (a hemisphere) and don't have the
+    /// extension of another format. The extensions of such a format are common words that don't determine the format of
+    /// a file.
     pub hemisphere_prefix: bool,
     /// Largest number of values per vertex.
     pub most_channels: usize,

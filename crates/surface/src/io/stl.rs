@@ -5,6 +5,7 @@
 
 use std::io::{self, Write};
 
+use super::axes::{noted, stated, titled};
 use super::bytes::{Cursor, Endian};
 use super::flaw::{Flaw, bounded, shown};
 use super::text::{lines, next_position, words};
@@ -18,10 +19,11 @@ const TRIANGLE: usize = 50;
 /// Reads a text or binary file. A file counts as binary if its length fits the number of triangles in a binary header,
 /// even if it starts with "solid".
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
+    let frame = stated(bytes.get(..HEADER).unwrap_or(bytes));
     let text = bytes.trim_ascii_start().starts_with(b"solid");
     let mut cursor = Cursor::new(bytes);
     if text && !has_binary_length(bytes) {
-        return read_text(bytes);
+        return Ok(noted(read_text(bytes)?, frame));
     }
     cursor.take(HEADER)?;
     let count = cursor.u32(Endian::Little)?;
@@ -38,7 +40,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         }
         cursor.take(2)?;
     }
-    Ok(welder.finish())
+    Ok(noted(welder.finish(), frame))
 }
 
 fn has_binary_length(bytes: &[u8]) -> bool {
@@ -85,8 +87,8 @@ pub(super) fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
     let count =
         u32::try_from(mesh.faces.len()).map_err(|_| io::Error::other("STL files hold at most 2^32 - 1 triangles"))?;
     let mut header = [b' '; HEADER];
-    let title = b"binary STL by spharm";
-    header[..title.len()].copy_from_slice(title);
+    let title = titled("binary STL by spharm", &mesh.meta);
+    header[..title.len()].copy_from_slice(title.as_bytes());
     out.write_all(&header)?;
     out.write_all(&count.to_le_bytes())?;
     for face in &mesh.faces {

@@ -32,41 +32,50 @@ pub(super) fn read_columns(bytes: &[u8], separator: u8) -> Result<(Signal, Colum
     Ok((signal, Columns { names, index, decimal_commas }))
 }
 
-/// Reads all columns of a table.
+/// Reads all columns of a table. Missing values become NaN. A blank line between the rows of a table of one column is a
+/// missing value.
 fn all_columns(bytes: &[u8], separator: u8) -> Result<Signal, Flaw> {
     let mut values: Vec<f64> = Vec::new();
     let (mut vertices, mut channels) = (0, None);
-    let mut first = true;
-    for (at, line) in rows(bytes) {
-        let start = values.len();
-        let mut bad = None;
-        for cell in line.split(|&b| b == separator) {
-            let cell = cell.trim_ascii();
-            match number(cell) {
-                Some(x) => values.push(x),
-                None => bad = bad.or(Some(cell)),
-            }
+    // Whether each column has a number, which may be NaN, and the number of blank lines since the last row.
+    let (mut has_number, mut blank): (Vec<bool>, usize) = (Vec::new(), 0);
+    for (at, line) in lines(bytes) {
+        if is_blank(line, separator) {
+            blank += usize::from(channels == Some(1) && vertices > 0);
+            continue;
         }
-        if let Some(cell) = bad {
-            if !first {
+        if channels.is_none() && is_header(line, separator) {
+            // A line of names determines the number of columns.
+            channels = Some(cells(line, separator).count());
+            continue;
+        }
+        let start = values.len() + blank;
+        values.resize(start, f64::NAN);
+        vertices += std::mem::take(&mut blank);
+        for (column, cell) in cells(line, separator).map(unquoted).enumerate() {
+            let found = number(cell);
+            if found.is_none() && !is_missing(cell) {
                 return Err(Flaw::new(format!("numbers on line {at}"), shown(cell)));
             }
-            // A line of names determines the number of columns.
-            values.truncate(start);
-            channels = Some(line.split(|&b| b == separator).count());
-        } else {
-            let found = values.len() - start;
-            let wanted = *channels.get_or_insert(found);
-            if found != wanted {
-                let hint = hint(line, separator, found.saturating_sub(wanted), vertices == 0);
-                return Err(Flaw::new(
-                    format!("{wanted} values on line {at}, as on the first line"),
-                    format!("{found}{hint}"),
-                ));
+            if column == has_number.len() {
+                has_number.push(false);
             }
-            vertices += 1;
+            has_number[column] |= found.is_some();
+            values.push(found.unwrap_or(f64::NAN));
         }
-        first = false;
+        let found = values.len() - start;
+        let wanted = *channels.get_or_insert(found);
+        if found != wanted {
+            let hint = hint(line, separator, found.saturating_sub(wanted), vertices == 0);
+            return Err(Flaw::new(
+                format!("{wanted} values on line {at}, as on the first line"),
+                format!("{found}{hint}"),
+            ));
+        }
+        vertices += 1;
+    }
+    if let Some(column) = has_number.iter().position(|has_number| !has_number) {
+        return Err(Flaw::new(format!("numbers in column {}", column + 1), "only missing values"));
     }
     Ok(Signal { values, vertices, channels: channels.unwrap_or(0) })
 }
@@ -82,27 +91,56 @@ fn hint(line: &[u8], separator: u8, surplus: usize, is_first: bool) -> &'static 
     }
 }
 
-/// Returns the lines of a table that aren't blank, with their numbers from 1.
-fn rows(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
-    lines(bytes).filter(|(_, line)| !line.trim_ascii().is_empty())
+/// Returns the first line of a table that isn't blank.
+fn first_row(bytes: &[u8], separator: u8) -> Option<&[u8]> {
+    lines(bytes).map(|(_, line)| line).find(|line| !is_blank(line, separator))
+}
+
+/// Returns whether a line has no cells. Tabs that separate cells count, although they are white space.
+fn is_blank(line: &[u8], separator: u8) -> bool {
+    line.trim_ascii().is_empty() && !line.contains(&separator)
+}
+
+fn cells(line: &[u8], separator: u8) -> impl Iterator<Item = &[u8]> {
+    line.split(move |&b| b == separator).map(<[u8]>::trim_ascii)
+}
+
+/// Returns a cell without quotation marks. R puts the numbers of rows in them, and pandas an empty cell that is alone.
+fn unquoted(cell: &[u8]) -> &[u8] {
+    cell.strip_prefix(b"\"").and_then(|cell| cell.strip_suffix(b"\"")).unwrap_or(cell)
+}
+
+/// Returns whether a cell stands for a missing value: it is empty, or has R's or a spreadsheet's mark.
+fn is_missing(cell: &[u8]) -> bool {
+    [&b""[..], b"NA", b"N/A", b"#N/A"].iter().any(|mark| cell.eq_ignore_ascii_case(mark))
+}
+
+/// Returns whether the first line of a table has column names: a cell is neither a number nor a missing value. If the
+/// first cell is empty, it is the name of an index.
+fn is_header(line: &[u8], separator: u8) -> bool {
+    let is_value = |cell: &[u8]| number::<f64>(cell).is_some() || is_missing(cell);
+    cells(line, separator).next().is_some_and(<[u8]>::is_empty) || !cells(line, separator).all(is_value)
 }
 
 /// Returns the names of a table's columns, or an empty vector if the table has no header.
 fn names(bytes: &[u8], separator: u8) -> Vec<String> {
-    let Some((_, line)) = rows(bytes).next() else { return Vec::new() };
-    let cells = || line.split(|&b| b == separator).map(<[u8]>::trim_ascii);
-    if cells().all(|cell| number::<f64>(cell).is_some()) {
-        return Vec::new();
-    }
+    let Some(line) = first_row(bytes, separator).filter(|line| is_header(line, separator)) else { return Vec::new() };
     let name = |cell: &[u8]| String::from_utf8_lossy(cell).trim_matches(['"', '#', ' ']).to_owned();
-    cells().map(name).collect()
+    cells(line, separator).map(name).collect()
 }
 
 /// Returns whether a column's name is usual for numbers of rows. Pandas and R leave the name empty, and pandas reads an
 /// empty name as `Unnamed: 0`.
 fn is_index(name: &str) -> bool {
-    let name = name.to_lowercase();
-    ["vertex", "index", "id", ""].contains(&name.as_str()) || name.starts_with("unnamed: ")
+    names_vertices(name)
+        || ["index", "id", ""].contains(&name.to_lowercase().as_str())
+        || name.to_lowercase().starts_with("unnamed: ")
+}
+
+/// Returns whether a column's name says that its values are the numbers of vertices.
+fn names_vertices(name: &str) -> bool {
+    let name = name.to_lowercase().replace([' ', '_', '-', '.'], "");
+    ["vertex", "vertexid", "vertexindex", "vertexno", "vertexnumber", "vno"].contains(&name.as_str())
 }
 
 /// Returns whether the cells of the column at an index, named `name`, count the rows from 0 or 1. The column is refused
@@ -119,7 +157,7 @@ fn counts_rows(signal: &Signal, column: usize, name: &str) -> Result<bool, Flaw>
     if is_count(&found) {
         return Ok(true);
     }
-    if is_count(&sorted) || name.eq_ignore_ascii_case("vertex") {
+    if is_count(&sorted) || names_vertices(name) {
         return Err(Flaw::unsupported(
             format!("a column {} that doesn't number the rows in order from 0 or 1", shown(name.as_bytes())),
             "sort the rows by vertex number; if they are already in the order of the vertices, remove the column",
@@ -161,7 +199,7 @@ pub(super) fn separator(format: &FormatSpec) -> Option<u8> {
 /// channels.
 fn decimal_commas(bytes: &[u8]) -> Option<String> {
     let (mut zero, mut same, mut lengths) = (false, [true; 2], None);
-    for (_, line) in rows(bytes) {
+    for (_, line) in lines(bytes).filter(|(_, line)| !is_blank(line, b',')) {
         let line = line.trim_ascii();
         let at = line.iter().position(|&b| b == b',')?;
         let (whole, decimals) = (line[..at].strip_prefix(b"-").unwrap_or(&line[..at]), &line[at + 1..]);
@@ -175,7 +213,7 @@ fn decimal_commas(bytes: &[u8]) -> Option<String> {
     }
     let lengths = lengths?;
     let [channel, long] = [0, 1].map(|column| same[column] && lengths[column] >= DECIMALS);
-    let first = rows(bytes).next().map(|(_, line)| String::from_utf8_lossy(line.trim_ascii()).into_owned());
+    let first = first_row(bytes, b',').map(|line| String::from_utf8_lossy(line.trim_ascii()).into_owned());
     first.filter(|_| !channel && (zero || long))
 }
 
@@ -202,7 +240,16 @@ mod tests {
 
     #[test]
     fn a_column_that_counts_the_rows_is_left_out() {
-        for text in ["vertex,a\n0,5\n1,7\n", "a,Index\n5,1\n7,2\n", "\"\",a\n0,5\n1,7\n"] {
+        for text in [
+            "vertex,a\n0,5\n1,7\n",
+            "a,Index\n5,1\n7,2\n",
+            "\"\",a\n0,5\n1,7\n",
+            "\"\",\"a\"\n\"1\",5\n\"2\",7\n",
+            "vertex_id,a\n0,5\n1,7\n",
+            "vno,a\n0,5\n1,7\n",
+            "a,Vertex ID\n5,1\n7,2\n",
+            "vertex_index,a\n1,5\n2,7\n",
+        ] {
             assert_eq!(read(text.as_bytes(), b',').unwrap(), Signal::new(vec![5.0, 7.0], 2, 1), "{text}");
         }
         // A region's id is a value.
@@ -231,11 +278,38 @@ mod tests {
     #[test]
     fn rows_in_another_order_are_refused() {
         for text in
-            ["vertex,a\n1,5\n0,7\n", "id\ta\n2\t5\n1\t7\n", "vertex,a\n10,5\n11,7\n", ",vertex,a\n10,10,5\n11,11,7\n"]
+            ["vertex,a\n1,5\n0,7\n", "id\ta\n2\t5\n1\t7\n", "vno,a\n10,5\n11,7\n", ",vertex,a\n10,10,5\n11,11,7\n"]
         {
             let separator = if text.contains(',') { b',' } else { b'\t' };
             let Err(Flaw::Unsupported { found, remedy }) = read(text.as_bytes(), separator) else { panic!("{text}") };
             assert!(found.contains("doesn't number the rows") && remedy.contains("sort the rows"), "{found}");
+        }
+    }
+
+    #[test]
+    fn missing_values_are_read_as_nan() {
+        let column = [2.5, f64::NAN, 2.75];
+        for (text, separator, channels, expected) in [
+            ("a\n2.5\nNA\n2.75\n", b',', 1, &column[..]),
+            ("a\n2.5\n\"\"\n2.75\n", b',', 1, &column),
+            ("a\r\n2.5\r\n\r\n2.75\r\n\r\n", b',', 1, &column),
+            ("\n2.5\n N/A\n2.75\n", b',', 1, &column),
+            ("NA\n2.5\n", b',', 1, &[f64::NAN, 2.5]),
+            ("vertex,a,b\n0,1,\n1,,2\n2,NaN,#N/A\n", b',', 2, &[1.0, f64::NAN, f64::NAN, 2.0, f64::NAN, f64::NAN]),
+            ("1\t2\n\t\n3\tna\n\n", b'\t', 2, &[1.0, 2.0, f64::NAN, f64::NAN, 3.0, f64::NAN]),
+        ] {
+            let signal = read(text.as_bytes(), separator).unwrap();
+            let bits = |values: &[f64]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            assert_eq!((signal.channels, signal.vertices), (channels, expected.len() / channels), "{text}");
+            assert_eq!(bits(&signal.values), bits(expected), "{text}");
+        }
+        for (text, expected) in [
+            ("a\n2.5\nnone\n", "numbers on line 3"),
+            ("a,b\n2.5,\n2.75,NA\n", "numbers in column 2"),
+            ("a,b\n2.5,\n2.75\n", "2 values on line 3, as on the first line"),
+        ] {
+            let error = read(text.as_bytes(), b',').unwrap_err();
+            assert!(matches!(&error, Flaw::Malformed { expected: found, .. } if found == expected), "{error:?}");
         }
     }
 

@@ -14,11 +14,10 @@ use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor, Stage};
 
 use super::surface::{Density, PoseSurface, View};
-use super::warning::GroupPoseWarning;
-use super::{Pose, PoseParams, PoseSearch, differ, icp, pose, whole};
+use super::warning::{CLOSE, GroupPoseWarning};
+use super::{Pose, PoseParams, PoseSearch, differ, icp, nearest};
 use crate::geometry::{dot, scale, sub};
 use crate::kabsch::kabsch;
-use crate::matrix3::{product, times, transposed};
 use crate::similarity::Similarity;
 
 /// Largest number of other members that a member moves towards at once. They are evenly spaced in the list.
@@ -26,14 +25,9 @@ pub const OTHERS: usize = 8;
 /// Number of rounds in which all members move towards each other.
 const ROUNDS: usize = 5;
 /// Share of the trimmed area that is excluded in the rounds in which members move towards each other. It is less than
-/// 1, since parts in which members differ most, such as the tips of processes, aren't necessarily outliers. Example:
-/// for landmarks of vertebrae, the residual is 1.14 times that of a fit to the landmarks themselves; it would be 1.25
-/// times if all of the trimmed area were excluded.
+/// 1, since parts in which members differ most, such as the tips of processes, aren't necessarily outliers. Landmarks
+/// of vertebrae have 1.14 times the residual of a fit to the landmarks themselves; with a share of 1 it would be 1.25.
 const OUTLYING: f64 = 0.25;
-/// Factor up to which the distances in two poses of a member count as close. If the two best poses are close, the
-/// distances from the other members decide. A member belongs elsewhere if its distance exceeds this multiple of the
-/// distance in its best pose.
-pub const CLOSE: f64 = 1.5;
 /// Largest number of other members used to compare two poses of a member.
 const JUDGES: usize = 32;
 /// Largest number of sweeps in which each member chooses the better of its two poses.
@@ -49,6 +43,9 @@ pub const OF_ANOTHER_KIND: f64 = 3.0;
 pub struct GroupPoses {
     /// For each surface, the map from its own frame to the group's frame.
     pub similarities: Vec<Similarity>,
+    /// For each surface, the pose at the template's size, if size explains its difference from the template; see
+    /// [`at_one_size`](super::at_one_size).
+    pub at_one_size: Vec<Option<Similarity>>,
     /// Index of the most typical surface, counted from 0. The group keeps its position.
     pub template: usize,
     /// For each member, the median of its distances from the others, as defined by [`Pose::distance`], in the group's
@@ -58,20 +55,8 @@ pub struct GroupPoses {
     pub warnings: Vec<GroupPoseWarning>,
 }
 
-/// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of the
-/// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
-/// and 0.82 to 0.89 for hippocampi of the other side.
-pub const NEARER_MIRRORED: f64 = 0.94;
-/// Number of steps by which a mirror image, or a turned member, moves towards the others.
-const CHANGED_STEPS: usize = 3;
-/// A member is turned if its distance from the others then decreases by more than this factor.
-const MUCH_NEARER: f64 = 1.5;
-/// If a half-turn of a member fits the others about as well as its mirror image, up to this factor, the member equals
-/// its mirror image and is turned.
-const TURNED: f64 = 1.03;
-
-/// Aligns a group of surfaces, as described in the module. This takes about 30 ms per surface on two threads. With
-/// `scale`, all members are scaled to the geometric mean of their sizes.
+/// Aligns a group of surfaces, as described in the module. This takes about 30 ms per surface on two threads, and
+/// several times that if the sizes differ. With `scale`, all members are scaled to the geometric mean of their sizes.
 ///
 /// # Errors
 ///
@@ -84,73 +69,95 @@ pub fn group_poses(
     let count = surfaces.len();
     if count < 2 {
         let similarities = vec![Similarity::default(); count];
-        return Ok(GroupPoses { similarities, template: 0, distances: vec![0.0; count], warnings: Vec::new() });
+        let at_one_size = vec![None; count];
+        let (distances, warnings) = (vec![0.0; count], Vec::new());
+        return Ok(GroupPoses { similarities, at_one_size, template: 0, distances, warnings });
     }
     monitor.begin(Stage::counted("pose", "surfaces"), 0);
-    let group = Group { surfaces, params, monitor };
-    let mut template = group.typical();
-    let mut poses = group.to(template)?;
-    let first: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
-    let nearest = group.nearest(&first);
-    if nearest != template {
-        template = nearest;
-        poses = group.to(template)?;
+    let mut found = Group { surfaces, params, monitor }.aligned(params.scale)?;
+    // At their own sizes, bodies that differ mainly in size have poses nearly as good that are wrong.
+    let explained = found.at_one_size.iter().flatten().count();
+    if count > 2 && 2 * explained >= count - 1 {
+        let scaling = PoseParams { scale: true, ..*params };
+        let scaled = Group { surfaces, params: &scaling, monitor }.aligned(false)?;
+        found = Group { surfaces, params, monitor }.at_own_sizes(scaled)?;
     }
-    let (mut motions, doubts) = group.decided(&poses)?;
-    if params.search == PoseSearch::Any {
-        motions = group.turned(&motions, template)?;
-    }
-    // Outliers are excluded from the rounds below, so that they don't affect the other members.
-    let as_decided = group.distances(&motions);
-    let usual = OF_ANOTHER_KIND * median(as_decided.clone());
-    let alike: Vec<bool> = as_decided.iter().map(|distance| *distance <= usual).collect();
-    // A group of two needs no rounds, since one member has already been aligned to the other.
-    for _ in 0..if count > 2 { ROUNDS } else { 0 } {
-        motions = group.closer(&motions, &alike)?;
-        let back = motions[template].inverse();
-        motions.iter_mut().for_each(|motion| *motion = motion.then(&back));
-    }
-    if params.scale {
-        let common = surfaces.iter().map(|surface| surface.size().ln()).sum::<f64>() / count as f64;
-        let factor = common.exp() / surfaces[template].size();
-        let centre = surfaces[template].centre;
-        let translation = sub(centre, scale(centre, factor));
-        let larger = Similarity { scale: factor, translation, ..Similarity::default() };
-        motions.iter_mut().for_each(|motion| *motion = motion.then(&larger));
-    }
-    motions.iter_mut().for_each(|motion| motion.orthogonal = kabsch(&motion.orthogonal, true));
-    let distances = group.distances(&motions);
-    let median = median(distances.clone());
-    let mut far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
-    let mut others = doubts;
-    if params.search == PoseSearch::Near {
-        others.extend(group.elsewhere(template, &poses)?);
-    }
-    if !params.mirror {
-        for warning in group.mirrored(&motions, template)? {
-            let doubtful = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Doubtful { .. });
-            others.retain(|other| other.member() != warning.member() || !(doubtful(other) && doubtful(&warning)));
-            others.push(warning);
-        }
-    }
-    // An outlier has no right pose, so other warnings about it are dropped, unless another pose is the explanation.
-    let is_elsewhere = |warning: &GroupPoseWarning| matches!(warning, GroupPoseWarning::Elsewhere { .. });
-    others.retain(|warning| is_elsewhere(warning) || !far.contains(&warning.member()));
-    let explained: Vec<usize> = others.iter().filter(|of| is_elsewhere(of)).map(GroupPoseWarning::member).collect();
-    far.retain(|member| !explained.contains(member));
-    let named = far.iter().map(|&member| GroupPoseWarning::Far { member, distance: distances[member], median });
-    let warnings = named.chain(others).collect();
     monitor.end();
-    Ok(GroupPoses { similarities: motions, template, distances, warnings })
+    Ok(found)
 }
 
-struct Group<'a> {
-    surfaces: &'a [PoseSurface],
-    params: &'a PoseParams,
-    monitor: &'a dyn Monitor,
+pub(super) struct Group<'a> {
+    pub(super) surfaces: &'a [PoseSurface],
+    pub(super) params: &'a PoseParams,
+    pub(super) monitor: &'a dyn Monitor,
 }
 
 impl Group<'_> {
+    /// Aligns the members to the most typical one and to each other. If `common` is set, they are scaled from the
+    /// typical member's size to the geometric mean of the sizes.
+    fn aligned(&self, common: bool) -> Result<GroupPoses, Interrupted> {
+        let Self { surfaces, params, .. } = *self;
+        let (group, count) = (self, surfaces.len());
+        let mut template = group.typical();
+        let mut poses = group.to(template)?;
+        let first: Vec<Similarity> = poses.iter().map(|pose| pose.similarity).collect();
+        let nearest = group.nearest(&first);
+        if nearest != template {
+            template = nearest;
+            poses = group.to(template)?;
+        }
+        let (mut motions, doubts) = group.decided(&poses)?;
+        if params.search == PoseSearch::Any {
+            motions = group.turned(&motions, template)?;
+        }
+        // Outliers are excluded from the rounds below, so that they don't affect the other members.
+        let as_decided = group.distances(&motions);
+        let usual = OF_ANOTHER_KIND * median(as_decided.clone());
+        let alike: Vec<bool> = as_decided.iter().map(|distance| *distance <= usual).collect();
+        // A group of two needs no rounds, since one member has already been aligned to the other.
+        for _ in 0..if count > 2 { ROUNDS } else { 0 } {
+            motions = group.closer(&motions, &alike)?;
+            let back = motions[template].inverse();
+            motions.iter_mut().for_each(|motion| *motion = motion.then(&back));
+        }
+        let at_one_size = group.at_one_size(&motions, template)?;
+        for ((surface, motion), scaled) in surfaces.iter().zip(&mut motions).zip(&at_one_size) {
+            *motion = scaled.map_or(*motion, |scaled| scaled.with_scale(1.0, surface.centre));
+        }
+        if common {
+            let common = surfaces.iter().map(|surface| surface.size().ln()).sum::<f64>() / count as f64;
+            let factor = common.exp() / surfaces[template].size();
+            let centre = surfaces[template].centre;
+            let translation = sub(centre, scale(centre, factor));
+            let larger = Similarity { scale: factor, translation, ..Similarity::default() };
+            motions.iter_mut().for_each(|motion| *motion = motion.then(&larger));
+        }
+        motions.iter_mut().for_each(|motion| motion.orthogonal = kabsch(&motion.orthogonal, true));
+        let distances = group.distances(&motions);
+        let median = median(distances.clone());
+        let mut far: Vec<usize> = (0..count).filter(|member| distances[*member] > OF_ANOTHER_KIND * median).collect();
+        let mut others = doubts;
+        if params.search == PoseSearch::Near {
+            others.extend(group.elsewhere(template, &poses)?);
+        }
+        if !params.mirror {
+            for warning in group.mirrored(&motions, template)? {
+                let doubtful = |of: &GroupPoseWarning| matches!(of, GroupPoseWarning::Doubtful { .. });
+                others.retain(|other| other.member() != warning.member() || !(doubtful(other) && doubtful(&warning)));
+                others.push(warning);
+            }
+        }
+        // An outlier has no right pose, so other warnings about it are dropped, unless another pose or the mirror image
+        // is the explanation.
+        others.retain(|warning| warning.explains_distance() || !far.contains(&warning.member()));
+        let explained: Vec<usize> =
+            others.iter().filter(|of| of.explains_distance()).map(GroupPoseWarning::member).collect();
+        far.retain(|member| !explained.contains(member));
+        let named = far.iter().map(|&member| GroupPoseWarning::Far { member, distance: distances[member], median });
+        let warnings = named.chain(others).collect();
+        Ok(GroupPoses { similarities: motions, at_one_size, template, distances, warnings })
+    }
+
     /// Returns the member whose lengths along the principal axes are most typical.
     fn typical(&self) -> usize {
         let described: Vec<[f64; 3]> = self.surfaces.iter().map(|surface| surface.lengths).collect();
@@ -163,9 +170,15 @@ impl Group<'_> {
     fn to(&self, template: usize) -> Result<Vec<Pose>, Interrupted> {
         let one = |member: usize| -> Result<Pose, Interrupted> {
             let found = if member == template {
-                Ok(Pose { similarity: Similarity::default(), distance: 0.0, second: f64::INFINITY, other: None })
+                Ok(Pose {
+                    similarity: Similarity::default(),
+                    distance: 0.0,
+                    second: f64::INFINITY,
+                    other: None,
+                    at_one_size: None,
+                })
             } else {
-                pose(&self.surfaces[member], &self.surfaces[template], self.params, self.monitor)
+                nearest(&self.surfaces[member], &self.surfaces[template], self.params, self.monitor)
             };
             self.monitor.step(1);
             found
@@ -182,7 +195,7 @@ impl Group<'_> {
             if member == template {
                 return Ok(None);
             }
-            let best = pose(&self.surfaces[member], &self.surfaces[template], &params, self.monitor)?;
+            let best = nearest(&self.surfaces[member], &self.surfaces[template], &params, self.monitor)?;
             let warning = GroupPoseWarning::Elsewhere { member, distance: near.distance, best: best.distance };
             let elsewhere = differ(&best.similarity, &near.similarity);
             Ok((elsewhere && CLOSE * best.distance < near.distance).then_some(warning))
@@ -212,7 +225,7 @@ impl Group<'_> {
         (0..taken).map(move |k| (member + 1 + k * (count - 1) / taken + usize::from(wide && k % 2 == 1)) % count)
     }
 
-    fn distances(&self, motions: &[Similarity]) -> Vec<f64> {
+    pub(super) fn distances(&self, motions: &[Similarity]) -> Vec<f64> {
         let of = |member: usize| self.distance_of(member, &motions[member], motions);
         (0..motions.len()).into_par_iter().map(of).collect()
     }
@@ -232,11 +245,11 @@ impl Group<'_> {
     /// Returns the mean squared distance of a member in a given pose from at most `most` others in their poses. Nothing
     /// is trimmed, because the part in which two ends of a body differ may be as small as the trimmed share. Distances
     /// are capped at twice their median, to limit the effect of surfaces of other kinds.
-    fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity], most: usize) -> f64 {
+    pub(super) fn judged(&self, member: usize, motion: &Similarity, motions: &[Similarity], most: usize) -> f64 {
         let moving = &self.surfaces[member];
         let distance = |other: &usize| {
             let (fixed, own) = (&self.surfaces[*other], &motions[*other]);
-            own.scale * whole(moving, fixed, Density::Some, &motion.then(&own.inverse()))
+            own.scale * super::sizes::whole(moving, fixed, Density::Some, &motion.then(&own.inverse()))
         };
         let others: Vec<usize> = self.spread(member, most).collect();
         let found: Vec<f64> = others.par_iter().map(distance).collect();
@@ -277,7 +290,7 @@ impl Group<'_> {
     }
 
     /// Returns a member's pose after one step towards others.
-    fn step(&self, member: usize, motion: &Similarity, others: &[(View<'_>, Similarity)]) -> Similarity {
+    pub(super) fn step(&self, member: usize, motion: &Similarity, others: &[(View<'_>, Similarity)]) -> Similarity {
         let rounds = icp::Rounds {
             most: 1,
             rest: 0.0,
@@ -291,7 +304,7 @@ impl Group<'_> {
 
     /// Returns the points and poses of the other members that a member is compared with, and for which `chosen` is
     /// true.
-    fn seen(
+    pub(super) fn seen(
         &self,
         member: usize,
         motions: &[Similarity],
@@ -299,81 +312,6 @@ impl Group<'_> {
     ) -> Vec<(View<'_>, Similarity)> {
         let others = self.others(member, OTHERS).filter(|other| chosen(*other));
         others.map(|other| (self.surfaces[other].view(Density::Some), motions[other])).collect()
-    }
-
-    /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
-    /// planes spanned by the typical member's principal axes, and in the typical member's centre. A body that equals
-    /// its mirror image may fit better as a mirror image only because its pose is wrong; then a half-turn about one of
-    /// the axes fits as well, and the pose is doubtful. In a group of two sides, the median distance from the others
-    /// can't tell the sides apart, so mean distances are compared.
-    fn mirrored(&self, motions: &[Similarity], template: usize) -> Result<Vec<GroupPoseWarning>, Interrupted> {
-        let (reflections, half_turns) = self.changes(motions, template);
-        let one = |member: usize| -> Result<Option<GroupPoseWarning>, Interrupted> {
-            let distance = self.judged(member, &motions[member], motions, OTHERS).sqrt();
-            let (_, mirrored) = self.best_changed(member, motions, &reflections)?;
-            if mirrored >= NEARER_MIRRORED * distance {
-                return Ok(None);
-            }
-            let (_, second) = self.best_changed(member, motions, &half_turns)?;
-            Ok(Some(match second <= TURNED * mirrored {
-                true => GroupPoseWarning::Doubtful { member, distance, second },
-                false => GroupPoseWarning::Mirrored { member, distance, mirrored },
-            }))
-        };
-        let found: Vec<_> = (0..motions.len()).into_par_iter().map(one).collect();
-        Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
-    }
-
-    /// Turns each member but the typical one by the half-turn that brings it much nearer to the others, if there is
-    /// one. The distance from the typical member alone may not show it, for example if the members' sizes differ
-    /// greatly.
-    fn turned(&self, motions: &[Similarity], template: usize) -> Result<Vec<Similarity>, Interrupted> {
-        let (_, half_turns) = self.changes(motions, template);
-        let one = |member: usize| -> Result<Similarity, Interrupted> {
-            if member == template {
-                return Ok(motions[member]);
-            }
-            let own = self.judged(member, &motions[member], motions, OTHERS).sqrt();
-            let (turned, distance) = self.best_changed(member, motions, &half_turns)?;
-            Ok(if MUCH_NEARER * distance < own { turned } else { motions[member] })
-        };
-        let found: Vec<Result<Similarity, Interrupted>> = (0..motions.len()).into_par_iter().map(one).collect();
-        found.into_iter().collect()
-    }
-
-    /// Returns the reflections and the half-turns that keep the typical member's principal axes.
-    fn changes(&self, motions: &[Similarity], template: usize) -> ([Similarity; 4], [Similarity; 3]) {
-        let typical = &self.surfaces[template];
-        let axes = product(&typical.axes, &transposed(&motions[template].orthogonal));
-        let centre = motions[template].apply(typical.centre);
-        let changed = |signs: [f64; 3]| {
-            let flipped = std::array::from_fn(|i| axes[i].map(|value| signs[i] * value));
-            let orthogonal = product(&transposed(&axes), &flipped);
-            Similarity { orthogonal, translation: sub(centre, times(&orthogonal, centre)), ..Similarity::default() }
-        };
-        (
-            [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(changed),
-            [[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(changed),
-        )
-    }
-
-    /// Applies each change to a member and moves the result towards the others. Returns the best pose found, and its
-    /// distance from the others.
-    fn best_changed(
-        &self,
-        member: usize,
-        motions: &[Similarity],
-        changes: &[Similarity],
-    ) -> Result<(Similarity, f64), Interrupted> {
-        self.monitor.check()?;
-        let others = self.seen(member, motions, |_| true);
-        let moved = |change: &Similarity| {
-            let start = motions[member].then(change);
-            let motion = (0..CHANGED_STEPS).fold(start, |motion, _| self.step(member, &motion, &others));
-            (motion, self.judged(member, &motion, motions, OTHERS).sqrt())
-        };
-        let found = changes.iter().map(moved).min_by(|a, b| a.1.total_cmp(&b.1));
-        Ok(found.unwrap_or((motions[member], f64::INFINITY)))
     }
 
     /// Returns the poses after each member has moved one step towards the other members for which `alike` is true.
@@ -393,7 +331,7 @@ fn least(numbers: &[f64]) -> usize {
 }
 
 /// Returns the median of one or more numbers; of two middle numbers, the larger one.
-fn median(mut numbers: Vec<f64>) -> f64 {
+pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers[numbers.len() / 2]
 }

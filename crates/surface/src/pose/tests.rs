@@ -278,3 +278,41 @@ fn a_mirrored_member_is_named_unless_mirror_images_are_matched() {
     assert!(named(&one, true).is_empty());
     assert_eq!(named(&group(10, &[1, 4, 7]), false), [1, 4, 7]);
 }
+
+#[test]
+fn size_does_not_turn_a_body() {
+    let (large, other) = (lump(5), lump(4));
+    let fixed = PoseSurface::new(&large).unwrap();
+    let mut random = SplitMix64::new(8);
+    let mut surfaces = vec![PoseSurface::new(&other).unwrap()];
+    let mut moves = vec![Similarity::default()];
+    for size in [0.97, 0.9, 0.8, 0.5, 1.3] {
+        let moved = Similarity { orthogonal: turn(&mut random), scale: size, translation: [20.0, -7.0, 1.0] };
+        let moving = PoseSurface::new(&moved.apply_mesh(&other)).unwrap();
+        let found = pose(&moving, &fixed, &PoseParams::default(), &Silent).unwrap();
+        let angle = angle_between(&moved.then(&found.similarity).orthogonal, &IDENTITY).to_degrees();
+        assert!(angle < 0.5 && found.similarity.scale == 1.0, "{size}: {angle}");
+        let scaled = found.at_one_size.unwrap().similarity;
+        assert!(error(&other, &moved, &scaled) < 0.1, "{size}");
+        surfaces.push(moving);
+        moves.push(moved);
+    }
+    let group = group_poses(&surfaces, &PoseParams::default(), &Silent).unwrap();
+    let turns: Vec<Matrix3> =
+        moves.iter().zip(&group.similarities).map(|(moved, found)| moved.then(found).orthogonal).collect();
+    for (turned, found) in turns.iter().zip(&group.similarities) {
+        let angle = angle_between(turned, &turns[0]).to_degrees();
+        assert!(angle < 0.5 && found.scale == 1.0, "{angle}");
+    }
+    let given = group.at_one_size.iter().map(Option::is_some).filter(|given| *given).count();
+    assert_eq!(given, surfaces.len() - 1);
+}
+
+#[test]
+fn a_body_that_is_cut_off_is_not_enlarged() {
+    let (fixed, mut part) = (lump(5), lump(4));
+    part.faces.retain(|face| face.iter().all(|v| part.vertices[*v as usize][0] < 2.0));
+    let found =
+        pose(&PoseSurface::new(&part).unwrap(), &PoseSurface::new(&fixed).unwrap(), &PoseParams::default(), &Silent);
+    assert_eq!(found.unwrap().at_one_size, None);
+}

@@ -1,6 +1,13 @@
 //! Reasons to doubt the poses of a group's members.
 
+mod sides;
+
 use std::fmt;
+
+/// Factor up to which the distances in two poses of a member count as close. If the two best poses are close, the
+/// distances from the other members decide. A member belongs elsewhere if its distance exceeds this multiple of the
+/// distance in its best pose.
+pub const CLOSE: f64 = 1.5;
 
 /// First words of messages about doubtful poses.
 pub const IN_DOUBT: &str = "the pose is doubtful";
@@ -57,6 +64,16 @@ impl GroupPoseWarning {
             | Self::Far { member, .. }
             | Self::Elsewhere { member, .. }
             | Self::Mirrored { member, .. } => *member,
+        }
+    }
+
+    /// Returns whether the warning explains why the member is far from the others: another pose or the mirror image is
+    /// much nearer, or the member is of another kind.
+    pub(super) fn explains_distance(&self) -> bool {
+        match self {
+            Self::Elsewhere { .. } | Self::Far { .. } => true,
+            Self::Mirrored { distance, mirrored, .. } => CLOSE * mirrored < *distance,
+            Self::Doubtful { .. } => false,
         }
     }
 

@@ -16,7 +16,7 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use crate::geometry::{Vec3, dot, face_normal};
 use crate::mesh::Mesh;
-pub use rims::{LARGEST_FAN, LEAST_AREA, bulk, rims};
+pub use rims::{LARGEST_FAN, LEAST_AREA, WELDING_DISTANCE, bulk, rims};
 pub use wrap::Wrap;
 
 /// Smallest share of the area in dropped fins that a description states.

@@ -11,8 +11,9 @@ use crate::geometry::{Vec3, add, bounds, diagonal, dot, face_normal, sub};
 
 /// Largest number of edges of a hole that [`repair`](super::repair) fills.
 pub const LARGEST_FAN: usize = 32;
-/// Distance up to which vertices of rims are welded, as a fraction of the mesh's [`size`].
-const NEAR: f64 = 1e-5;
+/// Largest distance up to which vertices of rims are welded, as a fraction of the mesh's size, which is the diagonal of
+/// its bounding box; or twice the diagonal of the box around its [`bulk`], if that is smaller.
+pub const WELDING_DISTANCE: f64 = 1e-5;
 /// Second limit on the distance up to which vertices are welded, as a fraction of the shortest rim edge that is longer
 /// than the first limit. Only triangles with edges shorter than the first limit are then lost.
 const NEAR_OF_EDGE: f64 = 0.25;
@@ -94,8 +95,8 @@ pub fn bulk(vertices: &[Vec3], faces: &[[u32; 3]]) -> (Vec3, Vec3) {
     (low, high)
 }
 
-/// Welds vertices on rims that are nearer to each other than [`NEAR`], as happens if a mesh was converted with few
-/// digits. Returns the number of vertices merged with others.
+/// Welds vertices on rims that are nearer to each other than [`WELDING_DISTANCE`], as happens if a mesh was converted
+/// with few digits. Returns the number of vertices merged with others.
 pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     let open = open_edges(faces);
     if open.is_empty() {
@@ -103,7 +104,7 @@ pub(super) fn weld(vertices: &[Vec3], faces: &mut [[u32; 3]]) -> usize {
     }
     let at = |v: u32| vertices[v as usize];
     let length = |a: Vec3, b: Vec3| dot(sub(a, b), sub(a, b)).sqrt();
-    let most = NEAR * size(vertices, faces);
+    let most = WELDING_DISTANCE * size(vertices, faces);
     let lengths = open.iter().map(|&(a, b)| length(at(a), at(b))).filter(|length| *length > most);
     let near = most.min(NEAR_OF_EDGE * lengths.fold(f64::INFINITY, f64::min));
     if !(near.is_finite() && near > 0.0) {

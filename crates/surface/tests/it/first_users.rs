@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use spharm_surface::generate::icosphere;
-use spharm_surface::io::{WriteOptions, read_input, read_mesh, read_signal, write_mesh, write_signal};
-use spharm_surface::{Mesh, Signal, SurfaceError, VolumeGeometry, read_sphere, read_target};
+use spharm_surface::io::{WriteOptions, read_input, read_mask, read_mesh, read_signal, write_mesh, write_signal};
+use spharm_surface::{Mesh, Signal, Sphere, SurfaceError, VolumeGeometry, read_sphere, read_target};
 
 use crate::fixtures;
 
@@ -76,6 +76,32 @@ fn mgh_volume() -> Vec<u8> {
     let mut bytes: Vec<u8> = [1_i32, 4, 3, 2, 1, 0, 0].iter().flat_map(|n| n.to_be_bytes()).collect();
     bytes.resize(284 + 24, 0);
     bytes
+}
+
+#[test]
+fn numpy_arrays_with_one_or_two_axes_are_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, kind: &str, shape: &str, values: &[u8]| {
+        let header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n");
+        let length = (header.len() as u16).to_le_bytes();
+        let path = folder.path().join(name);
+        fs::write(&path, [b"\x93NUMPY\x01\0", &length[..], header.as_bytes(), values].concat()).unwrap();
+        path
+    };
+    let values: Vec<u8> = (0..24).flat_map(|i| f64::from(i).to_le_bytes()).collect();
+    let path = write("d.npy", "<f8", "(12, 2)", &values);
+    let expected = Signal::new((0..24).map(f64::from).collect(), 12, 2);
+    assert_eq!(read_signal(&path).unwrap(), expected);
+    let sphere = Sphere::icosphere(0);
+    assert_eq!(read_target(&path, &sphere).unwrap().values, expected.values);
+    let error = read_target(&path, &Sphere::icosphere(1)).unwrap_err();
+    assert!(matches!(error, SurfaceError::VertexCount { expected: 42, found: 12, .. }), "{error}");
+    let error = read_mesh(&path).unwrap_err().to_string();
+    assert!(error.contains("found values on 12 vertices") && error.contains("need the sphere"), "{error}");
+    let path = write("mask.npy", "|b1", "(3,)", &[1, 0, 1]);
+    assert_eq!(read_mask(&path, 3).unwrap(), [true, false, true]);
+    let path = write("volume.npy", "|u1", "(2, 1, 1)", &[1, 0]);
+    assert!(matches!(read_input(&path), Err(SurfaceError::VolumeInput { format: "NumPy array", .. })));
 }
 
 #[test]

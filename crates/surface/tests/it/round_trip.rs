@@ -1,10 +1,11 @@
 //! Tests that written files read back: exactly in text and 64-bit formats, rounded once to 32 bits in other formats.
 
 use proptest::prelude::*;
+use spharm_surface::generate::icosphere;
 use spharm_surface::io::{
     PlyAttributes, WriteOptions, read_mesh, read_signal, read_signal_with_gaps, write_mesh, write_ply, write_signal,
 };
-use spharm_surface::{Mesh, Signal, SurfaceError};
+use spharm_surface::{CoordinateSystem, Mesh, Signal, SurfaceError};
 
 use crate::fixtures;
 
@@ -195,6 +196,62 @@ proptest! {
             let wanted = if name == "c.glb" { rounded(&mesh) } else { mesh.vertices.clone() };
             prop_assert_eq!(&back.vertices, &wanted, "{}", name);
             prop_assert_eq!(&back.faces, &mesh.faces, "{}", name);
+        }
+    }
+}
+
+/// 3D Slicer takes files that don't state their axes as LPS.
+#[test]
+fn stated_axes_are_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let stated = |mesh: &Mesh| mesh.meta.file_metadata.clone();
+    let has = |name: &str, statement: &str| {
+        let bytes = std::fs::read(path(name)).unwrap();
+        bytes.windows(statement.len()).any(|window| window == statement.as_bytes())
+    };
+    let names = ["a.vtk", "a.ply", "a.stl", "a.obj"];
+    let ball = icosphere(1);
+    for axes in ["LPS", "RAS"] {
+        let text = [
+            "# vtk DataFile Version 4.2\n3D Slicer output. SPACE=LPS\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n\
+             0 0 0 1 0 0 0 1 0\nPOLYGONS 1 4\n3 0 1 2\n",
+            "ply\nformat ascii 1.0\ncomment VTK generated PLY File\ncomment SPACE=LPS\nelement vertex 3\n\
+             property float x\nproperty float y\nproperty float z\nelement face 1\n\
+             property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+            "solid 3D Slicer output. SPACE=LPS\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n\
+             vertex 0 1 0\nendloop\nendfacet\nendsolid\n",
+            "# 3D Slicer output. SPACE=LPS\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        ];
+        let expected = vec![("SPACE".to_owned(), axes.to_owned())];
+        for (name, text) in names.into_iter().zip(text) {
+            std::fs::write(path(name), text.replace("SPACE=LPS", &format!("SPACE={axes}"))).unwrap();
+            let read = read_mesh(path(name)).unwrap();
+            assert_eq!(stated(&read), expected, "{name}");
+            assert_eq!(read.vertices[1], [1.0, 0.0, 0.0], "{name}: positions are read as stored");
+            for other in names {
+                let other = format!("of-{other}");
+                let mut mesh = ball.clone();
+                mesh.meta = read.meta.clone();
+                write_mesh(path(&other), &mesh, &WriteOptions { overwrite: true, double: false }).unwrap();
+                assert_eq!(stated(&read_mesh(path(&other)).unwrap()), expected, "{name} {other}");
+            }
+        }
+    }
+    // NIfTI defines the axes of the known spaces as RAS.
+    let space = |name: &str| CoordinateSystem {
+        data_space: name.to_owned(),
+        transformed_space: name.to_owned(),
+        matrix: std::array::from_fn(|k| f64::from(u8::from(k % 5 == 0))),
+    };
+    let spaces = ["NIFTI_XFORM_SCANNER_ANAT", "NIFTI_XFORM_MNI_152", "NIFTI_XFORM_UNKNOWN"];
+    for (system, known) in spaces.into_iter().map(|name| (Some(space(name)), name != spaces[2])).chain([(None, false)])
+    {
+        let mut mesh = ball.clone();
+        mesh.meta.coordinate_system = system;
+        for name in names {
+            write_mesh(path(name), &mesh, &WriteOptions { overwrite: true, double: false }).unwrap();
+            assert_eq!([has(name, "SPACE=RAS"), has(name, "SPACE=")], [known; 2], "{name}");
         }
     }
 }

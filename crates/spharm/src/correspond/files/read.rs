@@ -72,7 +72,9 @@ impl GroupFiles {
         if Self::of_member(folder, name).iter().any(|path| !path.exists()) {
             return Ok(None);
         }
-        let Member { name, input, mirrored, axes, warnings, .. } = read_json(&member_path(folder, name))?;
+        let Member { name, input, mirrored, mirrored_first, axes, warnings, .. } =
+            read_json(&member_path(folder, name))?;
+        let mirrored = mirrored_first.unwrap_or(mirrored);
         Ok(Some(MemberOrigin { name, input, mirrored, axes, warnings }))
     }
 
@@ -165,6 +167,20 @@ impl GroupFiles {
     /// The errors of [`members`](Self::members).
     pub fn group(&self) -> Result<Group, Error> {
         self.members(&(0..self.names.len()).collect::<Vec<_>>())
+    }
+
+    /// Returns whether the members were scaled to one size.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::GroupFile`] if a member's record can't be read.
+    pub fn is_scaled(&self) -> Result<bool, Error> {
+        for name in &self.names {
+            if read_json::<Member>(&member_path(&self.folder, name))?.to_group.scale != 1.0 {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     fn add(&self, name: &str, group: &mut Group) -> Result<(), Error> {

@@ -146,6 +146,23 @@ fn members_are_added_beside_a_group() {
 }
 
 #[test]
+fn records_state_whether_members_are_mirror_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut group = group();
+    group.similarities[1] = Similarity::reflection().then(&group.similarities[1]);
+    group.write(folder.path(), &origins(), false).unwrap();
+    let path = folder.path().join("members/b.json");
+    let mut record: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    assert_eq!((&record["mirrored"], &record["mirrored_first"]), (&true.into(), &false.into()));
+    let first = || GroupFiles::origin(folder.path(), "b").unwrap().unwrap().mirrored;
+    assert!(!first());
+    // In records of earlier versions, `mirrored` states whether the surface was mirrored first.
+    record.as_object_mut().unwrap().remove("mirrored_first").unwrap();
+    fs::write(&path, record.to_string()).unwrap();
+    assert!(first());
+}
+
+#[test]
 fn what_is_damaged_is_named() {
     let group = group();
     let changed = |file: &str, change: &dyn Fn(&Path)| {

@@ -219,7 +219,7 @@ impl Format {
         found.map(|(_, format)| format).ok_or_else(|| SurfaceError::UnknownFormat {
             path: path.to_owned(),
             expected: "a landmark file (.mrk.json, .fcsv, .json, .csv or .tsv)".to_owned(),
-            found: path.extension().map_or("no ending".to_owned(), |ending| ending.to_string_lossy().into_owned()),
+            found: path.extension().map_or("no extension".to_owned(), |ending| ending.to_string_lossy().into_owned()),
         })
     }
 

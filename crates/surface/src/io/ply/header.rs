@@ -1,7 +1,9 @@
 //! Parses the header of a PLY file.
 
+use super::super::axes::stated;
 use super::super::bytes::{Cursor, Endian};
 use super::super::flaw::{Flaw, shown};
+use super::super::landmarks::Frame;
 use super::super::scalar::Scalar;
 use super::super::text::{number, words};
 
@@ -63,6 +65,8 @@ impl Element {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
+    /// Axes that a comment states.
+    pub(super) frame: Option<Frame>,
 }
 
 /// Reads the header, up to and including `end_header`.
@@ -71,7 +75,7 @@ pub(super) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Flaw> {
     if magic.trim_ascii() != b"ply" {
         return Err(Flaw::new("the word ply", shown(magic)));
     }
-    let mut encoding = None;
+    let (mut encoding, mut frame) = (None, None);
     let mut elements: Vec<Element> = Vec::new();
     loop {
         let line = cursor.line().ok_or_else(|| Flaw::new("end_header", "the end of the file"))?;
@@ -79,7 +83,8 @@ pub(super) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Flaw> {
         let mut next = || words.next().unwrap_or_default();
         match next() {
             b"end_header" => break,
-            b"comment" | b"obj_info" | b"" => {}
+            b"comment" => frame = frame.or_else(|| stated(line)),
+            b"obj_info" | b"" => {}
             b"format" => {
                 encoding = Some(match next() {
                     b"ascii" => Encoding::Ascii,
@@ -111,5 +116,5 @@ pub(super) fn read(cursor: &mut Cursor<'_>) -> Result<Header, Flaw> {
         }
     }
     let encoding = encoding.ok_or_else(|| Flaw::new("a format line", "none"))?;
-    Ok(Header { encoding, elements })
+    Ok(Header { encoding, elements, frame })
 }

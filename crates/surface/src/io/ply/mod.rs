@@ -7,6 +7,7 @@ mod body;
 mod header;
 mod write;
 
+use super::axes::noted;
 use super::bytes::Cursor;
 use super::flaw::Flaw;
 use crate::error::SurfaceError;
@@ -17,7 +18,7 @@ pub(super) use write::write;
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     let mut cursor = Cursor::new(bytes);
     let header = header::read(&mut cursor)?;
-    body::read(&header, cursor)
+    Ok(noted(body::read(&header, cursor)?, header.frame))
 }
 
 /// Returns the number of vertices in the header of a PLY file. Returns `None` for other files, and if `head`, the first

@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use super::super::axes::titled;
 use super::PlyAttributes;
 use crate::mesh::Mesh;
 
@@ -13,7 +14,8 @@ pub(in crate::io) fn write(
     double: bool,
 ) -> io::Result<()> {
     let float = if double { "double" } else { "float" };
-    writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment by spharm")?;
+    let comment = titled("by spharm", &mesh.meta);
+    writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment {comment}")?;
     writeln!(out, "element vertex {}", mesh.vertices.len())?;
     for axis in ["x", "y", "z"] {
         writeln!(out, "property {float} {axis}")?;

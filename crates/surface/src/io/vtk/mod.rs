@@ -12,6 +12,7 @@ mod surface;
 
 use std::io::{self, Write};
 
+use super::axes::{noted, stated, titled};
 use super::bytes::Cursor;
 use super::flaw::{Flaw, shown};
 use super::polygon::Triangles;
@@ -27,7 +28,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
     if !magic.starts_with(b"# vtk DataFile Version") {
         return Err(Flaw::new("\"# vtk DataFile Version\"", shown(magic)));
     }
-    cursor.line();
+    let frame = stated(cursor.line().unwrap_or_default());
     let ascii = match cursor.line().unwrap_or_default().trim_ascii() {
         b"ASCII" => true,
         b"BINARY" => false,
@@ -71,7 +72,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, Flaw> {
         }
     }
     match cells.ends.is_empty() {
-        true => Ok(faces.into_mesh(vertices)),
+        true => Ok(noted(faces.into_mesh(vertices), frame)),
         false => Err(Flaw::new("CELL_TYPES after CELLS", "none")),
     }
 }
@@ -106,7 +107,8 @@ impl Cells {
 /// Writes a text file of version 3.0, which every version of VTK reads. All numbers read back exactly. `scalar` gives
 /// the name and values of an attribute, one value per vertex.
 pub(super) fn write(out: &mut dyn Write, mesh: &Mesh, scalar: Option<(&str, &[f64])>) -> io::Result<()> {
-    writeln!(out, "# vtk DataFile Version 3.0\nsurface by spharm\nASCII\nDATASET POLYDATA")?;
+    let title = titled("surface by spharm", &mesh.meta);
+    writeln!(out, "# vtk DataFile Version 3.0\n{title}\nASCII\nDATASET POLYDATA")?;
     writeln!(out, "POINTS {} double", mesh.vertices.len())?;
     for [x, y, z] in &mesh.vertices {
         writeln!(out, "{x:?} {y:?} {z:?}")?;

@@ -1,0 +1,89 @@
+//! Detects zeros among a signal's values that may stand for missing values, such as those of the medial wall.
+
+use spharm_surface::{Kind, Target};
+
+use crate::FitWarning;
+
+/// Share of zeros from which on they are noticed. Single zeros may be measurements.
+const FEWEST: f64 = 0.01;
+/// Largest share of zeros that are noticed. If most values are zero, as in a map with a threshold, zeros are values.
+const MOST: f64 = 0.5;
+/// Smallest distance of the other values from 0, relative to their median.
+const APART: f64 = 0.05;
+
+/// Returns a warning if a channel of a signal has zeros, and all its other values have one sign and are far from 0.
+/// Vertices marked in `unread` are ignored.
+pub(super) fn warning(target: &Target, unread: Option<&[bool]>) -> Option<FitWarning> {
+    if target.kind != Kind::Signal {
+        return None;
+    }
+    let is_read = |vertex: usize| unread.is_none_or(|unread| !unread.get(vertex).copied().unwrap_or(false));
+    (0..target.channels).find_map(|channel| {
+        let values = target.values.iter().skip(channel).step_by(target.channels).enumerate();
+        let read = values.filter(|(vertex, _)| is_read(*vertex)).map(|(_, value)| *value);
+        of_channel(channel, &read.collect::<Vec<f64>>())
+    })
+}
+
+fn of_channel(channel: usize, values: &[f64]) -> Option<FitWarning> {
+    let mut sizes: Vec<f64> = values.iter().filter(|value| **value != 0.0).map(|value| value.abs()).collect();
+    let (vertices, zeros) = (values.len(), values.len() - sizes.len());
+    let share = zeros as f64 / vertices.max(1) as f64;
+    let one_sign = values.iter().all(|value| *value >= 0.0) || values.iter().all(|value| *value <= 0.0);
+    // Whole numbers are those of a mask, of labels or of counts.
+    let whole = sizes.iter().all(|size| size.fract() == 0.0);
+    if !(FEWEST..=MOST).contains(&share) || !one_sign || whole {
+        return None;
+    }
+    let least = sizes.iter().copied().fold(f64::INFINITY, f64::min);
+    let middle = sizes.len() / 2;
+    let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+    (least >= APART * *median).then_some(FitWarning::Zeros { channel, zeros, vertices })
+}
+
+#[cfg(test)]
+mod tests {
+    use spharm_surface::{Signal, Sphere};
+
+    use super::*;
+    use crate::{FitParams, Weights, fit};
+
+    #[test]
+    fn zeros_apart_from_other_values_are_noticed() {
+        let thickness = |vertex: usize| 2.5 + 0.001 * vertex as f64;
+        let of = |zeros: usize, value: &dyn Fn(usize) -> f64| {
+            let values: Vec<f64> = (0..1000).map(|vertex| if vertex < zeros { 0.0 } else { value(vertex) }).collect();
+            of_channel(1, &values)
+        };
+        let expected = FitWarning::Zeros { channel: 1, zeros: 50, vertices: 1000 };
+        assert_eq!(of(50, &thickness), Some(expected.clone()));
+        assert_eq!(of(50, &|vertex| -thickness(vertex)), Some(expected));
+        let unnoticed: [(usize, &dyn Fn(usize) -> f64); 7] = [
+            (0, &thickness),
+            (9, &thickness),
+            (600, &thickness),
+            (1000, &thickness),
+            (50, &|vertex| if vertex == 999 { -1.0 } else { 2.5 }),
+            (50, &|vertex| if vertex == 999 { 0.1 } else { 2.5 }),
+            (50, &|vertex| if vertex % 2 == 0 { 1.0 } else { 2.0 }),
+        ];
+        for (zeros, value) in unnoticed {
+            assert_eq!(of(zeros, value), None, "{zeros}: {} {}", value(998), value(999));
+        }
+        assert_eq!(of_channel(0, &[]), None);
+    }
+
+    #[test]
+    fn zeros_that_are_read_are_a_warning_of_the_fit() {
+        let sphere = Sphere::icosphere(2);
+        let values = (0..162_usize).flat_map(|vertex| [vertex as f64, if vertex < 8 { 0.0 } else { 2.5e-12 }]);
+        let signal = Signal::new(values.collect(), 162, 2);
+        let warnings = |params: &FitParams| fit(&sphere, &signal, params).unwrap().report.warnings;
+        let params = FitParams::lsq(2);
+        let expected = FitWarning::Zeros { channel: 1, zeros: 8, vertices: 162 };
+        assert!(warnings(&params).contains(&expected));
+        let values = (0..162).map(|vertex| if vertex < 8 { 0.0 } else { 1.0 }).collect();
+        let masked = params.with_weights(Weights::Values { name: "mask".to_owned(), values });
+        assert!(!warnings(&masked).iter().any(|warning| matches!(warning, FitWarning::Zeros { .. })));
+    }
+}

@@ -1,0 +1,46 @@
+//! Reads and writes the statement `SPACE=LPS` or `SPACE=RAS`, by which 3D Slicer gives the axes of a mesh in the title
+//! or in a comment of its file. Positions are kept as stored. Slicer assumes LPS for files without the statement.
+
+use super::landmarks::Frame;
+use crate::mesh::{Mesh, Meta};
+
+/// Name of the statement, in files and in [`Meta::file_metadata`].
+const NAME: &str = "SPACE";
+/// GIfTI's names of spaces whose axes are RAS by NIfTI's definition.
+const RAS_SPACES: [&str; 4] =
+    ["NIFTI_XFORM_SCANNER_ANAT", "NIFTI_XFORM_ALIGNED_ANAT", "NIFTI_XFORM_TALAIRACH", "NIFTI_XFORM_MNI_152"];
+
+/// Returns the axes that a title or a comment states.
+pub(super) fn stated(text: &[u8]) -> Option<Frame> {
+    let has = |frame: &Frame| {
+        let statement = statement(*frame);
+        text.windows(statement.len()).any(|window| window == statement.as_bytes())
+    };
+    [Frame::Ras, Frame::Lps].into_iter().find(has)
+}
+
+/// Returns a mesh with the axes that its file states, if any, in its metadata.
+pub(super) fn noted(mut mesh: Mesh, frame: Option<Frame>) -> Mesh {
+    mesh.meta.file_metadata.extend(frame.map(|frame| (NAME.to_owned(), frame.name().to_owned())));
+    mesh
+}
+
+/// Returns the statement about a mesh's axes, if they are known: from the mesh's file, or from GIfTI's name of the
+/// space of its positions.
+pub(super) fn known(meta: &Meta) -> Option<String> {
+    let noted = meta.file_metadata.iter().find(|(name, _)| name == NAME).and_then(|(_, axes)| Frame::named(axes));
+    let by_space = || {
+        let system = meta.coordinate_system.as_ref()?;
+        RAS_SPACES.contains(&system.data_space.as_str()).then_some(Frame::Ras)
+    };
+    noted.or_else(by_space).map(statement)
+}
+
+/// Returns a title, followed by the statement about a mesh's axes if they are known.
+pub(super) fn titled(title: &str, meta: &Meta) -> String {
+    known(meta).map_or_else(|| title.to_owned(), |statement| format!("{title}. {statement}"))
+}
+
+fn statement(frame: Frame) -> String {
+    format!("{NAME}={}", frame.name())
+}

@@ -1,0 +1,103 @@
+//! Compares members of a group with their mirror images, and with themselves after half-turns.
+
+use rayon::prelude::*;
+use spharm_monitor::Interrupted;
+
+use super::group::{Group, OTHERS};
+use super::warning::GroupPoseWarning;
+use crate::geometry::sub;
+use crate::matrix3::{product, times, transposed};
+use crate::similarity::Similarity;
+
+/// A member is reported as mirrored if the distance of its mirror image from the others is below this multiple of the
+/// member's own distance. The quotient of the two distances is 0.97 or more for bodies that equal their mirror images,
+/// and 0.82 to 0.89 for hippocampi of the other side.
+pub const NEARER_MIRRORED: f64 = 0.94;
+/// Number of steps by which a mirror image, or a turned member, moves towards the others.
+const CHANGED_STEPS: usize = 3;
+/// A member is turned if its distance from the others then decreases by more than this factor.
+const MUCH_NEARER: f64 = 1.5;
+/// If a half-turn of a member fits the others about as well as its mirror image, up to this factor, the member equals
+/// its mirror image and is turned.
+const TURNED: f64 = 1.03;
+
+impl Group<'_> {
+    /// Returns warnings for members whose mirror images are nearer to the others. Members are mirrored in the three
+    /// planes spanned by the typical member's principal axes, and in the typical member's centre. A body that equals
+    /// its mirror image may fit better as a mirror image only because its pose is wrong; then a half-turn about one of
+    /// the axes fits as well, and the pose is doubtful. In a group of two sides, the median distance from the others
+    /// can't tell the sides apart, so mean distances are compared.
+    pub(super) fn mirrored(
+        &self,
+        motions: &[Similarity],
+        template: usize,
+    ) -> Result<Vec<GroupPoseWarning>, Interrupted> {
+        let (reflections, half_turns) = self.changes(motions, template);
+        let one = |member: usize| -> Result<Option<GroupPoseWarning>, Interrupted> {
+            let distance = self.judged(member, &motions[member], motions, OTHERS).sqrt();
+            let (_, mirrored) = self.best_changed(member, motions, &reflections)?;
+            if mirrored >= NEARER_MIRRORED * distance {
+                return Ok(None);
+            }
+            let (_, second) = self.best_changed(member, motions, &half_turns)?;
+            Ok(Some(match second <= TURNED * mirrored {
+                true => GroupPoseWarning::Doubtful { member, distance, second },
+                false => GroupPoseWarning::Mirrored { member, distance, mirrored },
+            }))
+        };
+        let found: Vec<_> = (0..motions.len()).into_par_iter().map(one).collect();
+        Ok(found.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+    }
+
+    /// Turns each member but the typical one by the half-turn that brings it much nearer to the others, if there is
+    /// one. The distance from the typical member alone may not show it, for example if the members' sizes differ
+    /// greatly.
+    pub(super) fn turned(&self, motions: &[Similarity], template: usize) -> Result<Vec<Similarity>, Interrupted> {
+        let (_, half_turns) = self.changes(motions, template);
+        let one = |member: usize| -> Result<Similarity, Interrupted> {
+            if member == template {
+                return Ok(motions[member]);
+            }
+            let own = self.judged(member, &motions[member], motions, OTHERS).sqrt();
+            let (turned, distance) = self.best_changed(member, motions, &half_turns)?;
+            Ok(if MUCH_NEARER * distance < own { turned } else { motions[member] })
+        };
+        let found: Vec<Result<Similarity, Interrupted>> = (0..motions.len()).into_par_iter().map(one).collect();
+        found.into_iter().collect()
+    }
+
+    /// Returns the reflections and the half-turns that keep the typical member's principal axes.
+    fn changes(&self, motions: &[Similarity], template: usize) -> ([Similarity; 4], [Similarity; 3]) {
+        let typical = &self.surfaces[template];
+        let axes = product(&typical.axes, &transposed(&motions[template].orthogonal));
+        let centre = motions[template].apply(typical.centre);
+        let changed = |signs: [f64; 3]| {
+            let flipped = std::array::from_fn(|i| axes[i].map(|value| signs[i] * value));
+            let orthogonal = product(&transposed(&axes), &flipped);
+            Similarity { orthogonal, translation: sub(centre, times(&orthogonal, centre)), ..Similarity::default() }
+        };
+        (
+            [[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, -1.0, -1.0]].map(changed),
+            [[1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]].map(changed),
+        )
+    }
+
+    /// Applies each change to a member and moves the result towards the others. Returns the best pose found, and its
+    /// distance from the others.
+    fn best_changed(
+        &self,
+        member: usize,
+        motions: &[Similarity],
+        changes: &[Similarity],
+    ) -> Result<(Similarity, f64), Interrupted> {
+        self.monitor.check()?;
+        let others = self.seen(member, motions, |_| true);
+        let moved = |change: &Similarity| {
+            let start = motions[member].then(change);
+            let motion = (0..CHANGED_STEPS).fold(start, |motion, _| self.step(member, &motion, &others));
+            (motion, self.judged(member, &motion, motions, OTHERS).sqrt())
+        };
+        let found = changes.iter().map(moved).min_by(|a, b| a.1.total_cmp(&b.1));
+        Ok(found.unwrap_or((motions[member], f64::INFINITY)))
+    }
+}
