@@ -1,4 +1,5 @@
-//! What the machine can do, as JSON: the rate of one large dense product, in flops a second, and of the kernels.
+//! Measures the speed of the machine, and prints it as JSON: the rate of a large dense product in flops per second, and
+//! the rates at which one thread evaluates harmonics and processes bytes from memory.
 //!
 //! `cargo bench --bench rates`. The limits required by `./run bench` are stated relative to the rate of dgemm.
 

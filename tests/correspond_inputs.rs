@@ -70,8 +70,9 @@ fn new_members_are_scaled_if_the_groups_members_were() {
         assert_eq!(scaled, !scale.is_empty(), "{record}");
     }
     fs::remove_dir_all(site.path().join("own-added")).expect("removed");
-    let error = fail(&mut add("own", &["--scale"]));
-    assert!(error.contains("keep their own sizes"), "{error}");
+    let output = finish(&mut add("own", &["--scale"]));
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output));
+    assert!(text(&output).contains("keep their own sizes"), "{}", text(&output));
     assert!(!site.path().join("own-added").exists());
 }
 

@@ -80,7 +80,7 @@ impl Provenance {
     }
 }
 
-/// Returns the hemisphere that the name of a file states, which another operating system may have recorded.
+/// Returns the hemisphere that the name of a file states. The path may have been recorded on another operating system.
 fn named(path: &Path) -> Option<Hemisphere> {
     let name = path.to_str().map(recorded_name);
     Hemisphere::of(None, name.map(Path::new))

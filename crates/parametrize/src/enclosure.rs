@@ -111,8 +111,8 @@ fn rim_length(mesh: &Mesh) -> f64 {
     alone.map(length).sum()
 }
 
-/// Returns the share of filled holes in the area of a sheet, with the `open` rims filled, too; `None` if the mesh isn't
-/// a sheet.
+/// Returns the share of a sheet's area that consists of filled holes, after the `open` rims have been filled, too.
+/// Returns `None` if the mesh isn't a sheet.
 fn filling_of_sheet(mended: &Mesh, open: &[Vec<u32>], found: &MeshRepair) -> Option<f64> {
     if open.is_empty() && found.filled_area < FILLED {
         return None;

@@ -54,14 +54,14 @@ impl GroupSizes {
         decomposition.saturating_add(quality).saturating_add((8 * n).saturating_mul(samples as u64))
     }
 
-    /// Returns the number of bytes for the quality of `modes` modes, m, at `directions` directions, V, in addition to
-    /// the coefficients:
+    /// Returns the number of bytes for computing the quality measures with `modes` modes (m) at `directions` directions
+    /// (V), in addition to the coefficients:
     ///
     /// - `48 n V` for two copies of the members' points, and `360 n V` for their search trees;
     /// - `64 n^2` for inner products, and `48 n^2` per thread for decompositions;
     /// - `1600 n m` for the nearest shapes of 200 members, and `40 m` per random shape, both for the group and for a
     ///   bootstrap draw in each thread;
-    /// - in each thread, the transform of a member at four times as many directions, as for landmarks.
+    /// - in each thread, the transform of one member at `4 V` directions, which landmarks need.
     #[must_use]
     pub fn quality(self, directions: u64, modes: usize, samples: usize, threads: usize) -> u64 {
         let (n, m) = (self.models as u64, (modes.min(self.models)) as u64);

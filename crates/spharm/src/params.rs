@@ -120,7 +120,7 @@ pub enum Smoothness {
     /// [`defaults::parametrized_smoothness`] to fits of vertices over a sphere made by parametrisation.
     #[default]
     Default,
-    /// Applies the given lambda, finite and not negative.
+    /// Applies the given lambda, which must be finite and not negative.
     Fixed(f64),
     /// Applies, for each surface or each channel of a signal, the lambda that minimises the score of generalised
     /// cross-validation.

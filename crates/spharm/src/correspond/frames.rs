@@ -1,9 +1,9 @@
 //! Moves members from the frames in which their corresponding points are found to their final frames.
 //!
-//! If size explains the difference between a member and the template, the member's points are found at the template's
-//! size ([`at_one_size`](spharm_surface::pose::at_one_size)). At its own size, the point nearest to a place wouldn't be
-//! the corresponding one even on a body of the same shape, and the registration and the refinement would take part of
-//! the difference in size for a difference in shape.
+//! If size explains the differences in a group, the members' points are found at the template's size
+//! ([`GroupPoses::at_one_size`](spharm_surface::pose::GroupPoses::at_one_size)). At its own size, the point nearest to
+//! a place wouldn't be the corresponding one even on a body of the same shape, and the registration and the refinement
+//! would take part of the difference in size for a difference in shape.
 
 use spharm_surface::Similarity;
 use spharm_surface::geometry::Vec3;

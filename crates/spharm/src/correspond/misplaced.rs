@@ -91,7 +91,7 @@ impl MisplacedLandmarks {
             ),
             LandmarkCause::SomeMember => format!(
                 "{found}, on this surface or on another; the largest distance between the members' landmarks is \
-                 {distance}, and {usual} after the exchange; check the names of the landmarks"
+                 {distance}, but only {usual} if the names are swapped back; check the names of the landmarks"
             ),
             LandmarkCause::Pose => format!(
                 "the pose is probably wrong, or the landmarks are in another coordinate system (LPS, RAS): the \

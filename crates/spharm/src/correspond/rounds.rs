@@ -27,8 +27,8 @@ const LACKING: f64 = 0.05;
 
 /// Poses of the subjects, the index of the subject that is the first template, and warnings about poses.
 struct Posed {
-    /// Maps from the surfaces to the frames in which corresponding points are found. If size explains the difference
-    /// between a surface and the template, its map scales.
+    /// Maps from the surfaces to the frames in which corresponding points are found. If size explains the differences
+    /// in the group, they scale.
     similarities: Vec<Similarity>,
     distances: Vec<f64>,
     /// Area and absolute volume of each surface, in the surface's own unit.
@@ -153,9 +153,12 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
             turn_by_landmarks(&landmarks, params, &surfaces, &mut found);
         }
         warnings.extend(found.warnings.into_iter().map(CorrespondWarning::Pose));
-        let at_one_size = found.similarities.iter().zip(&found.at_one_size);
+        // Points of members at one size don't compare with those of members at their own sizes.
+        let explained = found.at_one_size.iter().flatten().count();
+        let all = explained + 1 == surfaces.len();
+        let frames = found.similarities.iter().zip(&found.at_one_size);
         return Ok(Posed {
-            similarities: at_one_size.map(|(own, scaled)| scaled.unwrap_or(*own)).collect(),
+            similarities: frames.map(|(own, scaled)| scaled.filter(|_| all).unwrap_or(*own)).collect(),
             distances: found.distances,
             sizes,
             template: Some(found.template),
@@ -189,11 +192,13 @@ fn poses(subjects: &Subjects<'_>, params: &CorrespondParams, monitor: &dyn Monit
         let doubtful = |(distance, second)| GroupPoseWarning::Doubtful { member, distance, second };
         warnings.extend(doubt.map(doubtful).map(CorrespondWarning::Pose));
     }
+    let all = found.iter().all(|pose| pose.at_one_size.is_some());
+    let frame = |pose: &Pose| match pose.at_one_size.filter(|_| all) {
+        Some(scaled) => scaled.similarity,
+        None => pose.similarity,
+    };
     Ok(Posed {
-        similarities: found
-            .iter()
-            .map(|pose| pose.at_one_size.map_or(pose.similarity, |scaled| scaled.similarity))
-            .collect(),
+        similarities: found.iter().map(frame).collect(),
         distances: found.iter().map(|pose| pose.distance).collect(),
         sizes,
         template: None,

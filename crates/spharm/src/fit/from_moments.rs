@@ -211,7 +211,7 @@ fn doubts(moments: &Moments, lost: &[bool]) -> Vec<FitWarning> {
     hidden.into_iter().chain(partial).collect()
 }
 
-/// Returns the error of a request `what` for which the solver failed.
+/// Converts an error of the solver into the error to return. `what` is the setting that caused it, such as `stderr`.
 fn refused(error: SolverError, what: &'static str, moments: &Moments) -> Error {
     let SolverError::LostResidual { column } = error else { return error.into() };
     let channel = moments.channels.get(column).map_or("", String::as_str);

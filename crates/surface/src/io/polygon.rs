@@ -101,9 +101,9 @@ fn unfolded(fan: &[[u32; 3]], vertices: &[Vec3]) -> Option<Vec<[u32; 3]>> {
     )
 }
 
-/// Cuts a polygon by ear clipping (G. Meisters, Amer. Math. Monthly 82, 1975). `area` returns the signed area of a
-/// triangle, and `same` whether two corners are at the same position, as on the line that joins a hole to
-/// the outline of a polygon.
+/// Cuts a polygon into triangles by ear clipping (G. Meisters, Amer. Math. Monthly 82, 1975). `area` returns the signed
+/// area of a triangle. `same` returns whether two corners are at the same position; such corners occur at the ends of
+/// the line that joins a hole to the outline of a polygon.
 fn ears(corners: &[u32], area: impl Fn([u32; 3]) -> f64, same: impl Fn(u32, u32) -> bool) -> Option<Vec<[u32; 3]>> {
     let mut left = corners.to_vec();
     let mut faces = Vec::with_capacity(left.len().saturating_sub(2));

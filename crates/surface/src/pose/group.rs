@@ -43,8 +43,8 @@ pub const OF_ANOTHER_KIND: f64 = 3.0;
 pub struct GroupPoses {
     /// For each surface, the map from its own frame to the group's frame.
     pub similarities: Vec<Similarity>,
-    /// For each surface, the pose at the template's size, if size explains its difference from the template; see
-    /// [`at_one_size`](super::at_one_size).
+    /// For each surface, the pose at the template's size, if size explains the differences in the group; see the module
+    /// `sizes`. `None` for the template, and for surfaces that are much nearer to it at their own sizes.
     pub at_one_size: Vec<Option<Similarity>>,
     /// Index of the most typical surface, counted from 0. The group keeps its position.
     pub template: usize,
@@ -75,12 +75,15 @@ pub fn group_poses(
     }
     monitor.begin(Stage::counted("pose", "surfaces"), 0);
     let mut found = Group { surfaces, params, monitor }.aligned(params.scale)?;
-    // At their own sizes, bodies that differ mainly in size have poses nearly as good that are wrong.
+    // If size explains the differences of half of the others from the typical member, the group is aligned at one size.
+    // At their own sizes, such bodies have wrong poses that are nearly as good as the right ones.
     let explained = found.at_one_size.iter().flatten().count();
-    if count > 2 && 2 * explained >= count - 1 {
+    if 2 * explained >= count - 1 && explained > 0 {
         let scaling = PoseParams { scale: true, ..*params };
         let scaled = Group { surfaces, params: &scaling, monitor }.aligned(false)?;
         found = Group { surfaces, params, monitor }.at_own_sizes(scaled)?;
+    } else {
+        found.at_one_size.fill(None);
     }
     monitor.end();
     Ok(found)
@@ -121,9 +124,6 @@ impl Group<'_> {
             motions.iter_mut().for_each(|motion| *motion = motion.then(&back));
         }
         let at_one_size = group.at_one_size(&motions, template)?;
-        for ((surface, motion), scaled) in surfaces.iter().zip(&mut motions).zip(&at_one_size) {
-            *motion = scaled.map_or(*motion, |scaled| scaled.with_scale(1.0, surface.centre));
-        }
         if common {
             let common = surfaces.iter().map(|surface| surface.size().ln()).sum::<f64>() / count as f64;
             let factor = common.exp() / surfaces[template].size();

@@ -3,7 +3,8 @@
 //! A body fits a larger body of the same shape best where it leans against one side: most of its surface then lies on
 //! the larger one. A body that is 10 % smaller is turned by some 5 degrees, one that is 20 % smaller by 13 to 27. If
 //! scaling removes most of the distance between two surfaces, size explains their difference, and they are aligned at
-//! one size. Otherwise poses are those of the surfaces as they are: a body that is cut off must not be enlarged.
+//! one size; groups are, if this is so for half of their members. Otherwise poses are those of the surfaces as they
+//! are: a body that is cut off must not be enlarged.
 
 use rayon::prelude::*;
 use spharm_monitor::{Interrupted, Monitor};
