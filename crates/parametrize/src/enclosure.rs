@@ -39,16 +39,7 @@ pub(crate) fn check_one_piece(mesh: &Mesh) -> Result<(), ParametrizeError> {
     }
     match check_enclosure(mesh, &largest, &rims(&largest.faces), &found) {
         Ok(_) | Err(ParametrizeError::OneSided { closed: true }) => Ok(()),
-        Err(ParametrizeError::OneSided { closed: false }) => {
-            // A small hole doesn't make a strip of a surface that passes through itself. The rim of a strip is so long
-            // that a disk within it would be larger than the strip.
-            let disk = rim_length(&largest).powi(2) / (4.0 * std::f64::consts::PI);
-            if disk < FILLED * (area(&largest) + disk) {
-                Ok(())
-            } else {
-                Err(ParametrizeError::OneSided { closed: false })
-            }
-        }
+        Err(ParametrizeError::OneSided { closed: false }) if has_short_rim(&largest) => Ok(()),
         Err(error) => Err(error),
     }
 }
@@ -99,6 +90,13 @@ fn is_consistent(faces: &[[u32; 3]]) -> bool {
     let mut edges: Vec<[u32; 2]> = faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
     edges.sort_unstable();
     edges.windows(2).all(|pair| pair[0] != pair[1])
+}
+
+/// Returns whether the holes of a mesh are small. The rim of a strip is so long that a disk within it would be larger
+/// than the strip; a small hole doesn't make a strip of a surface that passes through itself.
+fn has_short_rim(mesh: &Mesh) -> bool {
+    let disk = rim_length(mesh).powi(2) / (4.0 * std::f64::consts::PI);
+    disk < FILLED * (area(mesh) + disk)
 }
 
 /// Returns the length of the edges that belong to one triangle only.
