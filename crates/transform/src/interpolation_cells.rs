@@ -1,9 +1,9 @@
 //! Multiplies kernel values with the grid, for points that share cells.
 //!
-//! The kernels of points in one cell cover the same grid points if their width is even. Spreading sums their values in
-//! registers and adds the sums to the grid once: a point then costs only its products, at the rate of a matrix product,
-//! instead of reading and writing `w^2` values across cache lines. Interpolation reads the grid once for several
-//! points. Channels are processed one at a time.
+//! The kernels of points in one cell cover the same grid points if their width is even. Spreading sums the points'
+//! values in registers and adds the sums to the grid once. A point then costs only its products, at the rate of a
+//! matrix product, instead of reading and writing the w x w grid values under its kernel, which are in different cache
+//! lines. Interpolation reads the grid once for several points. Channels are processed one at a time.
 
 use std::ops::Range;
 
@@ -17,7 +17,7 @@ use crate::lanes::{fused, load};
 /// Number of points of one cell that are interpolated together.
 const TOGETHER: usize = 4;
 
-/// Computes the same as [`interpolate_batch`](crate::interpolation_batch::interpolate_batch).
+/// Computes the same values as [`interpolate_batch`](crate::interpolation_batch::interpolate_batch).
 pub(crate) fn interpolate_cells(
     layout: Layout,
     grid: &[f64],
@@ -32,7 +32,7 @@ pub(crate) fn interpolate_cells(
     }
 }
 
-/// Computes the same as [`spread_batch`](crate::interpolation_batch::spread_batch).
+/// Computes the same values as [`spread_batch`](crate::interpolation_batch::spread_batch).
 pub(crate) fn spread_cells(
     layout: Layout,
     grid: &mut [f64],
@@ -47,10 +47,10 @@ pub(crate) fn spread_cells(
     }
 }
 
-/// Defines the functions for kernels of at most a padded width. Sums of `$rows` by `$across` grid values fit in the
-/// registers of AVX-512.
+/// Defines the functions for kernels whose padded width is at most `$lanes`. Sums of `$rows` by `$across` grid values
+/// fit in the registers of AVX-512.
 macro_rules! kernels_for {
-    ($interpolate:ident, $spread:ident, $lanes:literal, $rows:literal, $across:literal) => {
+    ($interpolate:ident, $spread:ident, $lanes:literal, [$rows:literal, $across:literal], $arm_rows:literal) => {
         #[multiversion(targets("x86_64+avx512f+avx512vl+avx512dq+avx2+fma", "x86_64+avx2+fma"))]
         fn $interpolate(
             layout: Layout,
@@ -85,7 +85,9 @@ macro_rules! kernels_for {
                 let grid = &mut grid[start(layout, first_row, batch, point)..];
                 if target_cfg_f!(target_feature = "avx512f") {
                     scatter::<$lanes, $rows, $across, true>(layout, grid, width, batch, point..end, values);
-                } else if target_cfg_f!(any(target_feature = "fma", target_arch = "aarch64")) {
+                } else if target_cfg_f!(target_arch = "aarch64") {
+                    scatter::<$lanes, $arm_rows, 4, true>(layout, grid, width, batch, point..end, values);
+                } else if target_cfg_f!(target_feature = "fma") {
                     scatter::<$lanes, 4, 4, true>(layout, grid, width, batch, point..end, values);
                 } else {
                     scatter::<$lanes, 4, 4, false>(layout, grid, width, batch, point..end, values);
@@ -95,8 +97,8 @@ macro_rules! kernels_for {
         }
     };
 }
-kernels_for!(interpolate_cells_12, spread_cells_12, 12, 12, 4);
-kernels_for!(interpolate_cells_16, spread_cells_16, 16, 16, 8);
+kernels_for!(interpolate_cells_12, spread_cells_12, 12, [12, 4], 12);
+kernels_for!(interpolate_cells_16, spread_cells_16, 16, [16, 8], 8);
 
 /// Returns the index, in the first channel, of the first value under a point's kernel. The grid's first row has index
 /// `first_row`.
@@ -138,7 +140,7 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
                 }
             }
         }
-        // Only loops are used, since a closure that isn't inlined is compiled for the oldest supported processor.
+        // Only loops are used, because a closure that isn't inlined is compiled for the oldest supported processor.
         for (p, (sums, columns)) in sums.iter().zip(column_values).enumerate() {
             let mut four = [0.0; 4];
             for (columns, sums) in columns.chunks_exact(4).zip(sums.chunks_exact(4)) {
@@ -151,9 +153,9 @@ fn gather<const W: usize, const P: usize, const FMA: bool>(
     }
 }
 
-/// Spreads the values of all channels at some points of one cell to the grid, which starts with the first value under
-/// their kernels. `values` (points of the batch, channels) is row-major. R rows and L columns of the sums are processed
-/// at a time.
+/// Spreads the values of all channels at some points of one cell to the grid. `grid` starts with the first value under
+/// the kernels of these points. `values` (points of the batch, channels) is row-major. R rows and L columns of the grid
+/// are processed at a time.
 #[inline(always)]
 fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
     layout: Layout,
@@ -169,7 +171,8 @@ fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
                 let values = &values[channel..];
                 let sums = sums::<R, L, FMA>(batch, points.clone(), [row, column], values, layout.channels);
                 let start = row * layout.row() + channel * layout.stride + column;
-                // Kernel values beyond the width are zero, and their rows may lie beyond the strip.
+                // Rows beyond the kernel's width are skipped: the kernel is zero there, and the rows may lie beyond the
+                // strip.
                 let lines = grid[start..].chunks_mut(layout.row()).take(width - row);
                 for (sums, line) in sums.iter().zip(lines) {
                     let Some(line) = line.first_chunk_mut::<L>() else { break };
@@ -182,8 +185,8 @@ fn scatter<const W: usize, const R: usize, const L: usize, const FMA: bool>(
     }
 }
 
-/// Returns R by L sums over points: of each point's value times its R by L kernel values. The values of successive
-/// points are `stride` apart.
+/// Returns R by L sums over points. Each summand is the product of a point's value and one of the point's R by L kernel
+/// values. The values of successive points are `stride` apart.
 #[inline(always)]
 fn sums<const R: usize, const L: usize, const FMA: bool>(
     batch: &Batch,
@@ -201,8 +204,8 @@ fn sums<const R: usize, const L: usize, const FMA: bool>(
         for column in &mut columns {
             *column *= value;
         }
-        // The inner loop runs over rows: the optimiser unrolls it and forms vectors of columns. With the loops
-        // exchanged it forms vectors of rows, which takes eight times as long.
+        // The inner loop runs over rows: the optimiser unrolls it and forms vectors of columns. If the loops are
+        // exchanged, the optimiser forms vectors of rows, which takes eight times as long.
         for i in 0..L {
             for r in 0..R {
                 sums[r][i] = fused::<FMA>(weights[r], columns[i], sums[r][i]);
