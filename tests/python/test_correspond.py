@@ -3,6 +3,7 @@ surface."""
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import signal
@@ -271,6 +272,25 @@ def test_a_mirrored_member_is_named() -> None:
     assert np.abs(added.places - known.add(bodies[2]).places).max() < 0.5
     with pytest.raises(ValueError, match="mirrored: expected a bool for each of 5 surfaces, found 1"):
         sp.shape.correspond(bodies, 6, mirrored=[True])
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_files_state_which_members_were_mirrored_before_the_alignment(known: bool, tmp_path: Path) -> None:
+    ball = sp.icosphere(3)
+    directions = np.asarray(ball.vertices)
+    near = [np.exp(6 * (directions @ place - 1)) for place in ([0.6, 0.64, 0.48], [-0.36, 0.48, -0.8])]
+    radius = 1 + 0.4 * near[0] + 0.3 * near[1]
+    bodies = [sp.Surface(directions * radius[:, None] * [9, 6 + 0.1 * k, 4], ball.faces) for k in range(3)]
+    bodies[2] = moved(bodies[2], mirror=True)
+    mirrored = [False, False, True]
+    settings: dict[str, Any] = {"mirrored": mirrored} if known else {"mirror": True}
+    found = sp.shape.correspond(bodies, 6, subdivisions=2, refine=False, **settings)
+    found.save(tmp_path / "group")
+    sp.shape.Group.load(tmp_path / "group").save(tmp_path / "again")
+    for folder in (tmp_path / "group", tmp_path / "again"):
+        records = [json.loads(path.read_text()) for path in sorted((folder / "members").glob("*.json"))]
+        assert [record["mirrored"] for record in records] == mirrored
+        assert [record["mirrored_first"] for record in records] == [known and own for own in mirrored]
 
 
 def test_members_that_are_alike_are_not_named(folder: Path) -> None:

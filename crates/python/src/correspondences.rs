@@ -36,7 +36,7 @@ struct Settings {
     pose: String,
     scale: bool,
     mirror: bool,
-    /// Whether each surface is mirrored first; empty for none.
+    /// Whether each surface is mirrored first; empty if no surface is mirrored.
     mirrored: Vec<bool>,
     subdivisions: Option<u32>,
     memory: Option<usize>,
@@ -94,7 +94,7 @@ fn shape_correspond(
         let read =
             |index: usize| surfaces[index].read().map_err(|error| Error::Member { index, source: Box::new(error) });
         let found = make(surfaces.len(), &read, &params, monitor).map_err(|error| named(&names, error))?;
-        Ok(Group::new(found, names, params.pose, params.keep_poses))
+        Ok(Group::new(found, names, params))
     })
 }
 

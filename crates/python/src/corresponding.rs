@@ -28,8 +28,8 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     Ok(())
 }
 
-/// Returns a similarity as JSON. If the similarity contains a reflection, directions are replaced by their opposites
-/// too, so that the outside of the surface stays outside.
+/// Returns a similarity as JSON. If the similarity contains a reflection, the transform also replaces each direction of
+/// the sphere by its opposite, so that normals still point outwards.
 pub(crate) fn transform(similarity: &Similarity) -> Value {
     Transform { rotation: Rotation::IDENTITY, antipodal: similarity.mirrors(), similarity: *similarity }.to_json()
 }
@@ -41,6 +41,8 @@ pub(crate) struct Group {
     names: Vec<String>,
     /// Settings with which the group was made, as far as new members need them.
     params: CorrespondParams,
+    /// Whether each member was mirrored before it was aligned.
+    mirrored: Vec<bool>,
     /// Warnings, each with the index of the member that it concerns.
     warnings: Vec<(usize, String)>,
 }
@@ -122,7 +124,7 @@ impl Group {
         let of = |(member, name): (usize, &String)| MemberOrigin {
             name: name.clone(),
             input: None,
-            mirrored: self.inner.similarities.get(member).is_some_and(Similarity::mirrors),
+            mirrored: self.mirrored.get(member) == Some(&true),
             axes: None,
             warnings: self.warnings.iter().filter(|(of, _)| *of == member).map(|(_, text)| text.clone()).collect(),
         };
@@ -134,23 +136,24 @@ impl Group {
     /// in the folder.
     #[staticmethod]
     fn read(py: Python<'_>, folder: PathBuf, names: Option<Vec<String>>) -> PyResult<(Self, Vec<String>)> {
-        let (inner, own, warnings) = run(py, Some(1), None, |_| {
+        let (inner, own, mirrored, warnings) = run(py, Some(1), None, |_| {
             let files = GroupFiles::open(&folder)?;
-            let mut warnings = Vec::new();
+            let (mut mirrored, mut warnings) = (Vec::new(), Vec::new());
             for (member, name) in files.names().iter().enumerate() {
                 let origin = GroupFiles::origin(&folder, name)?.unwrap_or_default();
+                mirrored.push(origin.mirrored);
                 warnings.extend(origin.warnings.into_iter().map(|text| (member, text)));
             }
-            Ok((files.group()?, files.names().to_vec(), warnings))
+            Ok((files.group()?, files.names().to_vec(), mirrored, warnings))
         })?;
         let names = names.unwrap_or(own);
         let scale = inner.similarities.iter().any(|own| own.scale != 1.0);
-        let mirror = inner.similarities.iter().any(Similarity::mirrors);
+        let mirror = inner.similarities.iter().zip(&mirrored).any(|(own, first)| own.mirrors() != *first);
         let given = |own: &Similarity| *own == Similarity::default() || *own == Similarity::reflection();
         let kept = inner.similarities.iter().all(given);
-        let pose = PoseParams { scale, mirror: mirror && !kept, ..PoseParams::default() };
+        let pose = PoseParams { scale, mirror, ..PoseParams::default() };
         let params = of_new_members(&inner, pose, kept);
-        Ok((Self { inner: Arc::new(inner), names: names.clone(), params, warnings }, names))
+        Ok((Self { inner: Arc::new(inner), names: names.clone(), params, mirrored, warnings }, names))
     }
 
     /// Returns the report on the correspondence, as JSON.
@@ -254,11 +257,13 @@ fn of_new_members(group: &Inner, pose: PoseParams, keep_poses: bool) -> Correspo
 }
 
 impl Group {
-    pub(crate) fn new(inner: Inner, names: Vec<String>, pose: PoseParams, keep_poses: bool) -> Self {
+    /// Wraps a group that was made with these settings.
+    pub(crate) fn new(inner: Inner, names: Vec<String>, params: CorrespondParams) -> Self {
         let of = |warning: &CorrespondWarning| (warning.member(), warning.of_member(|other| names[other].clone()));
         let warnings = inner.report.warnings.iter().map(of).collect();
-        let params = of_new_members(&inner, pose, keep_poses);
-        Self { inner: Arc::new(inner), names, params, warnings }
+        let mirrored = params.mirrored;
+        let params = of_new_members(&inner, params.pose, params.keep_poses);
+        Self { inner: Arc::new(inner), names, params, mirrored, warnings }
     }
 
     /// Returns the number of members and the number of corresponding vertices.
